@@ -1,0 +1,120 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nonlinear program (10): the smallest J(Xi) over the varied parameters with penalty <= eps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Budget:
+    """The time a search may take, and a count of what it did."""
+
+    def __init__(self, seconds: float) -> None:
+        self.started = time.perf_counter()
+        self.seconds = seconds
+        self.evaluations = 0
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the search began [s]."""
+        return time.perf_counter() - self.started
+
+    @property
+    def remaining(self) -> float:
+        """Time left [s], negative when it is spent."""
+        return self.seconds - self.elapsed
+
+    @property
+    def spent(self) -> bool:
+        """Whether the deadline has passed."""
+        return self.remaining <= 0
+
+
+@dataclass(frozen=True)
+class Point:
+    """The program's values at one Xi.
+
+    `cost` is J; `violations` (n_groups,) the largest violation of a constraint in every group of
+    constraints, 0 where all are kept (equalities count by their absolute value); `cache` whatever
+    the program wants to keep for `linearise`.
+    """
+
+    xi: Array
+    cost: float
+    violations: Array
+    cache: Any = None
+
+    @property
+    def violation(self) -> float:
+        """The largest violation of all."""
+        return float(self.violations.max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """First derivatives, and a positive definite Hessian of the Lagrangian, at one Xi.
+
+    The cost is smooth(Xi) + sum_k weight_k |term_k(Xi)|; `gradient` (n,) is that of the smooth
+    part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
+    belong to group 0; `inequalities` (ni,) >= 0 to the groups in `inequality_groups` (ni,).
+    Rows far from active may be left out. `tags` is handed back to the program with the
+    multipliers of the rows.
+    """
+
+    gradient: Array
+    hessian: Array
+    equalities: Array
+    equality_jacobian: Array
+    inequalities: Array
+    inequality_jacobian: Array
+    inequality_groups: NDArray[np.intp]
+    terms: Array = field(default_factory=lambda: np.zeros(0))
+    terms_jacobian: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    term_weights: Array = field(default_factory=lambda: np.zeros(0))
+    tags: Any = None
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Multipliers of the rows of a linearisation; zero or greater for inequalities."""
+
+    equalities: Array
+    inequalities: Array
+    tags: Any = None
+
+
+class NonlinearProgram(ABC):
+    """Performance index and constraints as functions of the scaled varied parameters Xi (n,).
+
+    `lower` and `upper` (n,) bound Xi. Scaling is the program's: a change of 1 in any component
+    should matter about as much as in any other.
+    """
+
+    lower: Array
+    upper: Array
+
+    @abstractmethod
+    def evaluate(self, xi: Array) -> Point:
+        """Performance index and violations at `xi`."""
+
+    @abstractmethod
+    def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
+        """Derivatives at a point; `multipliers` are those of the last quadratic program."""
+
+    def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
+        """Residuals at `point` of the equalities and `active` inequality rows of `at`.
+
+        Asked for by the second-order correction. None (the default): no correction is made.
+        `active` (ni,) is a mask; the answer has ne + active.sum() elements, inequalities counted
+        only where negative.
+        """
+        return None

@@ -1,0 +1,49 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package's errors: one family, each with the code that the `plan` service answers."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class TdmError(Exception):
+    """Base of every error a user can cause or meet; the message is one clear sentence."""
+
+    code: ClassVar[str] = 'ERROR'
+
+
+class InvalidProblem(TdmError):
+    """The request is malformed: the message names the parameter, the value and what is allowed."""
+
+    code: ClassVar[str] = 'INVALID_PROBLEM'
+
+
+class NoState(TdmError):
+    """The state to start from was never received, is incomplete or too old."""
+
+    code: ClassVar[str] = 'NO_STATE'
+
+
+class Busy(TdmError):
+    """A request is already being solved."""
+
+    code: ClassVar[str] = 'BUSY'
+
+
+class Infeasible(TdmError):
+    """No plan: the search ended without one that satisfies every constraint."""
+
+    code: ClassVar[str] = 'INFEASIBLE'
+
+
+class DeadlineExceeded(Infeasible):
+    """No plan yet when the time allowed had passed; more time may give one."""
+
+    code: ClassVar[str] = 'DEADLINE'
+
+
+class VerificationFailed(Infeasible):
+    """Candidates were found, but none survived the replay through the true dynamics."""
+
+    code: ClassVar[str] = 'VERIFICATION_FAILED'

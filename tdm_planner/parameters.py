@@ -1,0 +1,337 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters declared once: type, default, unit, range and description stand with the field.
+
+From these declarations come the validation of Python arguments and YAML files, the descriptors of
+the ROS parameters, the default YAML files and the tables of the documentation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import dataclasses
+from dataclasses import dataclass, field
+import math
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar, Union
+
+from tdm_planner.exceptions import InvalidProblem
+
+T = TypeVar('T')
+
+_METADATA_KEY = 'tdm_parameter'
+_TYPE_NAMES = {
+    float: 'a number',
+    int: 'an integer',
+    bool: 'true or false',
+    str: 'a string',
+    list[float]: 'a list of numbers',
+    list[str]: 'a list of strings',
+}
+
+
+@dataclass(frozen=True)
+class Range:
+    """An interval of allowed values, closed unless said otherwise."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    lower_open: bool = False
+    upper_open: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        """Whether `value` lies in the interval; never true for NaN."""
+        above = value > self.lower if self.lower_open else value >= self.lower
+        below = value < self.upper if self.upper_open else value <= self.upper
+        return above and below
+
+    @property
+    def bounded(self) -> bool:
+        """Whether at least one end is finite."""
+        return math.isfinite(self.lower) or math.isfinite(self.upper)
+
+    def __str__(self) -> str:
+        """Interval notation, e.g. ``(0, inf)``."""
+        left = '(' if self.lower_open or math.isinf(self.lower) else '['
+        right = ')' if self.upper_open or math.isinf(self.upper) else ']'
+        return f'{left}{self.lower:g}, {self.upper:g}{right}'
+
+
+POSITIVE = Range(0.0, lower_open=True)
+NON_NEGATIVE = Range(0.0)
+ANY = Range()
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """One parameter as users see it.
+
+    `kind` is one of float, int, bool, str, list[float], list[str]; `optional` parameters may be
+    unset (None). `length` fixes the number of elements of a list.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    description: str
+    unit: str = ''
+    range: Range = ANY
+    choices: tuple[str, ...] = ()
+    optional: bool = False
+    read_only: bool = False
+    length: int | None = None
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed, in words that fit an error message."""
+        if self.choices:
+            return 'one of ' + ', '.join(self.choices)
+        kind: str = _TYPE_NAMES[self.kind]
+        if self.length is not None:
+            kind = kind.replace('a list of', f'a list of {self.length}')
+        unit = f' {self.unit}' if self.unit else ''
+        if self.kind in (float, int, list[float]):
+            return f'{kind} in {self.range}{unit}'
+        return kind
+
+    def check(self, value: Any) -> Any:
+        """Return `value` in the declared type.
+
+        Raises
+        ------
+        InvalidProblem
+            Naming the parameter, the value and what is allowed.
+        """
+        if value is None and self.optional:
+            return None
+        checked = self._coerce(value)
+        if self.choices and checked not in self.choices:
+            raise self._error(value)
+        numbers = checked if isinstance(checked, list) else [checked]
+        if self.kind in (float, int, list[float]):
+            for number in numbers:
+                if not math.isfinite(number) or number not in self.range:
+                    raise self._error(value)
+        if self.length is not None and len(checked) != self.length:
+            raise self._error(value)
+        return checked
+
+    def _coerce(self, value: Any) -> Any:
+        if self.kind is bool:
+            if isinstance(value, bool):
+                return value
+        elif self.kind is str:
+            if isinstance(value, str):
+                return value
+        elif self.kind in (float, int):
+            return self._number(value, self.kind)
+        elif not isinstance(value, str | bytes | Mapping) and hasattr(value, '__iter__'):
+            (element,) = get_args(self.kind)
+            items = list(value)
+            if element is float:
+                return [self._number(item, float) for item in items]
+            if all(isinstance(item, str) for item in items):
+                return items
+        raise self._error(value)
+
+    def _number(self, value: Any, kind: type) -> Any:
+        if isinstance(value, bool) or not hasattr(value, '__float__'):
+            raise self._error(value)
+        if kind is int and not hasattr(value, '__index__'):
+            raise self._error(value)
+        try:
+            return kind(value)
+        except (OverflowError, ValueError, TypeError):
+            raise self._error(value) from None
+
+    def _error(self, value: Any) -> InvalidProblem:
+        return InvalidProblem(
+            f"parameter '{self.name}' = {_short(value)} is not allowed: must be {self.allowed}"
+        )
+
+
+def _short(value: Any, longest: int = 80) -> str:
+    if isinstance(value, str):
+        value = repr(value)
+    text = ' '.join(str(value).split())
+    return text if len(text) <= longest else text[: longest - 3] + '...'
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = '',
+    allowed: Range = ANY,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+    length: int | None = None,
+) -> Any:
+    """Declare a dataclass field as a parameter; the arguments are those of `ParameterSpec`."""
+    metadata = {
+        _METADATA_KEY: {
+            'description': description,
+            'unit': unit,
+            'range': allowed,
+            'choices': choices,
+            'read_only': read_only,
+            'length': length,
+        }
+    }
+    if isinstance(default, list):
+        return field(default_factory=lambda: list(default), metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def group(cls: type[T]) -> T:
+    """Declare a dataclass field as a group of parameters; its name is their prefix."""
+    made: T = field(default_factory=cls)
+    return made
+
+
+def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
+    hints = get_type_hints(cls)
+    for item in dataclasses.fields(cls):
+        yield item, hints[item.name]
+
+
+def _unwrap_optional(hint: Any) -> tuple[Any, bool]:
+    origin = get_origin(hint)
+    if origin is Union or str(origin) == "<class 'types.UnionType'>":
+        kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+        if len(kinds) == 1:
+            return kinds[0], True
+    return hint, False
+
+
+def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
+    """Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration."""
+    found: dict[str, ParameterSpec] = {}
+    for item, hint in _fields(cls):
+        name = prefix + item.name
+        if dataclasses.is_dataclass(hint):
+            assert isinstance(hint, type)
+            found.update(specifications(hint, name + '.'))
+        elif _METADATA_KEY in item.metadata:
+            kind, optional = _unwrap_optional(hint)
+            if item.default is not dataclasses.MISSING:
+                default = item.default
+            else:
+                assert item.default_factory is not dataclasses.MISSING
+                default = item.default_factory()
+            found[name] = ParameterSpec(
+                name=name,
+                kind=kind,
+                default=default,
+                optional=optional,
+                **item.metadata[_METADATA_KEY],
+            )
+    return found
+
+
+def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
+    """Make a dataclass of parameters from dotted names; names that are absent keep the default.
+
+    Raises
+    ------
+    InvalidProblem
+        For the first value that is not allowed.
+    """
+    specs = specifications(cls, prefix)
+    arguments: dict[str, Any] = {}
+    for item, hint in _fields(cls):
+        name = prefix + item.name
+        if dataclasses.is_dataclass(hint):
+            assert isinstance(hint, type)
+            arguments[item.name] = build(hint, values, name + '.')
+        elif name in specs and name in values:
+            arguments[item.name] = specs[name].check(values[name])
+    return cls(**arguments)
+
+
+class Validated:
+    """Mixin for a frozen dataclass of parameters: its fields are checked when it is made."""
+
+    def __post_init__(self) -> None:
+        """Check every declared field.
+
+        Raises
+        ------
+        InvalidProblem
+            For the first value that is not allowed.
+        """
+        assert dataclasses.is_dataclass(self)
+        for name, spec in specifications(type(self)).items():
+            if '.' not in name:
+                object.__setattr__(self, name, spec.check(getattr(self, name)))
+
+
+def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``."""
+    flat: dict[str, Any] = {}
+    for key, value in mapping.items():
+        name = f'{prefix}{key}'
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, name + '.'))
+        else:
+            flat[name] = value
+    return flat
+
+
+def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:
+    """Return the values of a dataclass of parameters by dotted name (the inverse of `build`)."""
+    values: dict[str, Any] = {}
+    for item, hint in _fields(type(instance)):
+        value = getattr(instance, item.name)
+        if dataclasses.is_dataclass(hint):
+            values.update(to_mapping(value, f'{prefix}{item.name}.'))
+        elif _METADATA_KEY in item.metadata:
+            values[prefix + item.name] = value
+    return values
+
+
+def ros_parameters(document: Any, node: str = 'planner') -> dict[str, Any]:
+    """Return the flat parameters of `node` in a ROS 2 parameter file's document.
+
+    Accepts ``{node: {ros__parameters: {...}}}``, with ``/**`` and any namespace before the node's
+    name, as well as a plain mapping of parameters.
+
+    Raises
+    ------
+    InvalidProblem
+        If the document is not a mapping, or holds parameters only for other nodes.
+    """
+    if document is None:
+        return {}
+    if not isinstance(document, Mapping):
+        raise InvalidProblem(
+            f'a parameter file must hold a mapping, not {_short(type(document).__name__)}'
+        )
+    found: dict[str, Any] = {}
+    others: list[str] = []
+    structured = _collect(document, '', node, found, others)
+    if not structured:
+        return flatten({str(key): value for key, value in document.items()})
+    if not found and others:
+        raise InvalidProblem(
+            f"the parameter file has no section for node '{node}', only for {', '.join(others)}"
+        )
+    return found
+
+
+def _collect(
+    document: Mapping[Any, Any], path: str, node: str, found: dict[str, Any], others: list[str]
+) -> bool:
+    structured = False
+    for key, value in document.items():
+        if not isinstance(value, Mapping):
+            continue
+        name = f'{path}/{str(key).strip("/")}'
+        if isinstance(value.get('ros__parameters'), Mapping):
+            structured = True
+            if name.rsplit('/', 1)[-1] in (node, '**', '*'):
+                found.update(flatten(value['ros__parameters']))
+            else:
+                others.append(name)
+        else:
+            structured = _collect(value, name, node, found, others) or structured
+    return structured

@@ -1,0 +1,200 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""An optimal control problem cast in the direct method, and its solution."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import (
+    build,
+    flatten,
+    NON_NEGATIVE,
+    parameter,
+    ParameterSpec,
+    POSITIVE,
+    specifications,
+    Validated,
+)
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Verification
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SolverParameters(Validated):
+    """How long and how hard to search."""
+
+    deadline: float = parameter(
+        0.5,
+        'time allowed for a plan; the best verified one is returned',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    seed: int = parameter(
+        0, 'seed of the random starts; the same seed gives the same plan', allowed=NON_NEGATIVE
+    )
+    tolerance: float = parameter(
+        1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A verified plan.
+
+    `cost` is the performance index J, `penalty` Delta of (10), `parameters` the varied parameters
+    Xi (m,), `evaluations` the number of times the dynamics were computed along a candidate and
+    `solve_time` the wall time [s]. `trajectories` holds one trajectory per vehicle, by name;
+    `cost_terms` the parts of J by name; `verifications` the check of every vehicle.
+    """
+
+    problem: str
+    trajectories: Mapping[str, Trajectory]
+    cost: float
+    penalty: float
+    parameters: Array
+    evaluations: int
+    solve_time: float
+    verification: Verification
+    verifications: Mapping[str, Verification] = field(default_factory=dict)
+    cost_terms: Mapping[str, float] = field(default_factory=dict)
+    summary: str = ''
+
+    @property
+    def duration(self) -> float:
+        """Time until the last vehicle has arrived [s]."""
+        return max(trajectory.duration for trajectory in self.trajectories.values())
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The trajectory; of several vehicles, all on common instants as ``vehicle.state``."""
+        if len(self.trajectories) == 1:
+            return next(iter(self.trajectories.values()))
+        times = np.unique(np.concatenate([t.times for t in self.trajectories.values()]))
+        samples = {name: t.sample(times) for name, t in self.trajectories.items()}
+        kinds = {t.interpolation for t in self.trajectories.values()}
+        return Trajectory(
+            times=times,
+            states=np.concatenate([s.state for s in samples.values()], axis=1),
+            controls=np.concatenate([s.control for s in samples.values()], axis=1),
+            state_names=tuple(
+                f'{name}.{s}' for name, t in self.trajectories.items() for s in t.state_names
+            ),
+            control_names=tuple(
+                f'{name}.{c}' for name, t in self.trajectories.items() for c in t.control_names
+            ),
+            interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as the JSON file of ``tdm plan`` holds it."""
+        head: dict[str, Any] = {
+            'problem': self.problem,
+            'duration': self.duration,
+            'cost': self.cost,
+            'penalty': self.penalty,
+            'solve_time': self.solve_time,
+            'evaluations': self.evaluations,
+        }
+        if self.cost_terms:
+            head['cost_terms'] = dict(self.cost_terms)
+        if len(self.trajectories) == 1 and not self.verifications:
+            return head | self.trajectory.to_dict() | {'verification': self.verification.to_dict()}
+        vehicles = {
+            name: {
+                **head,
+                'duration': trajectory.duration,
+                **trajectory.to_dict(),
+                'verification': self.verifications[name].to_dict(),
+            }
+            for name, trajectory in self.trajectories.items()
+        }
+        return head | {'robots': vehicles, 'verification': self.verification.to_dict()}
+
+
+class Problem(ABC):
+    """An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
+
+    Subclasses are frozen dataclasses whose fields are groups of parameters (see
+    `tdm_planner.parameters`), with a `solver: SolverParameters` among them.
+    """
+
+    name: ClassVar[str]
+    solver: SolverParameters
+
+    @classmethod
+    def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
+        """Return every parameter by dotted name; `values` may decide which exist (robot names)."""
+        return specifications(cls)
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any]) -> Problem:
+        """Make a problem from a mapping as in the YAML files, nested or with dotted names.
+
+        Raises
+        ------
+        InvalidProblem
+            Naming the parameter, the value and what is allowed.
+        """
+        values = problem_parameters(cls, parameters)
+        return cls.from_values(values)
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Problem:
+        """Make a problem from checked values by dotted name."""
+        return build(cls, values)
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Do the work that does not depend on the boundary conditions (compile, tabulate)."""
+
+    @abstractmethod
+    def solve(
+        self,
+        deadline: float | None = None,
+        seed: int | None = None,
+        warm_start: Solution | None = None,
+    ) -> Solution:
+        """Find the best verified plan within `deadline` s (default: `solver.deadline`).
+
+        Raises
+        ------
+        InvalidProblem
+            If the boundary conditions contradict the limits.
+        Infeasible
+            If no plan was found; its subclass says why (deadline, verification).
+        """
+
+
+def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten and check a mapping of parameters for a problem; node parameters are left out.
+
+    Raises
+    ------
+    InvalidProblem
+        For a name the problem does not have, or a value that is not allowed.
+    """
+    values = flatten(parameters)
+    specs = cls.parameter_specifications(values)
+    unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]
+    if unknown:
+        raise InvalidProblem(
+            f"parameter '{unknown[0]}' is unknown to {cls.name}; it has: " + ', '.join(specs)
+        )
+    return {name: specs[name].check(value) for name, value in values.items() if name in specs}
+
+
+def _belongs_to_node(name: str) -> bool:
+    from tdm_planner.problems.request import RequestParameters
+
+    return name in specifications(RequestParameters) or name == 'use_sim_time'

@@ -1,0 +1,52 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of a planning request that do not depend on the problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+
+
+@dataclass(frozen=True)
+class StartParameters(Validated):
+    """Where the start state of a plan comes from, and when the motion starts."""
+
+    source: str = parameter(
+        'measured',
+        'plan from the newest measured state or from the start.* parameters',
+        choices=('measured', 'parameters'),
+    )
+    max_age: float = parameter(
+        0.5, 'oldest measured state that may be planned from', unit='s', allowed=POSITIVE
+    )
+    delay: float = parameter(
+        0.5,
+        "time from the answer's request to the start of the motion",
+        unit='s',
+        allowed=NON_NEGATIVE,
+    )
+
+
+@dataclass(frozen=True)
+class ReplanParameters(Validated):
+    """Receding-horizon replanning."""
+
+    rate: float = parameter(
+        0.0,
+        'replans per second while a plan is in force; 0 switches it off',
+        unit='Hz',
+        allowed=Range(0.0, 100.0),
+    )
+
+
+@dataclass(frozen=True)
+class RequestParameters(Validated):
+    """What the planner node knows beside the problem's own parameters."""
+
+    problem: str = parameter(
+        'pendulum_swing_up', 'name of the problem to plan for', read_only=True
+    )
+    start: StartParameters = group(StartParameters)
+    replan: ReplanParameters = group(ReplanParameters)

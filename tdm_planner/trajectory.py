@@ -1,0 +1,187 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory: time stamps, named states and controls with units, read at any instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, get_args, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+Interpolation = Literal['zero_order_hold', 'linear', 'cubic']
+
+NANOSECOND = 1e-9
+
+
+class Sample(NamedTuple):
+    """A trajectory read at one instant, (nx,) and (nu,), or at many, (n, nx) and (n, nu)."""
+
+    state: Array
+    control: Array
+
+
+def to_nanoseconds(times: ArrayLike) -> Array:
+    """Round times [s] to whole nanoseconds, the resolution of ROS time stamps."""
+    return np.round(np.asarray(times, dtype=float) / NANOSECOND) * NANOSECOND
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States and controls over time, on exactly the samples that are written or published.
+
+    `times` (N,) s, strictly increasing from 0; `states` (N, nx); `controls` (N, nu).
+    `interpolation` says how controls run between samples: `zero_order_hold` (the value at t_k acts
+    on [t_k, t_k+1)), `linear`, or `cubic` (the not-a-knot spline through all samples); every
+    switching instant is a sample. `rates` (N-1, 2, nx), optional, holds the time derivatives of
+    the states at the start and at the end of every interval (they differ at a switch), from which
+    `sample` reads the states by cubic Hermite interpolation.
+
+    Raises
+    ------
+    InvalidProblem
+        For lengths that do not match, values that are not finite, or times that do not increase.
+    """
+
+    times: Array
+    states: Array
+    controls: Array
+    state_names: tuple[str, ...]
+    control_names: tuple[str, ...]
+    interpolation: Interpolation = 'zero_order_hold'
+    state_units: tuple[str, ...] = ()
+    control_units: tuple[str, ...] = ()
+    rates: Array | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        """Check shapes and values."""
+        for name in ('times', 'states', 'controls'):
+            values = np.array(getattr(self, name), dtype=float)
+            if not np.isfinite(values).all():
+                raise InvalidProblem(f"trajectory '{name}' holds a value that is not finite")
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        n = self.times.size
+        if self.times.ndim != 1 or n < 2:
+            raise InvalidProblem(
+                f"trajectory 'times' has shape {self.times.shape}: at least two samples are needed"
+            )
+        for name, names in (('states', self.state_names), ('controls', self.control_names)):
+            shape = getattr(self, name).shape
+            if shape != (n, len(names)):
+                raise InvalidProblem(
+                    f"trajectory '{name}' has shape {shape}, expected {(n, len(names))}"
+                )
+        if not (np.diff(self.times) > 0).all():
+            first = int(np.argmin(np.diff(self.times) > 0))
+            raise InvalidProblem(
+                "trajectory 'times' must increase strictly, but sample "
+                f'{first + 1} is at {self.times[first + 1]:g} s after {self.times[first]:g} s'
+            )
+        if self.interpolation not in get_args(Interpolation):
+            raise InvalidProblem(
+                f"trajectory 'interpolation' = {self.interpolation!r} must be one of "
+                + ', '.join(get_args(Interpolation))
+            )
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.times[-1] - self.times[0])
+
+    def with_rates(self, derivative: Callable[[Array, Array], Array]) -> Trajectory:
+        """Return a copy whose `rates` follow from the plant's `derivative(state, control)`."""
+        start = self.controls[:-1]
+        end = start if self.interpolation == 'zero_order_hold' else self.controls[1:]
+        rates = np.stack(
+            [derivative(self.states[:-1], start), derivative(self.states[1:], end)], axis=1
+        )
+        return replace(self, rates=rates)
+
+    def state(self, name: str) -> Array:
+        """Samples of the state called `name`, (N,)."""
+        return self.states[:, self.state_names.index(name)]
+
+    def control(self, name: str) -> Array:
+        """Samples of the control called `name`, (N,)."""
+        return self.controls[:, self.control_names.index(name)]
+
+    def sample(self, t: ArrayLike) -> Sample:
+        """Read states and controls at time(s) `t` [s], held at the ends outside the samples."""
+        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
+        return Sample(self._state_at(at), self._control_at(at))
+
+    def _control_at(self, t: Array) -> Array:
+        if self.interpolation == 'zero_order_hold':
+            index = np.searchsorted(self.times, t, side='right') - 1
+            return self.controls[np.clip(index, 0, self.times.size - 1)]
+        if self.interpolation == 'linear' or self.times.size < 4:
+            return _linear(t, self.times, self.controls)
+        return np.asarray(self._control_spline(t))
+
+    def _state_at(self, t: Array) -> Array:
+        if self.rates is None:
+            return _linear(t, self.times, self.states)
+        index = np.clip(np.searchsorted(self.times, t, side='right') - 1, 0, self.times.size - 2)
+        return self._hermite(t, index)
+
+    def _hermite(self, t: Array, index: NDArray[np.intp]) -> Array:
+        assert self.rates is not None
+        start, end = self.times[index], self.times[index + 1]
+        h = (end - start)[..., None]
+        s = ((t - start) / (end - start))[..., None]
+        x0, x1 = self.states[index], self.states[index + 1]
+        v0, v1 = self.rates[index, 0] * h, self.rates[index, 1] * h
+        value: Array = (
+            x0 + s * v0 + s**2 * (3 * (x1 - x0) - 2 * v0 - v1) + s**3 * (2 * (x0 - x1) + v0 + v1)
+        )
+        return value
+
+    @cached_property
+    def _control_spline(self) -> CubicSpline:
+        return CubicSpline(self.times, self.controls)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Times, states and controls by name, and the interpolation: what the JSON file holds."""
+        return {
+            'times': self.times.tolist(),
+            'states': {n: self.state(n).tolist() for n in self.state_names},
+            'controls': {n: self.control(n).tolist() for n in self.control_names},
+            'interpolation': self.interpolation,
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Trajectory:
+        """Inverse of `to_dict`; the samples are the same to the last bit.
+
+        Raises
+        ------
+        InvalidProblem
+            If a key is missing or the samples do not fit together.
+        """
+        try:
+            states, controls = dict(data['states']), dict(data['controls'])
+            return cls(
+                times=np.asarray(data['times'], dtype=float),
+                states=np.asarray(list(states.values()), dtype=float).T,
+                controls=np.asarray(list(controls.values()), dtype=float).T,
+                state_names=tuple(states),
+                control_names=tuple(controls),
+                interpolation=data['interpolation'],
+            )
+        except KeyError as error:
+            raise InvalidProblem(f'the trajectory has no {error}') from None
+        except (TypeError, ValueError) as error:
+            raise InvalidProblem(f'the trajectory cannot be read: {error}') from None
+
+
+def _linear(t: Array, times: Array, values: Array) -> Array:
+    columns = [np.interp(t, times, column) for column in values.T]
+    return np.stack(columns, axis=-1)

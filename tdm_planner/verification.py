@@ -1,0 +1,183 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
+
+The replay integrates the plant with DOP853 (scipy), independently of the solver's own integration,
+from the first state, under the controls read between samples as `Trajectory.interpolation` says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+import itertools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from tdm_planner.plants.base import Plant
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A limit to be kept: `margin(times, states, controls)` -> (n,) must be >= -`tolerance`."""
+
+    name: str
+    margin: Callable[[Array, Array, Array], Array]
+    tolerance: float = 0.0
+    unit: str = ''
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of a check.
+
+    `terminal_error` (nx,) is the signed difference of the replayed final state from the goal;
+    `worst` holds the smallest margin of every constraint by name (negative: violated) and
+    `worst_times` its instant [s]; `reasons` says in words what failed, empty when `ok`.
+    """
+
+    ok: bool
+    terminal_error: Array
+    worst: Mapping[str, float] = field(default_factory=dict)
+    worst_times: Mapping[str, float] = field(default_factory=dict)
+    reasons: tuple[str, ...] = ()
+    state_names: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check as JSON writes it."""
+        names = self.state_names or tuple(str(i) for i in range(len(self.terminal_error)))
+        return {
+            'ok': self.ok,
+            'terminal_error': dict(zip(names, map(float, self.terminal_error), strict=True)),
+            'worst': {name: float(value) for name, value in self.worst.items()},
+            'worst_times': {name: float(value) for name, value in self.worst_times.items()},
+            'reasons': list(self.reasons),
+        }
+
+
+def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
+    """Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
+
+    The integration restarts wherever a held control jumps, so that no step spans a switch.
+    """
+    edges = _smooth_pieces(trajectory)
+    states = np.empty((times.size, trajectory.states.shape[1]))
+    current = trajectory.states[0]
+    for first, last in itertools.pairwise(edges):
+        start, end = trajectory.times[first], trajectory.times[last]
+        inside = (times >= start) & (times <= end)
+        result = solve_ivp(
+            _right_hand_side(plant, trajectory, first),
+            (start, end),
+            current,
+            method='DOP853',
+            rtol=1e-9,
+            atol=1e-11,
+            dense_output=True,
+        )
+        if inside.any():
+            assert result.sol is not None
+            states[inside] = result.sol(times[inside]).T
+        current = result.y[:, -1]
+    return states
+
+
+def _smooth_pieces(trajectory: Trajectory) -> list[int]:
+    last = trajectory.times.size - 1
+    if trajectory.interpolation == 'cubic':
+        return [0, last]
+    if trajectory.interpolation == 'linear':
+        return list(range(last + 1))
+    jumps = np.flatnonzero((np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)) + 1
+    return [0, *jumps.tolist(), last]
+
+
+def _right_hand_side(
+    plant: Plant, trajectory: Trajectory, first: int
+) -> Callable[[float, Array], Array]:
+    if trajectory.interpolation == 'zero_order_hold':
+        held = trajectory.controls[first]
+        return lambda t, x: plant.derivative(x, held)
+    return lambda t, x: plant.derivative(x, trajectory.sample(t).control)
+
+
+def dense_times(trajectory: Trajectory, resolution: float) -> Array:
+    """Every sample instant and instants between them, at most `resolution` s apart."""
+    count = int(np.ceil(trajectory.duration / resolution)) + 1
+    grid = np.linspace(trajectory.times[0], trajectory.times[-1], count)
+    return np.union1d(grid, trajectory.times)
+
+
+def verify(
+    plant: Plant,
+    trajectory: Trajectory,
+    goal: Array,
+    tolerance: Array,
+    constraints: Sequence[Constraint],
+    *,
+    resolution: float = 1e-3,
+    consistency: Array | None = None,
+) -> Verification:
+    """Replay and check a trajectory.
+
+    `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
+    (infinite where a state is free). The constraints are checked on the replayed states at
+    instants at most `resolution` s apart. The states written in the trajectory must agree with the
+    replayed ones within `consistency` (nx,), by default `tolerance`.
+    """
+    times = dense_times(trajectory, resolution)
+    states = replay(plant, trajectory, times)
+    controls = trajectory.sample(times).control
+    error = states[-1] - goal
+    reasons = [
+        f'{name} ends {abs(e):.3g} {unit} from the goal (allowed {tol:.3g})'
+        for name, unit, e, tol in zip(
+            plant.state_names, plant.state_units, error, tolerance, strict=True
+        )
+        if not abs(e) <= tol
+    ]
+    allowed = tolerance if consistency is None else consistency
+    written = np.searchsorted(times, trajectory.times)
+    drift = np.abs(states[written] - trajectory.states).max(axis=0)
+    reasons += [
+        f'{name} as written differs by {d:.3g} from the replay (allowed {a:.3g})'
+        for name, d, a in zip(plant.state_names, drift, allowed, strict=True)
+        if not d <= a
+    ]
+    worst, worst_times, violated = check(constraints, times, states, controls)
+    reasons += violated
+    return Verification(
+        ok=not reasons,
+        terminal_error=error,
+        worst=worst,
+        worst_times=worst_times,
+        reasons=tuple(reasons),
+        state_names=plant.state_names,
+    )
+
+
+def check(
+    constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
+) -> tuple[dict[str, float], dict[str, float], list[str]]:
+    """Worst margin and its instant for every constraint, and a sentence for each violated one."""
+    worst: dict[str, float] = {}
+    worst_times: dict[str, float] = {}
+    violated: list[str] = []
+    for constraint in constraints:
+        margin = np.asarray(constraint.margin(times, states, controls))
+        finite = bool(np.isfinite(margin).all())
+        index = int(np.argmin(margin)) if finite else int(np.argmin(np.isfinite(margin)))
+        worst[constraint.name] = float(margin[index])
+        worst_times[constraint.name] = float(times[index])
+        if not (finite and margin[index] >= -constraint.tolerance):
+            violated.append(
+                f'{constraint.name} is violated by {-margin[index]:.3g} {constraint.unit}'.rstrip()
+                + f' at t = {times[index]:.3f} s'
+            )
+    return worst, worst_times, violated
