@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The nonlinear program (10): the smallest J(Xi) over the varied parameters with penalty <= eps."""
+"""The nonlinear program (10): the smallest J over the varied parameters with penalty <= eps."""
 
 from __future__ import annotations
 

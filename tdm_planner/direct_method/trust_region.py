@@ -1,0 +1,264 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The minimiser of (10): sequential quadratic programming in a trust region, elastic constraints.
+
+Every step solves one small quadratic program that is feasible by construction: each group of
+constraints has one slack t_k >= 0, charged rho_k t_k, and the step is bounded by the trust region.
+The merit function is J + sum_k rho_k violation_k (the exact l-infinity penalty), see Nocedal and
+Wright, *Numerical Optimization*, chapters 17 and 18, and Fletcher's second-order correction
+against the Maratos effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.nonlinear_program import (
+    Budget,
+    Linearisation,
+    Multipliers,
+    NonlinearProgram,
+    Point,
+)
+from tdm_planner.direct_method.quadratic_program import Backend, solve_quadratic_program
+
+Array = NDArray[np.float64]
+
+_SLACK_CURVATURE = 1e-4
+_LARGEST_PENALTY = 200.0
+
+
+@dataclass(frozen=True)
+class TrustRegionOptions:
+    """How the minimiser goes about it.
+
+    `penalties` rho_k, one for each group of constraints; `radius` the first trust region and
+    `largest_radius` its limit, in units of the scaled varied parameters; `cost_tolerance` the
+    predicted decrease, relative to J, below which the search ends once every group's violation is
+    within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` a
+    cost above which a nearly feasible search is given up, as another one is already better.
+    """
+
+    penalties: Sequence[float] = (1.0,)
+    radius: float = 0.3
+    largest_radius: float = 4.0
+    iterations: int = 40
+    cost_tolerance: float = 1e-3
+    feasibility: Sequence[float] = (2e-3,)
+    corrections: int = 0
+    cutoff: float | None = None
+    backend: Backend | None = None
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where the search ended: the best point, and whether it converged to a feasible one."""
+
+    point: Point
+    iterations: int
+    converged: bool
+    multipliers: Multipliers | None
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Solution of the elastic quadratic program: step, decrease it predicts, multipliers."""
+
+    change: Array
+    predicted: float
+    slack: float
+    multipliers: Multipliers
+
+
+def minimise(
+    program: NonlinearProgram,
+    xi: Array,
+    options: TrustRegionOptions | None = None,
+    budget: Budget | None = None,
+) -> Minimum:
+    """Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
+
+    When the budget is spent the best point so far is returned, not converged.
+    """
+    search = _Search(program, options or TrustRegionOptions(), np.asarray(xi, dtype=float))
+    while search.continues and not (budget is not None and budget.spent):
+        search.advance()
+    return Minimum(search.point, search.iterations, search.converged, search.multipliers)
+
+
+class _Search:
+    def __init__(self, program: NonlinearProgram, options: TrustRegionOptions, xi: Array) -> None:
+        self.program = program
+        self.options = options
+        self.penalties = np.array(options.penalties, dtype=float)
+        self.feasibility = np.array(options.feasibility, dtype=float)
+        self.radius = options.radius
+        self.iterations = 0
+        self.stalled = 0
+        self.converged = False
+        self.failed = False
+        self.multipliers: Multipliers | None = None
+        self.point = program.evaluate(np.clip(xi, program.lower, program.upper))
+        self.at: Linearisation | None = None
+
+    @property
+    def continues(self) -> bool:
+        return not (self.converged or self.failed or self.iterations >= self.options.iterations)
+
+    def merit(self, point: Point) -> float:
+        return point.cost + float(self.penalties @ point.violations)
+
+    @property
+    def feasible(self) -> bool:
+        return bool((self.point.violations <= self.feasibility).all())
+
+    def advance(self) -> None:
+        """One quadratic program, and the step if it is good."""
+        self.iterations += 1
+        if self.at is None:
+            self.at = self.program.linearise(self.point, self.multipliers)
+        step = _quadratic_step(self, self.at)
+        if step is None:
+            self._shrink(self.radius)
+            return
+        if step.predicted < self.options.cost_tolerance * max(abs(self.point.cost), 1e-6):
+            self._finish_or_press(step)
+            if not self.continues or self.stalled == 0:
+                return
+        else:
+            self.stalled = 0
+        self._try(step)
+
+    def _finish_or_press(self, step: _Step) -> None:
+        """Nothing more to gain: done if feasible, else charge violations more."""
+        if self.feasible:
+            self.converged = True
+            self.multipliers = step.multipliers
+            return
+        self.stalled += 1
+        if self.stalled >= 2 and self.penalties.max() < _LARGEST_PENALTY:
+            self.penalties[self.point.violations > self.feasibility] *= 5.0
+            self.radius = max(self.radius, 0.5 * self.options.radius)
+            self.stalled = 0
+
+    def _try(self, step: _Step) -> None:
+        program, point = self.program, self.point
+        assert self.at is not None
+        xi = np.clip(point.xi + step.change, program.lower, program.upper)
+        trial = program.evaluate(xi)
+        if self.options.corrections and step.slack < 1e-4:
+            trial = _correct(self, self.at, step, trial)
+        gained = self.merit(point) - self.merit(trial)
+        length = float(np.abs(step.change).max())
+        ratio = gained / max(step.predicted, 1e-12) if np.isfinite(gained) else -np.inf
+        negligible = step.predicted < 1e-7 and gained > -1e-9
+        if not (ratio > 0.05 or negligible):
+            self._shrink(length)
+            return
+        self.point, self.multipliers, self.at = trial, step.multipliers, None
+        if ratio > 0.75 and length > 0.9 * self.radius:
+            self.radius = min(2.0 * self.radius, self.options.largest_radius)
+        elif ratio < 0.25:
+            self.radius *= 0.5
+        cutoff = self.options.cutoff
+        if cutoff is not None and self.iterations >= 5 and trial.cost > cutoff:
+            self.failed = trial.violation < 1e-3
+
+    def _shrink(self, length: float) -> None:
+        self.radius = 0.35 * min(self.radius, length)
+        if self.radius >= 1e-6:
+            return
+        if not self.feasible and self.penalties.max() < _LARGEST_PENALTY:
+            self.penalties[self.point.violations > self.feasibility] *= 5.0
+            self.radius = 0.5 * self.options.radius
+            self.at = None
+        else:
+            self.converged = self.feasible
+            self.failed = not self.feasible
+
+
+def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
+    """Solve the elastic quadratic program in (d, e, t): step, absolute terms, slacks."""
+    n, na, ng = at.gradient.size, at.terms.size, search.penalties.size
+    ne = at.equalities.size
+    size = n + na + ng
+    hessian = np.zeros((size, size))
+    hessian[:n, :n] = at.hessian
+    diagonal = np.arange(n, size)
+    hessian[diagonal, diagonal] = _SLACK_CURVATURE
+    gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
+    rows, least = _elastic_rows(at, n, na, ng)
+    lower, upper = np.zeros(size), np.full(size, 1e12)
+    lower[:n] = np.maximum(-search.radius, search.program.lower - search.point.xi)
+    upper[:n] = np.minimum(search.radius, search.program.upper - search.point.xi)
+    solution = solve_quadratic_program(
+        hessian, gradient, rows, least, lower, upper, search.options.backend
+    )
+    if solution is None:
+        return None
+    change, slacks = solution.step[:n], np.maximum(solution.step[n + na :], 0.0)
+    terms = np.abs(at.terms + at.terms_jacobian @ change) if na else at.terms
+    model = (
+        at.gradient @ change
+        + 0.5 * change @ at.hessian @ change
+        + at.term_weights @ terms
+        + search.penalties @ slacks
+    )
+    now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
+    dual = solution.multipliers
+    multipliers = Multipliers(
+        equalities=dual[ne : 2 * ne] - dual[:ne],
+        inequalities=dual[2 * ne : 2 * ne + at.inequalities.size],
+        tags=at.tags,
+    )
+    return _Step(change, float(now - model), float(slacks.max(initial=0.0)), multipliers)
+
+
+def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, Array]:
+    """Rows A z >= b: equalities from both sides, inequalities, absolute terms, in that order."""
+    ne, ni = at.equalities.size, at.inequalities.size
+    rows = np.zeros((2 * ne + ni + 2 * na, n + na + ng))
+    rows[:ne, :n] = at.equality_jacobian
+    rows[ne : 2 * ne, :n] = -at.equality_jacobian
+    rows[: 2 * ne, n + na] = 1.0
+    middle = slice(2 * ne, 2 * ne + ni)
+    rows[middle, :n] = at.inequality_jacobian
+    rows[np.arange(2 * ne, 2 * ne + ni), n + na + at.inequality_groups] = 1.0
+    if na:
+        above, below = slice(2 * ne + ni, 2 * ne + ni + na), slice(2 * ne + ni + na, None)
+        rows[above, :n], rows[below, :n] = -at.terms_jacobian, at.terms_jacobian
+        rows[above, n : n + na] = rows[below, n : n + na] = np.eye(na)
+    least = np.concatenate([-at.equalities, at.equalities, -at.inequalities, at.terms, -at.terms])
+    return rows, least
+
+
+def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> Point:
+    """Second-order correction: pull the trial back to the constraints along their gradients."""
+    program = search.program
+    active: Any = step.multipliers.inequalities > 1e-9
+    inverse: Array | None = None
+    free = np.zeros(0, dtype=bool)
+    for _ in range(search.options.corrections):
+        if not 1e-9 < trial.violation < 2.0:
+            break
+        residual = program.correction_rows(trial, at, active)
+        if residual is None:
+            break
+        if inverse is None:
+            free = (trial.xi > program.lower + 1e-9) & (trial.xi < program.upper - 1e-9)
+            jacobian = np.concatenate([at.equality_jacobian, at.inequality_jacobian[active]])
+            inverse = np.linalg.pinv(jacobian[:, free], rcond=1e-4)
+        back = np.zeros_like(trial.xi)
+        back[free] = inverse @ residual
+        if np.abs(back).max(initial=0.0) > 2.0 * search.radius:
+            break
+        better = program.evaluate(np.clip(trial.xi - back, program.lower, program.upper))
+        if not better.violation < 0.8 * trial.violation:
+            break
+        trial = better
+    return trial
