@@ -1,3 +1,8 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""To be written."""
+"""Plants: equations of motion in time, vectorised, with units and derivatives."""
+
+from tdm_planner.plants.base import Plant
+from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
+
+__all__ = ['PendulumInertia', 'Plant', 'RotaryPendulum']

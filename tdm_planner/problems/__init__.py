@@ -1,3 +1,21 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""To be written."""
+"""Problems: optimal control problems cast in the direct method."""
+
+from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.pendulum_swing_up import (
+    PendulumGoal,
+    PendulumLimits,
+    PendulumStart,
+    PendulumSwingUp,
+)
+
+__all__ = [
+    'PendulumGoal',
+    'PendulumLimits',
+    'PendulumStart',
+    'PendulumSwingUp',
+    'Problem',
+    'Solution',
+    'SolverParameters',
+]

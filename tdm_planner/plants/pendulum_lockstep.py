@@ -1,0 +1,203 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The kernels of `pendulum_kernels` in numpy, for machines without a compiler.
+
+The same discrete motions and derivatives, for a batch of starts in lock step: states are stepped
+one after the other, the derivatives of all steps are then taken at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.pendulum_kernels import EARLY, EARLY_COST, LATE, LATE_COST
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+Array = NDArray[np.float64]
+
+_STAGES = (0.0, 0.5, 0.5, 1.0)
+_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+
+
+def roll_batch(
+    plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
+) -> tuple[Array, Array]:
+    """Integrate by RK4 from `start` (4,) under arcs `durations`, `torques` (B, K).
+
+    Returns states (B, K steps + 1, 4) and their derivatives by the durations, (.., 4, K).
+    """
+    h = np.repeat(durations / steps, steps, axis=1)
+    held = np.repeat(torques, steps, axis=1)
+    states, stages, rates = _step_states(plant, start, h, held)
+    by_state, by_step = _step_derivatives(plant, h, held, stages, rates)
+    batch, nodes = h.shape
+    arcs = durations.shape[1]
+    sensitivities = np.zeros((batch, nodes + 1, 4, arcs))
+    for node in range(nodes):
+        arc = node // steps
+        following = sensitivities[:, node + 1]
+        np.matmul(by_state[:, node], sensitivities[:, node], out=following)
+        following[:, :, arc] += by_step[:, node] / steps
+    return states, sensitivities
+
+
+def _step_states(
+    plant: RotaryPendulum, start: Array, h: Array, held: Array
+) -> tuple[Array, Array, Array]:
+    """States (B, N+1, 4), stage states and stage rates (B, N, 4 stages, 4)."""
+    batch, nodes = h.shape
+    states = np.empty((batch, nodes + 1, 4))
+    stages, rates = np.empty((batch, nodes, 4, 4)), np.empty((batch, nodes, 4, 4))
+    states[:, 0] = start
+    for node in range(nodes):
+        step, control = h[:, node, None], held[:, node, None]
+        rate = np.zeros((batch, 4))
+        for s, reach in enumerate(_STAGES):
+            stages[:, node, s] = states[:, node] + reach * step * rate
+            rate = plant.derivative(stages[:, node, s], control)
+            rates[:, node, s] = rate
+        states[:, node + 1] = states[:, node] + step * (_WEIGHTS @ rates[:, node])
+    return states, stages, rates
+
+
+def _step_derivatives(
+    plant: RotaryPendulum, h: Array, held: Array, stages: Array, rates: Array
+) -> tuple[Array, Array]:
+    """Derivatives of every step by its initial state (B, N, 4, 4) and by its length (B, N, 4)."""
+    jacobian, _ = plant.jacobians(stages, held[:, :, None, None])
+    length = h[..., None, None]
+    by_state = np.broadcast_to(np.eye(4), jacobian[:, :, 0].shape)
+    by_step = np.einsum('s,bnsi->bni', _WEIGHTS, rates)
+    slope = np.zeros_like(by_state)
+    slope_step = np.zeros_like(by_step)
+    total = by_state
+    for s, reach in enumerate(_STAGES):
+        before = rates[:, :, s - 1] if s else 0.0 * by_step
+        inner = reach * (before + h[..., None] * slope_step)
+        slope_step = np.einsum('bnij,bnj->bni', jacobian[:, :, s], inner)
+        slope = jacobian[:, :, s] @ (by_state + reach * length * slope)
+        total = total + _WEIGHTS[s] * length * slope
+        by_step = by_step + _WEIGHTS[s] * h[..., None] * slope_step
+    return total, by_step
+
+
+def steer_batch(
+    plant: RotaryPendulum,
+    start: Array,
+    durations: Array,
+    arcs: NDArray[np.intp],
+    torques: Array,
+    turns: Array,
+    psi_max: float,
+    steps: int,
+    iterations: int,
+    target: float,
+    stop: Callable[[], bool],
+) -> tuple[Array, int]:
+    """Levenberg-Marquardt as `pendulum_kernels.steer_arcs`; `durations` (B, K) change in place.
+
+    Returns the costs (B,) and the number of integrations. `stop` ends it early.
+    """
+    w0 = plant.natural_frequency
+    batch, most = durations.shape
+    varied: NDArray[np.bool_] = np.arange(most)[None, :] < arcs[:, None]
+    longest = 0.2 * durations.sum(axis=1) + 0.2 / w0
+    damping, costs = np.full(batch, 1e-3), np.full(batch, np.inf)
+    refused = np.zeros(batch, dtype=int)
+    live = np.arange(batch)
+    with np.errstate(all='ignore'):
+        residual, jacobian = _residuals(plant, start, durations, torques, turns, psi_max, steps)
+        costs = _squares(residual)
+        rollouts = batch
+        for iteration in range(iterations + 6):
+            costs_live = costs[live]
+            worth = (costs_live >= target) & (costs_live < 1e12) & (refused[live] < 6)
+            if iteration >= EARLY:
+                worth &= costs_live <= EARLY_COST
+            if iteration >= LATE:
+                worth &= costs_live <= LATE_COST
+            live = live[worth]
+            if not live.size or stop():
+                break
+            change = _damped_steps(
+                residual[live], jacobian[live], durations[live], varied[live], damping[live], w0
+            )
+            size = np.abs(change).max(axis=1)
+            change *= np.minimum(1.0, longest[live] / np.maximum(size, 1e-300))[:, None]
+            trial = np.where(varied[live], np.maximum(durations[live] + change, 0.0), 0.0)
+            new_residual, new_jacobian = _residuals(
+                plant, start, trial, torques[live], turns[live], psi_max, steps
+            )
+            rollouts += live.size
+            cost = _squares(new_residual)
+            better = cost < costs[live]
+            good, bad = live[better], live[~better]
+            durations[good], costs[good] = trial[better], cost[better]
+            residual[good], jacobian[good] = new_residual[better], new_jacobian[better]
+            damping[good] = np.maximum(0.1 * damping[good], 1e-9)
+            damping[bad] *= 6.0
+            refused[good] = 0
+            refused[bad] += 1
+    return costs, rollouts
+
+
+def _squares(residual: Array) -> Array:
+    total = np.einsum('bi,bi->b', residual, residual)
+    return np.where(np.isfinite(total), total, np.inf)
+
+
+def _residuals(
+    plant: RotaryPendulum,
+    start: Array,
+    durations: Array,
+    torques: Array,
+    turns: Array,
+    psi_max: float,
+    steps: int,
+) -> tuple[Array, Array]:
+    """Distance from upright at rest and excess of |psi|, (B, 5), with derivatives (B, 5, K)."""
+    w0 = plant.natural_frequency
+    states, sensitivities = roll_batch(plant, start, durations, torques, steps)
+    scale = np.array([1.0, 1.0, 1.0 / w0, 1.0 / w0])
+    nearest = np.round(states[:, -1, 0] / (2 * np.pi))
+    turn = np.where(np.isnan(turns), nearest, turns)
+    residual = np.zeros((len(states), 5))
+    residual[:, :4] = states[:, -1] * scale
+    residual[:, 0] -= 2 * np.pi * turn
+    rows = np.arange(len(states))
+    peak = np.abs(states[:, :, 1]).argmax(axis=1)
+    psi = states[rows, peak, 1]
+    residual[:, 4] = np.maximum(np.abs(psi) - psi_max, 0.0)
+    jacobian = np.zeros((len(states), 5, durations.shape[1]))
+    jacobian[:, :4] = sensitivities[:, -1] * scale[:, None]
+    over = residual[:, 4] > 0
+    jacobian[over, 4] = (np.sign(psi)[:, None] * sensitivities[rows, peak, 1])[over]
+    return residual, jacobian
+
+
+def _damped_steps(
+    residual: Array,
+    jacobian: Array,
+    durations: Array,
+    varied: NDArray[np.bool_],
+    damping: Array,
+    w0: float,
+) -> Array:
+    """Projected, damped Gauss-Newton steps (B, K); zero where the system is singular."""
+    gradient = np.einsum('bmk,bm->bk', jacobian, residual)
+    free = varied & ~((durations <= 0) & (gradient > 0))
+    free &= np.isfinite(jacobian).all(axis=(1, 2))[:, None]
+    masked = np.where(free[:, None], jacobian, 0.0)
+    normal = np.einsum('bmk,bml->bkl', masked, masked)
+    diagonal = np.einsum('bkk->bk', normal)
+    ridge = np.where(free, damping[:, None] * (diagonal + 1e-3 * w0**2), 1.0)
+    normal += ridge[:, :, None] * np.eye(normal.shape[1])
+    right = np.where(free, -gradient, 0.0)
+    try:
+        steps: Array = np.linalg.solve(normal, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return np.zeros_like(right)
+    return np.where(np.isfinite(steps), steps, 0.0)

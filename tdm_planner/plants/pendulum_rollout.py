@@ -1,0 +1,180 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion of the rotary pendulum under arcs of constant torque, compiled where that is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+import os
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants import pendulum_lockstep as lockstep
+from tdm_planner.plants.compilation import COMPILED
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+Array = NDArray[np.float64]
+
+# Sum of squares at which a start has arrived, and the effort spent on one.
+ARRIVED = 1e-12
+_TARGET = 1e-20
+_ITERATIONS = 25
+_CHUNK = 8
+
+
+@dataclass(frozen=True)
+class ArcBatch:
+    """Many sequences of arcs from one start state.
+
+    `durations` (B, K) [s], zero from `arcs` (B,) on; `torques` (B, K) [N m]; `turns` (B,) the
+    number of turns of the goal, NaN for the nearest; `costs` (B,) the sum of squared distances
+    from the goal, infinite where not yet computed.
+    """
+
+    durations: Array
+    arcs: NDArray[np.intp]
+    torques: Array
+    turns: Array
+    costs: Array
+
+
+def roll(
+    plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
+) -> tuple[Array, Array]:
+    """Integrate arcs `durations` [s], `torques` [N m], both (K,), by `steps` RK4 steps each.
+
+    Returns states (n, 4) and their exact derivatives by the durations (n, 4, K), n = K steps + 1.
+    """
+    if not COMPILED:
+        with np.errstate(all='ignore'):
+            states, derivatives = lockstep.roll_batch(
+                plant, start, durations[None], torques[None], steps
+            )
+        return states[0], derivatives[0]
+    from tdm_planner.plants.pendulum_kernels import roll_arcs
+
+    nodes = durations.size * steps + 1
+    states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
+    roll_arcs(_constants(plant), start, durations, torques, steps, states, derivatives, True)
+    return states, derivatives
+
+
+def roll_ends(
+    plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
+) -> Array:
+    """Derivatives (B, 4, K) of the final states by the durations, for a batch (B, K) of them."""
+    if not COMPILED:
+        with np.errstate(all='ignore'):
+            many = np.broadcast_to(torques, durations.shape)
+            return lockstep.roll_batch(plant, start, durations, many, steps)[1][:, -1]
+    return np.stack([roll(plant, start, d, torques, steps)[1][-1] for d in durations])
+
+
+def roll_states(
+    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, steps: int
+) -> Array:
+    """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
+    if COMPILED:
+        from tdm_planner.plants.pendulum_kernels import roll_arcs
+
+        nodes = np.empty((intervals.size * steps + 1, 4))
+        unused = np.empty((1, 4, 1))
+        roll_arcs(_constants(plant), start, intervals, torques, steps, nodes, unused, False)
+        return nodes[::steps].copy()
+    states = np.empty((intervals.size + 1, 4))
+    states[0] = x = start
+    for index, (interval, torque) in enumerate(zip(intervals, torques, strict=True)):
+        h, control = interval / steps, np.array([torque])
+        for _ in range(steps):
+            k1 = plant.derivative(x, control)
+            k2 = plant.derivative(x + 0.5 * h * k1, control)
+            k3 = plant.derivative(x + 0.5 * h * k2, control)
+            k4 = plant.derivative(x + h * k3, control)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        states[index + 1] = x
+    return states
+
+
+def steer(
+    plant: RotaryPendulum,
+    start: Array,
+    batch: ArcBatch,
+    psi_max: float,
+    steps: int,
+    stop: Callable[[], bool],
+) -> int:
+    """Vary all durations until the motions end upright at rest; the batch changes in place.
+
+    Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
+    start on its own, on all cores; `stop` is asked between starts and ends it early. Returns the
+    number of integrations. The result does not depend on the number of cores.
+    """
+    if not COMPILED:
+        batch.costs[:], rollouts = lockstep.steer_batch(
+            plant,
+            start,
+            batch.durations,
+            batch.arcs,
+            batch.torques,
+            batch.turns,
+            psi_max,
+            steps,
+            _ITERATIONS,
+            _TARGET,
+            stop,
+        )
+        return rollouts
+    from tdm_planner.plants.pendulum_kernels import steer_arcs
+
+    def work(first: int) -> int:
+        if stop():
+            return 0
+        rows = slice(first, first + _CHUNK)
+        return int(
+            steer_arcs(
+                _constants(plant),
+                start,
+                batch.durations[rows],
+                batch.arcs[rows],
+                batch.torques[rows],
+                batch.turns[rows],
+                psi_max,
+                plant.natural_frequency,
+                steps,
+                _ITERATIONS,
+                _TARGET,
+                batch.costs[rows],
+            )
+        )
+
+    chunks = range(0, batch.arcs.size, _CHUNK)
+    workers = min(_cores(), len(chunks))
+    if workers <= 1:
+        return sum(map(work, chunks))
+    with ThreadPoolExecutor(workers) as pool:
+        return sum(pool.map(work, chunks))
+
+
+def compile_kernels(plant: RotaryPendulum) -> None:
+    """Compile the kernels or load them from the disk; nothing to do without a compiler."""
+    if not COMPILED:
+        return
+    start = np.array([0.1, 0.0, 0.0, 0.0])
+    durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
+    batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
+    steer(plant, start, batch, 1.0, 2, lambda: False)
+    roll_states(plant, start, durations[0], torques[0], 1)
+
+
+def _constants(plant: RotaryPendulum) -> Array:
+    return np.array(plant.coefficients)
+
+
+def _cores() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1

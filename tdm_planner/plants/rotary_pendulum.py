@@ -1,0 +1,260 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rotary (Furuta) pendulum: equations of motion, derivatives, energy.
+
+theta is the pendulum's angle from UPRIGHT, psi the disk's (arm's), both positive about their axes
+as in section 4.1 of Yakimenko (2006). With m the pendulum's mass, l the distance from its pivot to
+its centre of mass, r the arm's length, I_d the disk's inertia about the vertical and I_x, I_y, I_z
+the pendulum's about its centre of mass (y along the rod, z the pivot's axis),
+
+    A = I_z + m l^2,  c = I_x - I_y + m l^2,  B = m l r cos(theta),
+    J = I_d + m r^2 + (I_x + m l^2) sin(theta)^2 + I_y cos(theta)^2,
+
+    A theta'' + B psi'' = r_1 = (c/2) sin(2 theta) psi'^2 + m g l sin(theta)
+    B theta'' + J psi'' = r_2 = T - c sin(2 theta) theta' psi' + m l r sin(theta) theta'^2.
+
+These are equations (6)-(7) of the paper with their misprints mended; the same form follows from
+Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+
+Array = NDArray[np.float64]
+
+# Below this share of A J the mass matrix's determinant is lost in rounding.
+_SMALLEST_DETERMINANT = 1e-9
+
+
+class Coefficients(NamedTuple):
+    """The seven lumped constants in which the equations of motion are linear.
+
+    `coupling` is c [kg m^2], `pendulum` A, `disk` I_d + m r^2, `disk_sine` I_x + m l^2,
+    `disk_cosine` I_y, `arm` m l r [all kg m^2], `gravity` m g l [N m].
+    """
+
+    coupling: float
+    pendulum: float
+    disk: float
+    disk_sine: float
+    disk_cosine: float
+    arm: float
+    gravity: float
+
+
+@dataclass(frozen=True)
+class PendulumInertia(Validated):
+    """Moments of inertia."""
+
+    disk: float = parameter(
+        2.334e-4,
+        'moment of inertia of disk, arm and motor about the vertical',
+        unit='kg m^2',
+        allowed=POSITIVE,
+    )
+    x: float = parameter(
+        3.3282e-5,
+        "pendulum's moment of inertia about its centre of mass, axis across rod and pivot",
+        unit='kg m^2',
+        allowed=POSITIVE,
+    )
+    y: float = parameter(
+        2.7e-7,
+        "pendulum's moment of inertia about its centre of mass, axis along the rod",
+        unit='kg m^2',
+        allowed=POSITIVE,
+    )
+    z: float = parameter(
+        3.3282e-5,
+        "pendulum's moment of inertia about its centre of mass, axis of the pivot",
+        unit='kg m^2',
+        allowed=POSITIVE,
+    )
+
+
+@dataclass(frozen=True)
+class RotaryPendulum(Validated):
+    """A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
+
+    Raises
+    ------
+    InvalidProblem
+        For a parameter that is not allowed, or values whose equations of motion are singular.
+    """
+
+    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=POSITIVE)
+    com_distance: float = parameter(
+        0.0645,
+        "distance from the pivot to the pendulum's centre of mass",
+        unit='m',
+        allowed=POSITIVE,
+    )
+    arm_length: float = parameter(
+        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=POSITIVE
+    )
+    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
+    inertia: PendulumInertia = group(PendulumInertia)
+
+    state_names: ClassVar[tuple[str, ...]] = ('theta', 'psi', 'theta_dot', 'psi_dot')
+    state_units: ClassVar[tuple[str, ...]] = ('rad', 'rad', 'rad/s', 'rad/s')
+    control_names: ClassVar[tuple[str, ...]] = ('torque',)
+    control_units: ClassVar[tuple[str, ...]] = ('N m',)
+
+    def __post_init__(self) -> None:
+        """Check the values, alone and together."""
+        super().__post_init__()
+        k = self.coefficients
+        scale = k.pendulum * (k.disk + k.disk_cosine)
+        determinant = scale - k.arm**2
+        usable = 1e-200 < scale < 1e200 and 1e-100 < k.gravity < 1e100
+        if not (usable and determinant > _SMALLEST_DETERMINANT * scale):
+            raise InvalidProblem(
+                "parameters 'plant.*' do not make a rig that can be computed: with mass "
+                f'{self.mass:g} kg, com_distance {self.com_distance:g} m and arm_length '
+                f'{self.arm_length:g} m the inertias must be neither negligible nor excessive'
+            )
+
+    @cached_property
+    def coefficients(self) -> Coefficients:
+        """Lumped constants of the equations of motion."""
+        first_moment = self.mass * self.com_distance
+        second_moment = first_moment * self.com_distance
+        return Coefficients(
+            coupling=self.inertia.x - self.inertia.y + second_moment,
+            pendulum=self.inertia.z + second_moment,
+            disk=self.inertia.disk + self.mass * self.arm_length**2,
+            disk_sine=self.inertia.x + second_moment,
+            disk_cosine=self.inertia.y,
+            arm=first_moment * self.arm_length,
+            gravity=first_moment * self.gravity,
+        )
+
+    @property
+    def natural_frequency(self) -> float:
+        """Angular frequency of small swings about hanging with the disk held, w0 [rad/s]."""
+        return math.sqrt(self.coefficients.gravity / self.coefficients.pendulum)
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        """Time derivative of the states: (..., 4), (..., 1) -> (..., 4)."""
+        state, control = np.asarray(state), np.asarray(control)
+        if state.ndim == 1 and control.ndim == 1:
+            # One state at a time is what integrators ask for: scalars are ten times faster.
+            theta, _, theta_dot, psi_dot = state.tolist()
+            rates = self._acceleration(
+                math.sin(theta), math.cos(theta), theta_dot, psi_dot, float(control[0])
+            )
+            return np.array([theta_dot, psi_dot, *rates])
+        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
+        rates = self._acceleration(
+            np.sin(theta), np.cos(theta), theta_dot, psi_dot, control[..., 0]
+        )
+        return np.stack(np.broadcast_arrays(theta_dot, psi_dot, *rates), axis=-1)
+
+    def _acceleration(
+        self, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
+    ) -> tuple[Any, Any]:
+        k = self.coefficients
+        double_sine = 2 * sine * cosine
+        b = k.arm * cosine
+        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+        r1 = 0.5 * k.coupling * double_sine * psi_dot**2 + k.gravity * sine
+        r2 = torque - k.coupling * double_sine * theta_dot * psi_dot + k.arm * sine * theta_dot**2
+        determinant = k.pendulum * j - b**2
+        return (j * r1 - b * r2) / determinant, (k.pendulum * r2 - b * r1) / determinant
+
+    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """Return df/dx (..., 4, 4) and df/du (..., 4, 1) at states (..., 4), controls (..., 1)."""
+        state, control = np.broadcast_arrays(
+            np.asarray(state, dtype=float), np.asarray(control, dtype=float)[..., :1]
+        )
+        theta, theta_dot, psi_dot, torque = (
+            state[..., 0],
+            state[..., 2],
+            state[..., 3],
+            control[..., 0],
+        )
+        k = self.coefficients
+        sine, cosine = np.sin(theta), np.cos(theta)
+        double_sine, double_cosine = 2 * sine * cosine, cosine**2 - sine**2
+        b = k.arm * cosine
+        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+        determinant = k.pendulum * j - b**2
+        theta_ddot, psi_ddot = self._acceleration(sine, cosine, theta_dot, psi_dot, torque)
+        # (A theta'' + B psi'', B theta'' + J psi'') = (r_1, r_2), differentiated term by term.
+        b_theta, j_theta = -k.arm * sine, (k.disk_sine - k.disk_cosine) * double_sine
+        zero = np.zeros_like(theta)
+        r1 = (
+            k.coupling * double_cosine * psi_dot**2 + k.gravity * cosine - b_theta * psi_ddot,
+            zero,
+            k.coupling * double_sine * psi_dot,
+        )
+        r2 = (
+            -2 * k.coupling * double_cosine * theta_dot * psi_dot
+            + k.arm * cosine * theta_dot**2
+            - b_theta * theta_ddot
+            - j_theta * psi_ddot,
+            -k.coupling * double_sine * psi_dot + 2 * k.arm * sine * theta_dot,
+            -k.coupling * double_sine * theta_dot,
+        )
+        by_state = np.zeros((*theta.shape, 4, 4))
+        by_state[..., 0, 2] = by_state[..., 1, 3] = 1.0
+        for column, d1, d2 in zip((0, 2, 3), r1, r2, strict=True):
+            by_state[..., 2, column] = (j * d1 - b * d2) / determinant
+            by_state[..., 3, column] = (k.pendulum * d2 - b * d1) / determinant
+        by_control = np.zeros((*theta.shape, 4, 1))
+        by_control[..., 2, 0] = -b / determinant
+        by_control[..., 3, 0] = k.pendulum / determinant
+        return by_state, by_control
+
+    def linearise(
+        self, equilibrium: Literal['upright', 'hanging'] = 'upright'
+    ) -> tuple[Array, Array]:
+        """Return A (4, 4) and B (4, 1) of x' = A x + B u about an equilibrium at rest."""
+        theta = 0.0 if equilibrium == 'upright' else math.pi
+        by_state, by_control = self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
+        return by_state, by_control
+
+    def energy(self, state: Array) -> Array:
+        """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""
+        k = self.coefficients
+        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
+        sine, cosine = np.sin(theta), np.cos(theta)
+        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+        kinetic = (
+            0.5 * k.pendulum * theta_dot**2
+            + k.arm * cosine * theta_dot * psi_dot
+            + 0.5 * j * psi_dot**2
+        )
+        total: Array = kinetic + k.gravity * cosine
+        return total
+
+    def torque_for(self, state: Array, psi_ddot: Array) -> tuple[Array, Array]:
+        """Inverse dynamics: torque [N m] and theta'' [rad/s^2] at which the disk has psi''.
+
+        States (..., 4) and psi'' (...) -> two arrays (...).
+        """
+        k = self.coefficients
+        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
+        sine, cosine = np.sin(theta), np.cos(theta)
+        double_sine = 2 * sine * cosine
+        b = k.arm * cosine
+        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+        r1 = 0.5 * k.coupling * double_sine * psi_dot**2 + k.gravity * sine
+        theta_ddot = (r1 - b * psi_ddot) / k.pendulum
+        torque = (
+            b * theta_ddot
+            + j * psi_ddot
+            + k.coupling * double_sine * theta_dot * psi_dot
+            - k.arm * sine * theta_dot**2
+        )
+        return torque, theta_ddot

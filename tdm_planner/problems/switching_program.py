@@ -1,0 +1,178 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The swing-up as the nonlinear program (10): the varied parameters are the switching times.
+
+Xi = w0 (d_1, ..., d_K), the durations of arcs of alternating extreme torque; J = sum Xi. The
+argument tau is time itself: torque and initial state already determine the motion, so that the
+states follow by integration and the terminal conditions become equalities,
+
+    (theta - 2 pi n, psi, theta'/w0, psi'/w0) = 0 at the end,  |psi| <= psi_max along every arc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.nonlinear_program import (
+    Linearisation,
+    Multipliers,
+    NonlinearProgram,
+    Point,
+)
+from tdm_planner.plants.pendulum_rollout import roll, roll_ends
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
+_SMALLEST_CURVATURE = 2e-2
+_NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What `evaluate` keeps: residuals of the ends with derivatives, peaks of the arcs."""
+
+    residual: Array  # (4,)
+    jacobian: Array  # (4, K)
+    margins: Array  # (K,), psi_max - the largest |psi| of every arc
+    margins_jacobian: Array  # (K, K)
+
+
+class SwitchingProgram(NonlinearProgram):
+    """The nonlinear program for one sequence of torques.
+
+    `start` (4,), `torques` (K,) [N m], `turns` the n of theta = 2 pi n, `disk_angle` the limit of
+    |psi| [rad], `steps` the number of RK4 steps an arc.
+    """
+
+    def __init__(
+        self,
+        plant: RotaryPendulum,
+        start: Array,
+        torques: Array,
+        turns: int,
+        disk_angle: float,
+        steps: int,
+    ) -> None:
+        self.plant = plant
+        self.start = start
+        self.torques = torques
+        self.turns = turns
+        self.disk_angle = disk_angle
+        self.steps = steps
+        self.lower = np.zeros(torques.size)
+        self.upper = np.full(torques.size, np.inf)
+        self.evaluations = 0
+        w0 = plant.natural_frequency
+        self._scale = np.array([1.0, 1.0, 1.0 / w0, 1.0 / w0])
+
+    def evaluate(self, xi: Array) -> Point:
+        """Return the scaled time, and violations of the ends (group 0) and of |psi| (group 1)."""
+        self.evaluations += 1
+        w0 = self.plant.natural_frequency
+        states, sensitivities = roll(self.plant, self.start, xi / w0, self.torques, self.steps)
+        residual = states[-1] * self._scale
+        residual[0] -= 2 * np.pi * self.turns
+        sensitivities = sensitivities / w0
+        heights, slopes = _peaks(states, sensitivities, xi / w0, self.steps, w0)
+        motion = _Motion(
+            residual,
+            sensitivities[-1] * self._scale[:, None],
+            self.disk_angle - heights,
+            -slopes,
+        )
+        worst = np.array([np.abs(residual).max(), max(float(-motion.margins.min()), 0.0)])
+        if not np.isfinite(worst).all():
+            worst = np.full(2, np.inf)
+        return Point(xi, float(xi.sum()), worst, motion)
+
+    def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
+        """First derivatives, and the Hessian reduced to the null space of the end conditions."""
+        motion: _Motion = point.cache
+        near = np.flatnonzero((motion.margins < _NEAR_LIMIT) & (point.xi > 0))
+        duals: Array
+        if multipliers is None:
+            varied = point.xi > 1e-7
+            duals = np.linalg.lstsq(
+                motion.jacobian[:, varied].T, -np.ones(int(varied.sum())), rcond=1e-6
+            )[0]
+        else:
+            duals = multipliers.equalities
+        return Linearisation(
+            gradient=np.ones(point.xi.size),
+            hessian=self._hessian(point.xi, motion.jacobian, duals),
+            equalities=motion.residual,
+            equality_jacobian=motion.jacobian,
+            inequalities=motion.margins[near],
+            inequality_jacobian=motion.margins_jacobian[near],
+            inequality_groups=np.ones(near.size, dtype=np.intp),
+            tags=near,
+        )
+
+    def _hessian(self, xi: Array, jacobian: Array, duals: Array) -> Array:
+        """Curvature of the Lagrangian along the end conditions, by directional differences."""
+        _, _, basis = np.linalg.svd(jacobian)
+        across, along = basis[:4], basis[4:]
+        hessian: Array = _SMALLEST_CURVATURE * (across.T @ across)
+        if not len(along):
+            return hessian
+        w0 = self.plant.natural_frequency
+        moved = np.ascontiguousarray((xi + _DIFFERENCE * along) / w0)
+        ends = roll_ends(self.plant, self.start, moved, self.torques, self.steps)
+        self.evaluations += len(along)
+        weights = duals * self._scale / w0
+        change = (np.einsum('m,bmk->bk', weights, ends) - jacobian.T @ duals) / _DIFFERENCE
+        reduced = change @ along.T
+        values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
+        directions = along.T @ vectors
+        curvatures = np.maximum(np.abs(values), _SMALLEST_CURVATURE)
+        hessian += (directions * curvatures) @ directions.T
+        return hessian
+
+    def correction_rows(
+        self, point: Point, at: Linearisation, active: NDArray[np.bool_]
+    ) -> Array | None:
+        """Residuals of the ends and of the peaks that were active."""
+        motion: _Motion = point.cache
+        return np.concatenate([motion.residual, np.minimum(motion.margins[at.tags[active]], 0.0)])
+
+
+def _peaks(
+    states: Array, sensitivities: Array, durations: Array, steps: int, w0: float
+) -> tuple[Array, Array]:
+    """Largest |psi| of every arc (K,) with derivatives by w0 d, (K, K).
+
+    Between the two nodes where psi' changes its sign the peak is that of the parabola through
+    psi and both psi'.
+    """
+    arcs = durations.size
+    first = np.arange(arcs) * steps
+    node = first + 1 + np.abs(states[1:, 1]).reshape(arcs, steps).argmax(axis=1)
+    sign = np.where(states[node, 1] < 0, -1.0, 1.0)
+    height = np.abs(states[node, 1])
+    slope = sign[:, None] * sensitivities[node, 1]
+    speed = sign * states[node, 3]
+    left = np.where(speed > 0, node, node - 1)
+    right = np.minimum(left + 1, first + steps)
+    rising, falling = sign * states[left, 3], sign * states[right, 3]
+    inside = (right > left) & (rising > 0) & (falling < 0)
+    if not inside.any():
+        return height, slope
+    left, right, sign = left[inside], right[inside], sign[inside]
+    rising, falling = rising[inside], falling[inside]
+    h, bend = durations[inside] / steps, rising - falling
+    height[inside] = sign * states[left, 1] + 0.5 * h * rising**2 / bend
+    by_rising = 0.5 * h * (2 * rising * bend - rising**2) / bend**2
+    by_falling = 0.5 * h * rising**2 / bend**2
+    slope[inside] = sign[:, None] * (
+        sensitivities[left, 1]
+        + by_rising[:, None] * sensitivities[left, 3]
+        + by_falling[:, None] * sensitivities[right, 3]
+    )
+    own = np.flatnonzero(inside)
+    slope[own, own] += 0.5 * rising**2 / bend / (steps * w0)
+    return height, slope

@@ -1,0 +1,174 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The search for switching times: random starts, steered upright, the quickest ones polished."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_program import SwitchingProgram
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Array = NDArray[np.float64]
+
+FEWEST_ARCS = 4  # as many unknowns as end conditions
+COARSE_STEPS = 12  # RK4 steps an arc while searching,
+FINE_STEPS = 96  # and for the final polish
+_DISTINCT = 2e-3  # relative difference of the total times of two different candidates
+_SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
+_SAMPLE_TIME = 5e-3  # [s]
+_SUBSTEPS = 8  # RK4 steps between two samples of a trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Durations (K,) [s] of arcs of torque (K,) [N m] that end at theta = 2 pi `turns`."""
+
+    durations: Array
+    torques: Array
+    turns: int
+
+    @property
+    def total(self) -> float:
+        """Time of the transfer [s]."""
+        return float(self.durations.sum())
+
+
+def random_arcs(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> ArcBatch:
+    """Random sequences of up to `most` arcs: total times log-uniform, split by Dirichlet(2)."""
+    w0 = task.plant.natural_frequency
+    quickest = max(task.quickest, 1e-3 / w0)
+    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
+    fewest = min(FEWEST_ARCS, most)
+    index = np.arange(count)
+    arcs = fewest + index % (min(most, 8) - fewest + 1)
+    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
+    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
+    durations = shares * (totals / shares.sum(axis=1))[:, None]
+    first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
+    torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
+    return arc_batch(task, durations, arcs, torques)
+
+
+def arc_batch(
+    task: SwingUpTask, durations: Array, arcs: NDArray[np.intp], torques: Array
+) -> ArcBatch:
+    """Return a batch that aims at the task's goal."""
+    count = len(durations)
+    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
+    return ArcBatch(
+        np.ascontiguousarray(durations),
+        arcs,
+        np.ascontiguousarray(torques),
+        turns,
+        np.full(count, np.inf),
+    )
+
+
+def steered(task: SwingUpTask, batch: ArcBatch, budget: Budget, until: float) -> list[Candidate]:
+    """Steer the batch until `until` [s of the budget]; the distinct arrivals, quickest first."""
+    budget.evaluations += steer(
+        task.plant,
+        task.start,
+        batch,
+        task.planned_disk_angle,
+        COARSE_STEPS,
+        lambda: budget.elapsed > until,
+    )
+    totals = batch.durations.sum(axis=1)
+    arrived = np.flatnonzero(batch.costs < ARRIVED)
+    found: list[Candidate] = []
+    for index in arrived[np.argsort(totals[arrived], kind='stable')]:
+        if found and totals[index] - found[-1].total < _DISTINCT * totals[index]:
+            continue
+        n = batch.arcs[index]
+        durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
+        turns = task.turns
+        if turns is None:
+            end = roll_states(task.plant, task.start, durations, torques, COARSE_STEPS)[-1, 0]
+            turns = round(float(end) / (2 * math.pi))
+        found.append(Candidate(durations, torques, turns))
+    return found
+
+
+def polish(
+    task: SwingUpTask,
+    candidate: Candidate,
+    steps: int,
+    tolerance: float,
+    budget: Budget,
+    cutoff: float | None = None,
+) -> tuple[Candidate, float]:
+    """Minimise the total time from a candidate; the result and its largest violation.
+
+    A search that does not end feasible gives the candidate back, with its own violation.
+    """
+    w0 = task.plant.natural_frequency
+    program = SwitchingProgram(
+        task.plant, task.start, candidate.torques, candidate.turns, task.planned_disk_angle, steps
+    )
+    feasibility = max(tolerance, 1e-11)
+    options = TrustRegionOptions(
+        penalties=(30.0, 30.0),
+        radius=0.5,
+        iterations=25,
+        cost_tolerance=1e-5,
+        feasibility=(feasibility, feasibility),
+        corrections=4,
+        cutoff=None if cutoff is None else cutoff * w0,
+    )
+    before = program.evaluate(candidate.durations * w0)
+    with np.errstate(all='ignore'):
+        minimum = minimise(program, before.xi, options, budget)
+    budget.evaluations += program.evaluations
+    after = minimum.point
+    if after.violation <= max(feasibility, before.violation):
+        return Candidate(after.xi / w0, candidate.torques, candidate.turns), after.violation
+    return candidate, before.violation
+
+
+def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
+    """Leave out arcs too short to matter, and join neighbours that then have the same torque."""
+    shortest = _SHORTEST_ARC / task.plant.natural_frequency
+    durations: list[float] = []
+    torques: list[float] = []
+    for duration, torque in zip(candidate.durations, candidate.torques, strict=True):
+        if duration < shortest:
+            continue
+        if torques and torques[-1] == torque:
+            durations[-1] += duration
+        else:
+            durations.append(float(duration))
+            torques.append(float(torque))
+    return Candidate(np.array(durations), np.array(torques), candidate.turns)
+
+
+def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
+    """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
+    spacing = min(_SAMPLE_TIME, 0.05 / task.plant.natural_frequency)
+    switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
+    times, torques = [np.zeros(1)], []
+    for start, end, torque in _arcs(switches, candidate.torques):
+        count = max(1, math.ceil((end - start) / spacing))
+        inside = to_nanoseconds(np.linspace(start, end, count + 1)[1:])
+        times.append(inside)
+        torques.append(np.full(count, torque))
+    instants, held = np.concatenate(times), np.concatenate(torques)
+    states = roll_states(task.plant, task.start, np.diff(instants), held, _SUBSTEPS)
+    controls = np.append(held, held[-1])[:, None]
+    return task.trajectory(instants, states, controls)
+
+
+def _arcs(switches: Array, torques: Array) -> Iterator[tuple[float, float, float]]:
+    for start, end, torque in zip(switches[:-1], switches[1:], torques, strict=True):
+        if end > start:
+            yield float(start), float(end), float(torque)
