@@ -1,0 +1,197 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Polynomial reference functions from boundary conditions, section 3 of Yakimenko (2006).
+
+The paper's (2)-(4) give the quintic with x, x', x'' at both ends; every further derivative that is
+prescribed or varied at an end raises the order by one. Here any set of derivatives at either end
+works. System (4) is badly conditioned in raw tau, so it is solved on the unit interval for
+derivatives scaled by the span, in exact rational arithmetic, once for every set of conditions; and
+the polynomial is kept as its Taylor expansions about both ends, evaluated about the nearer one,
+so that the boundary conditions hold to the last bits whatever the span and the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialBasis:
+    """Shapes of the polynomials that given end derivatives determine, on the unit interval.
+
+    `start` and `end` list the orders of the derivatives given at s = 0 and at s = 1. The shapes
+    are in that order, start before end: `values(s, k)` (..., m) is the k-th derivative of each,
+    shape i being the polynomial whose i-th condition is 1 and all others 0.
+    """
+
+    start: tuple[int, ...]
+    end: tuple[int, ...]
+    about_start: Array
+    about_end: Array
+
+    @classmethod
+    def of(cls, start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
+        """Return the basis for these derivatives (cached).
+
+        Raises
+        ------
+        InvalidProblem
+            If an order is repeated or negative, or the conditions do not determine a polynomial.
+        """
+        return _basis(tuple(start), tuple(end))
+
+    @property
+    def order(self) -> int:
+        """Order of the polynomials: one less than the number of conditions."""
+        return len(self.start) + len(self.end) - 1
+
+    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
+        at = np.asarray(s, dtype=float)
+        near_start = (at <= 0.5)[..., None]
+        return np.where(
+            near_start,
+            _horner(self.about_start, at, derivative),
+            _horner(self.about_end, at - 1.0, derivative),
+        )
+
+
+@lru_cache(maxsize=256)
+def _basis(start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
+    size = len(start) + len(end)
+    for where, orders in (('start', start), ('end', end)):
+        if len(set(orders)) != len(orders) or any(k < 0 for k in orders):
+            raise InvalidProblem(
+                f'the derivatives given at the {where}, {list(orders)}, must be distinct and >= 0'
+            )
+    if size == 0:
+        raise InvalidProblem('a polynomial needs at least one boundary condition')
+    rows = [[_derivative_of_power(p, k, 0) for p in range(size)] for k in start]
+    rows += [[_derivative_of_power(p, k, 1) for p in range(size)] for k in end]
+    inverse = _invert(rows)
+    if inverse is None:
+        raise InvalidProblem(
+            f'derivatives {list(start)} at the start and {list(end)} at the end do not determine '
+            f'a polynomial of order {size - 1}'
+        )
+    shifted = [
+        [
+            sum((math.comb(p, j) * inverse[p][i] for p in range(size)), Fraction(0))
+            for i in range(size)
+        ]
+        for j in range(size)
+    ]
+    return PolynomialBasis(start, end, _to_array(inverse), _to_array(shifted))
+
+
+def _derivative_of_power(power: int, order: int, s: int) -> Fraction:
+    """Return d^order/ds^order of s^power, at s = 0 or 1."""
+    if order > power or (s == 0 and order < power):
+        return Fraction(0)
+    return Fraction(math.perm(power, order))
+
+
+def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
+    """Gauss-Jordan elimination in exact arithmetic; None if the matrix is singular."""
+    n = len(rows)
+    work = [row + [Fraction(int(i == j)) for j in range(n)] for i, row in enumerate(rows)]
+    for column in range(n):
+        pivot = next((r for r in range(column, n) if work[r][column] != 0), None)
+        if pivot is None:
+            return None
+        work[column], work[pivot] = work[pivot], work[column]
+        scale = work[column][column]
+        work[column] = [value / scale for value in work[column]]
+        for r in range(n):
+            factor = work[r][column]
+            if r != column and factor != 0:
+                work[r] = [a - factor * b for a, b in zip(work[r], work[column], strict=True)]
+    return [row[n:] for row in work]
+
+
+def _to_array(matrix: list[list[Fraction]]) -> Array:
+    array = np.array([[float(value) for value in row] for row in matrix])
+    array.flags.writeable = False
+    return array
+
+
+def _horner(coefficients: Array, s: Array, derivative: int) -> Array:
+    """Derivative of polynomials with coefficients (powers, m) at s (...): (..., m)."""
+    powers, shapes = coefficients.shape
+    value = np.zeros((*s.shape, shapes))
+    for power in range(powers - 1, derivative - 1, -1):
+        value = value * s[..., None] + math.perm(power, derivative) * coefficients[power]
+    return value
+
+
+class PolynomialReference:
+    """A polynomial reference function x(tau) on [tau_0, tau_f] given by its end derivatives.
+
+    `start` and `end` map the order of a derivative d^k x / d tau^k to its value at tau_0 and at
+    tau_f; a value is a number or an array (...,), the same shape for all. Prescribed and varied
+    derivatives are treated alike: x is linear in all of them, and `jacobian` is its exact
+    derivative with respect to them.
+
+    Raises
+    ------
+    InvalidProblem
+        If tau_f <= tau_0, a value is not finite, or the conditions do not determine a polynomial.
+    """
+
+    def __init__(
+        self,
+        start: Mapping[int, ArrayLike],
+        end: Mapping[int, ArrayLike],
+        tau_f: float,
+        tau_0: float = 0.0,
+    ) -> None:
+        if not (np.isfinite([tau_0, tau_f]).all() and tau_f > tau_0):
+            raise InvalidProblem(
+                f'the virtual arc must end after it starts, but tau_0 = {tau_0:g}, '
+                f'tau_f = {tau_f:g}'
+            )
+        self.tau_0, self.tau_f = float(tau_0), float(tau_f)
+        self.basis = PolynomialBasis.of(tuple(start), tuple(end))
+        orders = np.array([*start, *end])
+        try:
+            values = np.array(np.broadcast_arrays(*start.values(), *end.values()), dtype=float)
+        except ValueError:
+            raise InvalidProblem(
+                'the boundary values of a polynomial must share a shape'
+            ) from None
+        if not np.isfinite(values).all():
+            raise InvalidProblem('a boundary value of a polynomial is not a finite number')
+        self._span = self.tau_f - self.tau_0
+        self._scales = self._span**orders
+        scales = self._scales.reshape(-1, *(1,) * (values.ndim - 1))
+        self._data = values * scales
+
+    @property
+    def order(self) -> int:
+        """Order of the polynomial."""
+        return self.basis.order
+
+    def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
+        """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
+        s = self._unit(tau)
+        shapes = self.basis.values(s, order)
+        return np.asarray(np.tensordot(shapes, self._data, axes=(-1, 0)) / self._span**order)
+
+    def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
+        """Derivative of `x(tau, order)` with respect to the end derivatives, (n..., m)."""
+        shapes = self.basis.values(self._unit(tau), order)
+        return np.asarray(shapes * self._scales / self._span**order)
+
+    def _unit(self, tau: ArrayLike) -> Array:
+        return (np.asarray(tau, dtype=float) - self.tau_0) / self._span

@@ -1,0 +1,120 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans as files: JSON (everything), CSV (a table), NPZ (arrays); chosen by the file's ending."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.trajectory import Trajectory
+
+_VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+
+
+def vehicles(plan: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the plan of every vehicle by name; a plan of a single one has the name ''."""
+    return dict(plan['robots']) if 'robots' in plan else {'': plan}
+
+
+def to_json(plan: Mapping[str, Any]) -> bytes:
+    """Return the plan (`Solution.to_dict`) as JSON, numbers to the last bit."""
+    return (json.dumps(plan, indent=1, allow_nan=False) + '\n').encode()
+
+
+def to_csv(plan: Mapping[str, Any]) -> bytes:
+    """Return a table: (robot,) time, states, controls; one row a sample."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    for index, (name, part) in enumerate(vehicles(plan).items()):
+        label = [name] if name else []
+        if index == 0:
+            head = ['robot'] if name else []
+            writer.writerow([*head, 'time', *part['states'], *part['controls']])
+        columns = [part['times'], *part['states'].values(), *part['controls'].values()]
+        writer.writerows([*label, *map(repr, row)] for row in zip(*columns, strict=True))
+    return text.getvalue().encode()
+
+
+def to_npz(plan: Mapping[str, Any]) -> bytes:
+    """Return arrays `times` and one for every state and control; ``robot/`` before each name."""
+    arrays: dict[str, Any] = {}
+    for name, part in vehicles(plan).items():
+        prefix = f'{name}/' if name else ''
+        arrays[f'{prefix}times'] = np.array(part['times'])
+        arrays[f'{prefix}interpolation'] = np.array(part['interpolation'])
+        for group in ('states', 'controls'):
+            for column, values in part[group].items():
+                arrays[f'{prefix}{column}'] = np.array(values)
+    for figure in _VEHICLE_FIGURES:
+        arrays[figure] = np.array(plan[figure])
+    data = io.BytesIO()
+    np.savez_compressed(data, **arrays)
+    return data.getvalue()
+
+
+WRITERS: dict[str, Callable[[Mapping[str, Any]], bytes]] = {
+    '.json': to_json,
+    '.csv': to_csv,
+    '.npz': to_npz,
+}
+
+
+def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
+    """Refuse a path that cannot be written, before anything long is done.
+
+    Raises
+    ------
+    InvalidProblem
+        If the ending is unknown or the folder does not exist.
+    """
+    if path.suffix.lower() not in endings:
+        raise InvalidProblem(f"the file '{path}' must end in one of {', '.join(endings)}")
+    if not path.parent.is_dir():
+        raise InvalidProblem(f"the folder '{path.parent}' does not exist")
+    if path.is_dir():
+        raise InvalidProblem(f"'{path}' is a folder, not a file")
+
+
+def save_plan(plan: Mapping[str, Any], path: Path) -> None:
+    """Write a plan (`Solution.to_dict`) in the format of the path's ending.
+
+    Raises
+    ------
+    InvalidProblem
+        If the path is not one that can be written.
+    """
+    check_path(path)
+    data = WRITERS[path.suffix.lower()](plan)
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise InvalidProblem(f"the file '{path}' cannot be written: {error.strerror}") from None
+
+
+def load_plan(path: Path) -> dict[str, Any]:
+    """Read a plan from its JSON file.
+
+    Raises
+    ------
+    InvalidProblem
+        If the file cannot be read or is not a plan.
+    """
+    try:
+        plan = json.loads(path.read_text())
+    except OSError as error:
+        raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise InvalidProblem(f"the file '{path}' is not JSON") from None
+    if not isinstance(plan, dict) or 'problem' not in plan:
+        raise InvalidProblem(f"the file '{path}' is not a plan written by tdm")
+    for part in vehicles(plan).values():
+        Trajectory.from_dict(dict(part))
+    return plan
