@@ -1,0 +1,169 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ``tdm`` command: plan without ROS, run the demo, record, report.
+
+Exit status: 0 done; 1 a demo missed its goal; 2 wrong usage or invalid problem; 3 no plan.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+import sys
+from typing import Any
+
+import yaml
+
+from tdm_planner import __version__
+from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
+from tdm_planner.parameters import ros_parameters
+from tdm_planner.plan_files import check_path, save_plan
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.registry import load_problem
+
+SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
+
+EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    run: Callable[[argparse.Namespace], int] = options.run
+    try:
+        return run(options)
+    except Infeasible as error:
+        _say(f'{error.code}: {error}')
+        return EXIT_NO_PLAN
+    except TdmError as error:
+        _say(f'{error.code}: {error}')
+        return EXIT_USAGE
+    except KeyboardInterrupt:
+        return 130
+
+
+def _say(text: str) -> None:
+    print(f'tdm: {text}', file=sys.stderr)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='tdm', description=__doc__.split('\n')[0])
+    parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
+
+    plan = commands.add_parser('plan', help='plan without ROS running and write the plan')
+    plan.add_argument('problem', help='pendulum, robots, or the name of an installed problem')
+    plan.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    plan.add_argument(
+        '--set', action='append', default=[], metavar='NAME=VALUE', help='one parameter'
+    )
+    plan.add_argument(
+        '-o', '--output', type=Path, required=True, metavar='FILE', help='.json, .csv or .npz'
+    )
+    plan.add_argument('--plot', type=Path, metavar='FILE', help='.png, .pdf or .svg')
+    plan.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
+    plan.set_defaults(run=_plan)
+
+    demo = commands.add_parser(
+        'demo', help='real nodes, a plan by service, a recording, a verdict'
+    )
+    demo.add_argument('plant', choices=sorted(SHORT_NAMES))
+    demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
+    demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
+    demo.set_defaults(run=_demo)
+
+    record = commands.add_parser('record', help='record topics to a rosbag2')
+    record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
+    record.add_argument('-o', '--output', type=Path, required=True, metavar='BAG')
+    record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
+    record.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
+    record.set_defaults(run=_record)
+    return parser
+
+
+def _plan(options: argparse.Namespace) -> int:
+    check_path(options.output)
+    if options.plot is not None:
+        check_path(options.plot, ('.png', '.pdf', '.svg'))
+    problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
+    problem = problem_class.from_parameters(read_parameters(options.params, options.set))
+    with _working('compiling and tabulating', options.quiet):
+        problem.prepare()
+    with _working('planning', options.quiet):
+        solution = problem.solve()
+    save_plan(solution.to_dict(), options.output)
+    if options.plot is not None:
+        _plot(problem, solution, options.plot)
+    if not options.quiet:
+        print(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')
+        print(f'written to {options.output}' + (f' and {options.plot}' if options.plot else ''))
+    return EXIT_DONE
+
+
+def _plot(problem: Problem, solution: Solution, path: Path) -> None:
+    # matplotlib takes half a second to import and only plots need it
+    from tdm_planner.plotting import plot_solution
+
+    plot_solution(problem, solution, path)
+
+
+def read_parameters(path: Path | None, settings: Sequence[str] = ()) -> dict[str, Any]:
+    """Return flat parameters from a ROS 2 parameter file and ``name=value`` settings.
+
+    Raises
+    ------
+    InvalidProblem
+        If the file cannot be read or a setting is not of that form.
+    """
+    values: dict[str, Any] = {}
+    if path is not None:
+        try:
+            values.update(ros_parameters(yaml.safe_load(path.read_text())))
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidProblem(f"the file '{path}' cannot be read: {error}") from None
+        except yaml.YAMLError as error:
+            raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not (name and equals):
+            raise InvalidProblem(f"--set '{setting}' must have the form name=value")
+        try:
+            values[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InvalidProblem(f"--set '{setting}' has no value: {_one_line(error)}") from None
+    return values
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split())
+
+
+def _working(what: str, quiet: bool) -> AbstractContextManager[Any]:
+    """Show that something goes on, on a terminal only."""
+    if quiet or not sys.stderr.isatty():
+        return nullcontext()
+    from rich.console import Console
+
+    return Console(stderr=True).status(f'{what} ...')
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from tdm_sim.demo import run_demo
+
+    output = options.output or Path(options.plant)
+    reached = run_demo(options.plant, output, parameters=options.params, quiet=options.quiet)
+    return EXIT_DONE if reached else EXIT_MISSED
+
+
+def _record(options: argparse.Namespace) -> int:
+    from tdm_sim.recorder import main as record
+
+    arguments = [*options.topics, '-o', str(options.output), '--storage', options.storage]
+    return record([*arguments, '--quiet'] if options.quiet else arguments)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,104 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes of their own: started, watched, and ended together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from types import TracebackType
+
+from tdm_planner.exceptions import TdmError
+
+_GRACE = 8.0  # seconds a process gets to end on SIGINT before it is killed
+
+
+class ProcessFailed(TdmError):
+    """A process ended that should not have, or would not end when told."""
+
+    code = 'PROCESS_FAILED'
+
+
+class NodeProcesses:
+    """Python modules run as processes, each in a group of its own, output to ``FOLDER/NAME.log``.
+
+    As a context manager it ends everything on leaving, in the reverse order of starting.
+    """
+
+    def __init__(self, folder: Path, environment: Mapping[str, str] | None = None) -> None:
+        self.folder = folder
+        self.environment = {**os.environ, **(environment or {})}
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> None:
+        """Run ``python -m MODULE ARGUMENTS`` under a name."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with self._log(name).open('wb') as output:
+            self._processes[name] = subprocess.Popen(
+                [sys.executable, '-m', module, *arguments],
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    def check(self) -> None:
+        """Raise if a process has ended by itself.
+
+        Raises
+        ------
+        ProcessFailed
+            Naming the process, its exit code and the last line it printed.
+        """
+        for name, process in self._processes.items():
+            code = process.poll()
+            if code is not None:
+                raise ProcessFailed(f'{name} ended with exit code {code}: {self.last_line(name)}')
+
+    def last_line(self, name: str) -> str:
+        """Return the last line a process printed, and where its log is."""
+        lines = self._log(name).read_text(errors='replace').strip().splitlines()
+        return f'{lines[-1] if lines else "it printed nothing"} (see {self._log(name)})'
+
+    def end(self) -> dict[str, int]:
+        """Interrupt every process, wait, and return the exit codes by name."""
+        codes: dict[str, int] = {}
+        for name in reversed(list(self._processes)):
+            _signal_group(self._processes[name], signal.SIGINT)
+        deadline = time.monotonic() + _GRACE
+        for name, process in self._processes.items():
+            try:
+                codes[name] = process.wait(max(deadline - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                _signal_group(process, signal.SIGKILL)
+                codes[name] = process.wait()
+        self._processes.clear()
+        return codes
+
+    def _log(self, name: str) -> Path:
+        return self.folder / f'{name}.log'
+
+    def __enter__(self) -> NodeProcesses:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.end()
+
+
+def _signal_group(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    if process.poll() is None:
+        try:
+            os.killpg(process.pid, number)
+        except ProcessLookupError:
+            return

@@ -1,0 +1,99 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Was the goal reached and held? Judged on the measured states alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+HOLD_TIME = 5.0
+UPRIGHT_TOLERANCE = 0.05
+LONGEST_CATCH = 3.0
+
+
+@dataclass(frozen=True)
+class MeasuredPendulum:
+    """What the plant published: times (n,) s from the start of the motion, states, torque."""
+
+    times: Array
+    theta: Array
+    psi: Array
+    theta_dot: Array
+    psi_dot: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The judgement: `reached` only if `reasons` is empty; `rows` name, planned, achieved."""
+
+    reasons: tuple[str, ...]
+    rows: tuple[tuple[str, str, str], ...]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached and held within all limits."""
+        return not self.reasons
+
+
+def held_from(times: Array, error: Array, tolerance: float) -> float:
+    """Return the earliest instant [s] from which |error| stays within `tolerance`; inf if none."""
+    outside = np.flatnonzero(~(np.abs(error) < tolerance))
+    if outside.size == 0:
+        return float(times[0]) if times.size else math.inf
+    last = int(outside[-1])
+    return float(times[last + 1]) if last + 1 < times.size else math.inf
+
+
+def judge_pendulum(
+    plan: Trajectory,
+    measured: MeasuredPendulum,
+    torque_limit: float,
+    disk_limit: float,
+    solve_time: float,
+) -> Verdict:
+    """Judge a swing-up: upright within `LONGEST_CATCH` s of the planned end and held after it."""
+    turns = 2 * math.pi * np.round(measured.theta[-1] / (2 * math.pi))
+    error = measured.theta - turns
+    since = held_from(measured.times, error, UPRIGHT_TOLERANCE)
+    after = measured.times >= since
+    held = float(measured.times[-1]) - since
+    landing = int(np.argmin(np.abs(measured.times - plan.duration)))
+    disk, torque = float(np.abs(measured.psi).max()), float(np.abs(measured.torque).max())
+    planned_torque = float(np.abs(plan.control('torque')).max())
+    planned_disk = float(np.abs(plan.state('psi')).max())
+    reasons = []
+    if not since <= plan.duration + LONGEST_CATCH:
+        reasons.append(
+            f'the pendulum was not upright within {LONGEST_CATCH:g} s of the planned end'
+        )
+    elif held < HOLD_TIME:
+        reasons.append(f'the pendulum was held for {held:.1f} s only, not {HOLD_TIME:g} s')
+    if not disk < disk_limit:
+        reasons.append(f'the disk reached {disk:.3f} rad, its limit is {disk_limit:g} rad')
+    if not torque <= torque_limit * (1 + 1e-9):
+        reasons.append(f'the torque reached {torque:.4g} N m, its limit is {torque_limit:g} N m')
+    worst_hold = float(np.abs(error[after]).max()) if after.any() else math.inf
+    rows = (
+        ('time to upright [s]', f'{plan.duration:.3f}', f'{max(since, 0.0):.3f}'),
+        ('peak torque [N m]', f'{planned_torque:.4f}', f'{torque:.4f}'),
+        ('torque margin [N m]', f'{torque_limit - planned_torque:.4f}',
+         f'{torque_limit - torque:.4f}'),
+        ('largest disk angle [rad]', f'{planned_disk:.3f}', f'{disk:.3f}'),
+        ('disk angle margin [rad]', f'{disk_limit - planned_disk:.3f}',
+         f'{disk_limit - disk:.3f}'),
+        ('landing error theta [rad]', '0', f'{error[landing]:+.4f}'),
+        ('landing error theta_dot [rad/s]', '0', f'{measured.theta_dot[landing]:+.3f}'),
+        ('held for [s]', f'>= {HOLD_TIME:g}', f'{max(held, 0.0):.1f}'),
+        ('worst angle while held [rad]', f'< {UPRIGHT_TOLERANCE:g}', f'{worst_hold:.4f}'),
+        ('time to solve [ms]', f'{1e3 * solve_time:.0f}', ''),
+    )  # fmt: skip
+    return Verdict(tuple(reasons), rows)

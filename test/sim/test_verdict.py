@@ -1,0 +1,66 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+import math
+
+import numpy as np
+import pytest
+
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.verdict import held_from, judge_pendulum, MeasuredPendulum
+
+PLAN = Trajectory(
+    np.array([0.0, 1.0]),
+    np.array([[math.pi, 0, 0, 0], [2 * math.pi, 0.5, 0, 0]]),
+    np.array([[0.014], [-0.014]]),
+    ('theta', 'psi', 'theta_dot', 'psi_dot'),
+    ('torque',),
+)
+
+
+def measured(**changes):
+    times = np.arange(0, 7, 0.005)
+    swing = np.clip(times, 0, 1)
+    columns = {
+        'theta': math.pi + math.pi * swing,
+        'psi': 0.1 * np.ones_like(times),
+        'theta_dot': np.zeros_like(times),
+        'psi_dot': np.zeros_like(times),
+        'torque': 0.01 * np.ones_like(times),
+    }
+    columns.update({name: change(times, columns[name]) for name, change in changes.items()})
+    return MeasuredPendulum(times, **columns)
+
+
+def judge(**changes):
+    return judge_pendulum(PLAN, measured(**changes), 0.02, 2.0, 0.1)
+
+
+def test_a_swing_up_that_is_held_passes():
+    verdict = judge()
+    assert verdict.reached, verdict.reasons
+    assert {row[0] for row in verdict.rows} >= {'time to upright [s]', 'held for [s]'}
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'theta': lambda t, x: np.where(t > 3, x + 0.06, x)}, 'not upright'),
+        ({'theta': lambda t, x: np.where(abs(t - 3) < 0.01, x - 0.06, x)}, 'held for'),
+        ({'theta': lambda t, x: np.where(t > 6.99, x + 0.06, x)}, 'not upright'),
+        ({'theta': lambda t, x: 0 * x + math.pi * 0.9}, 'not upright'),
+        ({'psi': lambda t, x: np.where(abs(t - 0.5) < 0.01, -2.01, x)}, 'disk'),
+        ({'torque': lambda t, x: np.where(abs(t - 0.5) < 0.01, -0.021, x)}, 'torque'),
+        ({'theta': lambda t, x: np.where(t > 3, np.nan, x)}, 'not upright'),
+    ],
+)
+def test_each_way_to_miss_is_named(changes, words):
+    verdict = judge(**changes)
+    assert not verdict.reached
+    assert words in verdict.reasons[0]
+
+
+def test_held_from_the_last_time_outside():
+    times = np.arange(5.0)
+    assert held_from(times, np.array([1, 0, 1, 0, 0.0]), 0.5) == 3.0
+    assert held_from(times, np.array([0, 0, 0, 0, 1.0]), 0.5) == math.inf
+    assert held_from(times, np.zeros(5), 0.5) == 0.0
