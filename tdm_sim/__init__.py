@@ -1,0 +1,19 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated plants for tests, experiments and demonstrations, and the recorder of their topics."""
+
+from tdm_sim.disturbances import Disturbances, pendulum_push
+from tdm_sim.integrator import integrate, runge_kutta_step
+from tdm_sim.mismatch import mismatched, mismatched_gains
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+
+__all__ = [
+    'Disturbances',
+    'PlantSetup',
+    'SimulatedPlant',
+    'integrate',
+    'mismatched',
+    'mismatched_gains',
+    'pendulum_push',
+    'runge_kutta_step',
+]

@@ -1,0 +1,44 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What disturbs a simulated plant: measurement noise, lost commands, pushes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+Array = NDArray[np.float64]
+
+
+class Disturbances:
+    """The random part of a simulated plant, reproducible: one seed, one sequence of draws."""
+
+    def __init__(self, seed: int = 0) -> None:
+        # Independent streams: how often one is drawn from must not change the other.
+        self._noise, self._loss = np.random.default_rng(seed).spawn(2)
+
+    def measured(self, state: Array, deviation: Array) -> Array:
+        """`state` (nx,) with white Gaussian noise of standard `deviation` (nx,)."""
+        return state + deviation * self._noise.standard_normal(state.shape)
+
+    def loses_command(self, probability: float) -> bool:
+        """Whether the command that has just arrived is lost."""
+        return bool(self._loss.random() < probability)
+
+
+def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
+    """State (4,) after an impulse [N m s] about the pendulum's pivot; the disk is free to react.
+
+    The generalized momentum of theta, A theta' + B psi', jumps by `impulse`, that of psi,
+    B theta' + J psi', does not.
+    """
+    k = plant.coefficients
+    sine, cosine = math.sin(state[0]), math.cos(state[0])
+    b = k.arm * cosine
+    j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+    determinant = k.pendulum * j - b**2
+    return state + impulse / determinant * np.array([0.0, 0.0, j, -b])

@@ -1,0 +1,44 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A plant whose physical constants are not those its controller believes in."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.parameters import build, to_mapping
+
+PlantType = TypeVar('PlantType')
+
+
+def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
+    """Return a copy of a plant with every physical constant off by a random relative error.
+
+    The errors are independent and uniform in +-`mismatch`; the same seed gives the same plant.
+    Constants are the numbers declared as parameters of the plant's dataclass, groups included.
+
+    Raises
+    ------
+    InvalidProblem
+        If the disturbed constants do not make a plant (a mismatch of 1 or more may do that).
+    """
+    generator = np.random.default_rng(seed)
+    constants = {
+        name: value * (1.0 + mismatch * generator.uniform(-1.0, 1.0))
+        if isinstance(value, float)
+        else value
+        for name, value in to_mapping(plant).items()
+    }
+    return build(type(plant), constants)
+
+
+def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
+    """Return what each of `count` actuators really delivers per unit commanded, (count,).
+
+    Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
+    """
+    generator = np.random.default_rng([seed, 1])
+    return 1.0 + mismatch * generator.uniform(-1.0, 1.0, count)
