@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # Starts whose sum of squares is still this large after so many iterations hardly ever arrive.
 EARLY, EARLY_COST = 9, 0.3
 LATE, LATE_COST = 16, 1e-2
+TRIES = 6  # ever more damped steps tried from one point
 
 
 @compiled
@@ -278,7 +279,7 @@ def _steer_one(
                     total += jacobian[m, p] * jacobian[m, q]
                 normal[p, q] = total
         accepted = False
-        for _ in range(6):
+        for _ in range(TRIES):
             if _damped_step(normal, gradient, damping, floor, fixed, factor, step):
                 size = np.abs(step).max()
                 if size < 1e9:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.plants.pendulum_kernels import EARLY, EARLY_COST, LATE, LATE_COST
+from tdm_planner.plants.pendulum_kernels import EARLY, EARLY_COST, LATE, LATE_COST, TRIES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -106,20 +106,14 @@ def steer_batch(
     varied: NDArray[np.bool_] = np.arange(most)[None, :] < arcs[:, None]
     longest = 0.2 * durations.sum(axis=1) + 0.2 / w0
     damping, costs = np.full(batch, 1e-3), np.full(batch, np.inf)
-    refused = np.zeros(batch, dtype=int)
+    accepted, refused = np.zeros(batch, dtype=int), np.zeros(batch, dtype=int)
     live = np.arange(batch)
     with np.errstate(all='ignore'):
         residual, jacobian = _residuals(plant, start, durations, torques, turns, psi_max, steps)
         costs = _squares(residual)
         rollouts = batch
-        for iteration in range(iterations + 6):
-            costs_live = costs[live]
-            worth = (costs_live >= target) & (costs_live < 1e12) & (refused[live] < 6)
-            if iteration >= EARLY:
-                worth &= costs_live <= EARLY_COST
-            if iteration >= LATE:
-                worth &= costs_live <= LATE_COST
-            live = live[worth]
+        while True:
+            live = live[_promising(costs[live], accepted[live], refused[live], iterations, target)]
             if not live.size or stop():
                 break
             change = _damped_steps(
@@ -139,9 +133,24 @@ def steer_batch(
             residual[good], jacobian[good] = new_residual[better], new_jacobian[better]
             damping[good] = np.maximum(0.1 * damping[good], 1e-9)
             damping[bad] *= 6.0
+            accepted[good] += 1
             refused[good] = 0
             refused[bad] += 1
     return costs, rollouts
+
+
+def _promising(
+    costs: Array,
+    accepted: NDArray[np.intp],
+    refused: NDArray[np.intp],
+    iterations: int,
+    target: float,
+) -> NDArray[np.bool_]:
+    """Which starts are worth another step, by the same rules as the compiled kernel."""
+    worth = (costs >= target) & (costs < 1e12) & (refused < TRIES) & (accepted < iterations - 1)
+    worth &= (accepted < EARLY) | (costs <= EARLY_COST)
+    worth &= (accepted < LATE) | (costs <= LATE_COST)
+    return worth
 
 
 def _squares(residual: Array) -> Array:

@@ -1,0 +1,143 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of the problem `pendulum_swing_up` on random states, strong and weak torque.
+
+    python benchmark/pendulum.py [--states N] [--json FILE]
+
+prints success rate, times relative to the best known (`pendulum_reference.py`) and solve times,
+with numba and without, and for the smooth method.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.exceptions import TdmError
+from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
+
+Array = NDArray[np.float64]
+
+REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
+_BEST_KNOWN = Path(__file__).parent / 'data' / 'pendulum_best_known.json'
+
+
+def start_state(seed: int | str) -> Array:
+    """Return the state of a seed: theta any, psi +-1 rad, rates +-5 rad/s; or 'hanging'."""
+    if seed == 'hanging':
+        return np.array([np.pi, 0.0, 0.0, 0.0])
+    rng = np.random.default_rng(int(seed))
+    return rng.uniform(-1.0, 1.0, size=4) * np.array([np.pi, 1.0, 5.0, 5.0])
+
+
+def problem(torque: float, state: Array, method: str = 'switching') -> PendulumSwingUp:
+    """Return the swing-up from a state with all the torque."""
+    return PendulumSwingUp(
+        limits=PendulumLimits(torque=torque),
+        torque_reserve=0.0,
+        start=PendulumStart(*map(float, state)),
+        method=method,
+    )
+
+
+def measure(
+    regime: str, states: int, method: str = 'switching', deadline: float = 2.0
+) -> dict[str, Any]:
+    """Solve the swing-up from the states of seeds 0 to `states` - 1 and summarise."""
+    torque = REGIMES[regime]
+    known = json.loads(_BEST_KNOWN.read_text())[regime]
+    problem(torque, start_state('hanging'), method).prepare()
+    ratios, seconds, failures = [], [], []
+    for seed in range(states):
+        began = time.perf_counter()
+        try:
+            solution = problem(torque, start_state(seed), method).solve(deadline, seed=0)
+        except TdmError as error:
+            failures.append(f'{seed}: {error}')
+        else:
+            ratios.append(solution.cost / min(known[str(seed)].values()))
+        seconds.append(time.perf_counter() - began)
+    hanging = problem(torque, start_state('hanging'), method)
+    try:
+        from_hanging = hanging.solve(deadline, seed=0).cost
+    except TdmError:
+        from_hanging = float('nan')
+    near = np.array(ratios) <= 1.02
+    return {
+        'states': states,
+        'verified': len(ratios) / states,
+        'within_1.02_of_best_known': float(near.sum()) / states,
+        'median_ratio': float(np.median(ratios)) if ratios else None,
+        'worst_ratio': float(np.max(ratios)) if ratios else None,
+        'median_ms': 1e3 * float(np.median(seconds)),
+        'p95_ms': 1e3 * float(np.quantile(seconds, 0.95)),
+        'slowest_ms': 1e3 * float(np.max(seconds)),
+        'from_hanging_s': from_hanging,
+        'failures': failures,
+    }
+
+
+def run(states: int = 100, uncompiled_states: int = 20) -> dict[str, Any]:
+    """Measure everything; the runs without numba are processes of their own."""
+    figures = {f'switching {regime}': measure(regime, states) for regime in REGIMES}
+    figures['smooth strong'] = measure('strong', states, method='smooth')
+    for regime in REGIMES:
+        figures[f'switching {regime}, without numba'] = _without_numba(regime, uncompiled_states)
+    return figures
+
+
+def _without_numba(regime: str, states: int) -> dict[str, Any]:
+    command = [sys.executable, __file__, '--only', regime, '--states', str(states)]
+    done = subprocess.run(
+        command,
+        env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the figures as lines of text."""
+    head = f'{"":32}{"verified":>9}{"<= 1.02":>9}{"median":>8}{"worst":>8}'
+    lines = [head + f'{"ms med":>8}{"ms p95":>8}{"ms max":>8}{"hanging":>9}']
+    for name, f in figures.items():
+        lines.append(
+            f'{name:32}{f["verified"]:9.1%}{f["within_1.02_of_best_known"]:9.1%}'
+            f'{f["median_ratio"] or float("nan"):8.3f}{f["worst_ratio"] or float("nan"):8.3f}'
+            f'{f["median_ms"]:8.0f}{f["p95_ms"]:8.0f}{f["slowest_ms"]:8.0f}'
+            f'{f["from_hanging_s"]:8.4f}s'
+        )
+        lines += [f'    seed {failure}' for failure in f['failures']]
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Print the table; with --only, one regime's figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--states', type=int, default=100, help='number of random states')
+    parser.add_argument('--only', choices=tuple(REGIMES), help='one regime, as JSON')
+    parser.add_argument('--json', type=Path, help='also write the figures to this file')
+    arguments = parser.parse_args()
+    if arguments.only:
+        print(json.dumps(measure(arguments.only, arguments.states)))
+        return
+    figures = run(arguments.states)
+    print(table(figures))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,177 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motions under arcs of constant torque: accuracy, exact derivatives, compiled like numpy."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tdm_planner.plants import pendulum_lockstep, pendulum_rollout, RotaryPendulum
+from tdm_planner.plants.compilation import COMPILED
+from tdm_planner.plants.pendulum_rollout import (
+    ArcBatch,
+    ARRIVED,
+    roll,
+    roll_ends,
+    roll_states,
+    steer,
+)
+
+PLANT = RotaryPendulum()
+START = np.array([np.pi, 0.0, 0.0, 0.0])
+NEVER = lambda: False  # noqa: E731
+
+ARCS = st.lists(st.floats(0.0, 0.1), min_size=1, max_size=7).map(np.array)
+STATES = st.tuples(
+    st.floats(-4.0, 4.0), st.floats(-2.0, 2.0), st.floats(-8.0, 8.0), st.floats(-8.0, 8.0)
+).map(np.array)
+
+
+def alternating(count: int, torque: float = 0.05) -> np.ndarray:
+    return torque * (-1.0) ** np.arange(count)
+
+
+def batch_of(durations: np.ndarray, torque: float, turns: float = np.nan) -> ArcBatch:
+    count, most = durations.shape
+    return ArcBatch(
+        durations.copy(),
+        np.full(count, most),
+        np.tile(alternating(most, torque), (count, 1)),
+        np.full(count, turns),
+        np.full(count, np.inf),
+    )
+
+
+@given(STATES, ARCS)
+@settings(deadline=None, derandomize=True, max_examples=30)
+def test_derivatives_are_those_of_the_discrete_motion(start, durations):
+    torques = alternating(durations.size)
+    states, derivatives = roll(PLANT, start, durations, torques, 6)
+    assert states.shape == (6 * durations.size + 1, 4)
+    step = 1e-6
+    for arc in range(durations.size):
+        change = step * (np.arange(durations.size) == arc)
+        ahead, _ = roll(PLANT, start, durations + change, torques, 6)
+        behind, _ = roll(PLANT, start, durations - change, torques, 6)
+        difference = (ahead - behind) / (2 * step)
+        scale = 1.0 + np.abs(difference).max()
+        np.testing.assert_allclose(derivatives[:, :, arc], difference, atol=1e-6 * scale)
+
+
+@given(STATES, ARCS)
+@settings(deadline=None, derandomize=True, max_examples=30)
+def test_lock_step_gives_the_same_as_compiled(start, durations):
+    torques = alternating(durations.size)
+    states, derivatives = roll(PLANT, start, durations, torques, 5)
+    many, many_derivatives = pendulum_lockstep.roll_batch(
+        PLANT, start, np.stack([durations, 0.5 * durations]), np.stack([torques, torques]), 5
+    )
+    np.testing.assert_allclose(many[0], states, rtol=1e-9, atol=1e-9)
+    scale = 1.0 + np.abs(derivatives).max()
+    np.testing.assert_allclose(many_derivatives[0], derivatives, rtol=1e-8, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        roll_ends(PLANT, start, durations[None], torques, 5)[0], derivatives[-1], rtol=1e-12
+    )
+
+
+def test_states_are_accurate():
+    intervals, torques = np.full(100, 2e-3), alternating(100, 0.09)
+    states = roll_states(PLANT, START, intervals, torques, 8)
+    expected = START
+    for index, torque in enumerate(torques):
+        control = np.array([torque])
+        expected = solve_ivp(
+            lambda t, x, u=control: PLANT.derivative(x, u),
+            (0.0, intervals[index]),
+            expected,
+            method='DOP853',
+            rtol=1e-12,
+            atol=1e-13,
+        ).y[:, -1]
+        np.testing.assert_allclose(states[index + 1], expected, rtol=0, atol=1e-9)
+
+
+def random_batch(count: int) -> ArcBatch:
+    rng = np.random.default_rng(3)
+    durations = rng.dirichlet(np.full(5, 2.0), size=count) * rng.uniform(0.2, 1.0, (count, 1))
+    return batch_of(durations, 0.09)
+
+
+def test_steering_arrives_upright_within_the_limit():
+    batch = random_batch(60)
+    steer(PLANT, START, batch, 2.0, 12, NEVER)
+    arrived = np.flatnonzero(batch.costs < ARRIVED)
+    assert arrived.size >= 3
+    for index in arrived:
+        states, _ = roll(PLANT, START, batch.durations[index], batch.torques[index], 12)
+        turns = np.round(states[-1, 0] / (2 * np.pi))
+        goal = np.array([2 * np.pi * turns, 0.0, 0.0, 0.0])
+        assert np.abs(states[-1] - goal).max() < 1e-4
+        assert np.abs(states[:, 1]).max() <= 2.0 + 1e-6
+        assert (batch.durations[index] >= 0).all()
+
+
+def test_lock_step_steering_arrives_like_the_compiled_one():
+    compiled, lockstep = random_batch(60), random_batch(60)
+    steer(PLANT, START, compiled, 2.0, 12, NEVER)
+    costs, count = pendulum_lockstep.steer_batch(
+        PLANT,
+        START,
+        lockstep.durations,
+        lockstep.arcs,
+        lockstep.torques,
+        lockstep.turns,
+        2.0,
+        12,
+        25,
+        1e-20,
+        NEVER,
+    )
+    assert count > 60
+    both = (compiled.costs < ARRIVED) & (costs < ARRIVED)
+    assert both.sum() >= 0.8 * (compiled.costs < ARRIVED).sum() > 0
+    np.testing.assert_allclose(
+        lockstep.durations[both].sum(axis=1), compiled.durations[both].sum(axis=1), rtol=1e-4
+    )
+
+
+def test_number_of_cores_does_not_matter(monkeypatch):
+    one, many = random_batch(40), random_batch(40)
+    steer(PLANT, START, many, 2.0, 12, NEVER)
+    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: 1)
+    steer(PLANT, START, one, 2.0, 12, NEVER)
+    np.testing.assert_array_equal(one.durations, many.durations)
+    np.testing.assert_array_equal(one.costs, many.costs)
+
+
+def test_steering_stops_when_told():
+    batch = random_batch(40)
+    before = batch.durations.copy()
+    assert steer(PLANT, START, batch, 2.0, 12, lambda: True) <= 40
+    np.testing.assert_array_equal(batch.durations, before)
+
+
+@pytest.mark.skipif(not COMPILED, reason='needs numba')
+def test_runs_without_numba():
+    import os
+    import subprocess
+    import sys
+
+    program = (
+        'from tdm_planner.plants.compilation import COMPILED; assert not COMPILED\n'
+        'from tdm_planner.problems import PendulumSwingUp\n'
+        "problem = PendulumSwingUp.from_parameters({'limits': {'torque': 0.09}})\n"
+        'print(problem.solve(deadline=20.0).verification.ok)'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.strip() == 'True', done.stderr
