@@ -1,0 +1,92 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+# make demo [PLANT=pendulum|robots]   set up what is missing and run the demo
+# make test | lint | benchmark        likewise
+# Needs python3 >= 3.10 with venv, and make. A sourced ROS 2 is used as it is; without one, the
+# pinned ROS 2 Jazzy wheels go into the virtual environment.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+VENV ?= .venv
+PLANT ?= pendulum
+
+# Two installations of ROS 2 must never meet in one process: the environment is made for one kind,
+# and made anew when the kind changes.
+IMPORT_NATIVE_RCLPY := import importlib.util, sys, rclpy; \
+  sys.exit(importlib.util.find_spec("ros_wheels_bootstrapper") is not None)
+ROS := $(shell [ -n "$$AMENT_PREFIX_PATH" ] \
+  && $(PYTHON) -c '$(IMPORT_NATIVE_RCLPY)' 2>/dev/null && echo native || echo wheels)
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready-$(ROS)
+PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
+
+ifeq ($(ROS),native)
+  VENV_OPTIONS := --system-site-packages
+  CONSTRAINTS := $(VENV)/installed-by-the-system.txt
+  EXTRAS := demo
+  WHAT := this package, for the ROS 2 $(ROS_DISTRO) that is sourced
+else
+  CONSTRAINTS := constraints.txt
+  EXTRAS := jazzy,demo
+  WHAT := ROS 2 Jazzy wheels and this package (about 500 MB)
+endif
+
+.PHONY: help setup demo test lint benchmark config clean
+
+help:
+	@sed -n '3,6s/^# //p' Makefile
+
+setup: $(READY)
+
+$(READY): constraints.txt setup.py pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed" if sys.version_info < (3, 10) else 0)'
+	@echo '[1/3] virtual environment in $(VENV)'
+	@if compgen -G '$(VENV)/.ready-*' >/dev/null && [ ! -e '$@' ]; then rm -rf '$(VENV)'; fi
+	@$(PYTHON) -m venv $(VENV_OPTIONS) '$(VENV)'
+	@echo '[2/3] $(WHAT)'
+ifeq ($(ROS),native)
+	@$(PYTHON) -c 'import numpy; print(f"numpy=={numpy.__version__}")' >'$(CONSTRAINTS)'
+endif
+	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS)]' || { echo \
+	  'The packages could not be installed (see above). ROS 2 wheels exist for Linux on x86-64 with' \
+	  'Python 3.10 to 3.14; elsewhere install and source ROS 2 Jazzy, then try again.' >&2; exit 1; }
+	@echo '[3/3] compiled kernels'
+	@$(BIN)/python -m tdm_planner.set_up
+	@touch '$@'
+	@echo 'ready'
+
+# What tests, linters and benchmarks need besides.
+$(READY)-test: $(READY)
+	@echo '[+] packages for the tests'
+	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),test,dev]'
+	@touch '$@'
+
+$(READY)-benchmark: $(READY)
+	@echo '[+] packages for the benchmark'
+	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),benchmark]'
+	@touch '$@'
+
+demo: $(READY)
+	@$(BIN)/tdm demo '$(PLANT)'
+
+test: $(READY)-test
+	@$(BIN)/python -m pytest
+
+lint: $(READY)-test
+	@echo 'ruff check' && $(BIN)/ruff check .
+	@echo 'ruff format --check' && $(BIN)/ruff format --check .
+	@echo 'mypy --strict' && $(BIN)/mypy --strict
+
+benchmark: $(READY)-benchmark
+	@$(BIN)/python -m benchmark
+
+# Parameter files and the README's tables, from the parameters as declared in the code.
+config: $(READY)
+	@$(BIN)/python tools/generate.py
+
+clean:
+	rm -rf '$(VENV)' build install log *.egg-info

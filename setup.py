@@ -1,0 +1,93 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Package description, read by colcon (ament_python) and pip alike."""
+
+from pathlib import Path
+import re
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'tdm_planner'
+HERE = Path(__file__).parent
+
+
+def version() -> str:
+    """Return the version, which is stated once, in the package."""
+    text = (HERE / PACKAGE / '__init__.py').read_text(encoding='utf-8')
+    found = re.search(r"^__version__ = '([^']+)'$", text, re.MULTILINE)
+    assert found is not None
+    return found.group(1)
+
+
+def shared(folder: str) -> list[tuple[str, list[str]]]:
+    """Every file under `folder`, to be installed under share/ with its sub-folders kept."""
+    files = [path.relative_to(HERE) for path in sorted((HERE / folder).rglob('*.*'))]
+    parents = sorted({path.parent for path in files if '__pycache__' not in path.parts})
+    return [
+        (f'share/{PACKAGE}/{parent}', [str(path) for path in files if path.parent == parent])
+        for parent in parents
+    ]
+
+
+setup(
+    name=PACKAGE,
+    version=version(),
+    description='Near-optimal trajectories in real time by the direct method, for ROS 2',
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    author='The tdm_planner authors',
+    maintainer='The tdm_planner authors',
+    maintainer_email='tdm_planner@example.org',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=find_packages(include=['tdm_planner', 'tdm_planner.*', 'tdm_sim', 'tdm_sim.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        *shared('config'),
+        *shared('launch'),
+    ],
+    zip_safe=False,
+    install_requires=['numpy>=1.22', 'scipy>=1.8', 'PyYAML'],
+    extras_require={
+        # What makes planning fast and the demo complete; every one of them has a fall-back or a
+        # clear message, since a ROS 2 machine may have only Debian's packages.
+        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'rich', 'rosbags'],
+        # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
+        # must not be shadowed.
+        'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'test': [
+            'colcon-core',
+            'colcon-ros',
+            'hypothesis',
+            'mcap',
+            'mcap-ros2-support',
+            'mujoco',
+            'pytest',
+            'pytest-timeout',
+            'setuptools<80',
+        ],
+        'dev': ['mypy', 'ruff', 'scipy-stubs', 'types-PyYAML'],
+        'benchmark': ['casadi'],
+    },
+    entry_points={
+        'console_scripts': [
+            'planner = tdm_planner.nodes.planner:main',
+            'tracker = tdm_planner.nodes.tracker:main',
+            'pendulum_plant = tdm_sim.pendulum_plant:main',
+            'robot_plant = tdm_sim.robot_plant:main',
+            'tdm = tdm_planner.cli:main',
+        ],
+        'tdm_planner.problems': [
+            'pendulum_swing_up = tdm_planner.problems.pendulum_swing_up:PendulumSwingUp',
+            'robot_formation = tdm_planner.problems.robot_formation:RobotFormation',
+        ],
+    },
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering',
+    ],
+)
