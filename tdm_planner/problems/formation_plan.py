@@ -1,0 +1,174 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""From reference motions to trajectories: inverse dynamics, with a thruster that turns slowly.
+
+Where the thruster cannot follow, the thrust is the projection of the wanted acceleration on the
+direction it has, and the small error this leaves at the end is taken back by shooting: a smooth
+acceleration is added where thrust is on and has room, until forward integration of (17) under
+exactly the controls that are published ends at the goal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+
+from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
+from tdm_planner.problems.thrust_direction import ThrustDirection
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 401
+_SHORTEST_STEP = 0.01
+_SHOTS = 8
+_POSITION_AIM, _VELOCITY_AIM = 2e-4, 1e-4
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the reference motion asks of one robot at `times` (N,) s.
+
+    `acceleration` (N, 2) m/s^2, `yaw` (N,) rad, `yaw_acceleration` (N,) rad/s^2.
+    """
+
+    times: Array
+    acceleration: Array
+    yaw: Array
+    yaw_acceleration: Array
+
+
+def wanted(model: ReferenceMotion, motion: Motion, robot: int) -> Wanted:
+    """Exact inverse of the reference motion of one robot on evenly spaced instants."""
+    task = model.task
+    coast = float(task.coast[robot])
+    duration = coast + float(motion.durations[robot])
+    count = min(_SAMPLES, max(8, int(duration / _SHORTEST_STEP)))
+    times = to_nanoseconds(np.linspace(0.0, duration, count))
+    s = model.arc_at(motion, times)[robot]
+    mu = model.speed_basis(s, 0) @ motion.rates[robot]
+    mu_slope = model.speed_basis(s, 1) @ motion.rates[robot]
+
+    def second(coefficients: Array, order: int) -> Array:
+        first = coefficients @ powers(s, 1, order).T
+        bend = coefficients @ powers(s, 2, order).T
+        return np.asarray((bend - first * mu_slope / mu) / mu**2)
+
+    acceleration = second(motion.position[robot], model.order)
+    yaw_acceleration = second(motion.yaw[robot], model.yaw_order)
+    waiting = times < coast
+    acceleration[:, waiting] = 0.0
+    yaw_acceleration[waiting] = 0.0
+    yaw = motion.yaw[robot] @ powers(s, 0, model.yaw_order).T
+    yaw = yaw + task.yaw_rate[robot] * np.minimum(times - coast, 0.0)
+    return Wanted(times, acceleration.T, yaw, yaw_acceleration)
+
+
+def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
+    """Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
+
+    Zero where the thruster's angle is free or the robot stays.
+    """
+    task = model.task
+    s = np.array([0.0])
+    mu = motion.rates @ model.speed_basis(s, 0)[0]
+    mu_slope = motion.rates @ model.speed_basis(s, 1)[0]
+    first = motion.position @ powers(s, 1, model.order)[0]
+    bend = motion.position @ powers(s, 2, model.order)[0]
+    acceleration = bend - first * (mu_slope / mu)[:, None]
+    heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
+    away = heading - task.departure_yaw - task.alpha
+    away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
+    weak = np.linalg.norm(acceleration, axis=1) < 1e-3 * task.thrust * mu**2
+    return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
+
+
+def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory:
+    """Controls of one robot and the states that follow from them by forward integration."""
+    task, goal = model.task, model.task.goal[robot]
+    aim = wanted(model, motion, robot)
+    direction = ThrustDirection(
+        aim.times,
+        aim.acceleration,
+        aim.yaw,
+        task.thruster_rate,
+        task.thrust,
+        float(task.alpha[robot]),
+    )
+    acceleration = aim.acceleration
+    room = _room(acceleration, task.thrust)
+    best: tuple[float, Trajectory] | None = None
+    for _ in range(_SHOTS):
+        flown = _fly(task, robot, aim, acceleration, *direction.follow(acceleration))
+        position, velocity = flown.states[-1, :2] - goal, flown.states[-1, 2:4]
+        miss = max(
+            np.abs(position).max() / _POSITION_AIM, np.abs(velocity).max() / _VELOCITY_AIM
+        )
+        if best is None or miss < best[0]:
+            best = (miss, flown)
+        if miss <= 1.0 or task.staying[robot]:
+            break
+        acceleration = acceleration + _correction(aim.times, room, position, velocity)
+    assert best is not None
+    return best[1]
+
+
+def _room(acceleration: Array, thrust: float) -> Array:
+    """Where a correction goes (N,): thrust on, so that its direction is well held, and room."""
+    force = np.hypot(acceleration[:, 0], acceleration[:, 1]) / thrust
+    return np.asarray(np.minimum(force, 0.3) * np.clip(1.03 - force, 0.02, 0.4) + 1e-6)
+
+
+def _correction(times: Array, room: Array, position: Array, velocity: Array) -> Array:
+    """Acceleration room(t) (c + d t), (N, 2), that takes back errors of the final state."""
+    left = times[-1] - times
+    shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
+    effects = np.stack(
+        [
+            trapezoid(left[:, None] * shapes, times, axis=0),
+            trapezoid(shapes, times, axis=0),
+        ]
+    )
+    factors = np.linalg.solve(effects, -np.stack([position, velocity]))
+    return np.asarray(shapes @ factors)
+
+
+def _fly(
+    task: FormationTask,
+    robot: int,
+    aim: Wanted,
+    acceleration: Array,
+    alpha: Array,
+    rate: Array,
+) -> Trajectory:
+    """Project the wanted acceleration on the thruster's direction and integrate (17)."""
+    plant, heading = task.plant, alpha + aim.yaw
+    along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
+    push = np.clip(along, 0.0, task.thrust)
+    turn = np.clip(aim.yaw_acceleration, -task.torque, task.torque)
+    states = np.zeros((aim.times.size, 7))
+    states[0] = [
+        *task.start[robot],
+        *task.velocity[robot],
+        task.yaw[robot],
+        task.yaw_rate[robot],
+        alpha[0],
+    ]
+    draft = Trajectory(
+        times=aim.times,
+        states=states,
+        controls=np.stack([plant.mass * push, rate, plant.inertia * turn], axis=1),
+        state_names=plant.state_names,
+        control_names=plant.control_names,
+        interpolation='linear',
+        state_units=plant.state_units,
+        control_units=plant.control_units,
+    )
+    flown = plant.replay(draft, aim.times)
+    assert flown is not None
+    object.__setattr__(draft, 'states', flown)
+    return draft

@@ -1,0 +1,153 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""First guesses: quintic motions bowed to either side, screened by how near the robots come.
+
+First guesses decide on which side robots pass one another, which local minimum is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.reference_motion import hermite_basis, powers, ReferenceMotion
+
+Array = NDArray[np.float64]
+
+BOWS = np.array([0.1, -0.1, 0.22, -0.22])
+_EXHAUSTIVE = 5000  # combinations of bows up to which all are screened
+_GAS_OF_A_MOVE = 2.4  # gas of a typical motion, in distances over time
+_INSTANTS = 40
+
+
+def first_arrival(task: FormationTask) -> float:
+    """Arrival time of the first robot [s] that a rough estimate of (28) prefers."""
+    way = np.linalg.norm(task.goal - task.departure, axis=1)
+    turn = np.abs(task.goal_yaw - task.departure_yaw)
+    speed = np.linalg.norm(task.velocity, axis=1)
+    later = task.interval * np.arange(task.n) - task.coast
+    quickest = np.sqrt(6.5 * way / task.thrust) + 2 * speed / task.thrust
+    quickest = np.maximum(quickest, np.sqrt(6.5 * turn / task.torque))
+    quickest = np.maximum(quickest, 4 * np.abs(task.yaw_rate) / task.torque)
+    least = max(float((quickest - later).max()), 0.5)
+    times = np.linspace(least, max(task.longest, 1.01 * least), 300)
+    gas = (_GAS_OF_A_MOVE * way[:, None] / np.maximum(times + later[:, None], 0.5)).sum(axis=0)
+    estimate = task.weights[0] * times + task.weights[2] * gas
+    return float(times[np.argmin(estimate)])
+
+
+class BowSeeds:
+    """First guesses for a model: every robot's motion bowed by a share of its way."""
+
+    def __init__(self, model: ReferenceMotion, rng: np.random.Generator) -> None:
+        self.model, self.rng = model, rng
+        task = model.task
+        first = first_arrival(task)
+        arrivals = first + task.interval * np.arange(task.n)
+        self.durations = np.minimum(
+            np.maximum(arrivals - task.coast, 0.3 * first), 0.98 * task.longest
+        )
+
+    def bowed(self, bows: Array) -> Array:
+        """Monomial coefficients of motions (n, c, 2, order + 1) bowed by `bows` (n, c)."""
+        task, model = self.model.task, self.model
+        given = np.zeros((model.order + 1, 6))
+        given[:6] = hermite_basis(5, False).given
+        way = task.goal - task.departure
+        straight = task.departure[..., None] * given[:, 0] + task.goal[..., None] * given[:, 3]
+        straight = straight + (self.durations[:, None] * task.velocity)[..., None] * given[:, 1]
+        normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
+        bump = np.zeros(model.order + 1)
+        if model.vary_ends or model.order < 7:
+            bump[2:5] = 16 * np.array([1.0, -2.0, 1.0])
+        else:
+            bump[3:7] = 64 * np.array([1.0, -3.0, 3.0, -1.0])
+        side = bows[..., None, None] * normal[:, None, :, None] * bump
+        return np.asarray(straight[:, None] + side)
+
+    def fit(self, coefficients: Array) -> Array:
+        """Scaled varied parameters (n, P) of the motions nearest to (n, 2, order + 1)."""
+        model = self.model
+        b = np.repeat(self.durations[:, None], model.nb, axis=1)
+        zero = model.pack(b, np.zeros((len(b), 2, model.nf)))
+        base = model.unpack(zero).position
+        nodes, weights = np.polynomial.legendre.leggauss(model.order + 3)
+        curvature = powers((nodes + 1) / 2, 2, model.order)
+        shape = ((coefficients - base) @ curvature.T * weights / 2) @ (
+            curvature @ model.basis.free
+        )
+        return model.pack(b, shape)
+
+    def __iter__(self) -> Iterator[Array]:
+        """Screened guesses, best first, on distinct sides; then random bows without end."""
+        choices = self._screened()
+        for choice in choices:
+            yield self._guess(BOWS[list(choice)])
+        while True:
+            yield self._guess(self.rng.uniform(-0.35, 0.35, self.model.task.n))
+
+    def _guess(self, bows: Array) -> Array:
+        return self.fit(self.bowed(bows[:, None])[:, 0])
+
+    def _screened(self) -> list[tuple[int, ...]]:
+        single, pair = self._tables()
+        n = self.model.task.n
+        if len(BOWS) ** n <= _EXHAUSTIVE:
+            every = np.array(list(itertools.product(range(len(BOWS)), repeat=n)))
+        else:
+            every = self._descended(single, pair)
+        total = single[np.arange(n), every].sum(axis=1)
+        for i, j in itertools.combinations(range(n), 2):
+            total += pair[i, j][every[:, i], every[:, j]]
+        chosen: list[tuple[int, ...]] = []
+        sides: set[tuple[bool, ...]] = set()
+        moving = ~self.model.task.staying
+        for index in np.argsort(total, kind='stable'):
+            side = tuple((BOWS[every[index]] > 0)[moving])
+            if side not in sides:
+                sides.add(side)
+                chosen.append(tuple(every[index]))
+        return chosen
+
+    def _tables(self) -> tuple[Array, Array]:
+        """Badness of every robot's bow (n, c) and of every two robots' bows (n, n, c, c)."""
+        task, model = self.model.task, self.model
+        n, c = task.n, len(BOWS)
+        coefficients = self.bowed(np.broadcast_to(BOWS, (n, c)))
+        t = np.linspace(0.0, (self.durations + task.coast).max(), _INSTANTS)
+        s = np.clip((t - task.coast[:, None]) / self.durations[:, None], 0.0, 1.0)
+        monomials = s[..., None] ** np.arange(model.order + 1)
+        path = np.einsum('ncdm,nkm->ncdk', coefficients, monomials)
+        reach = task.separation / 2
+        outside = np.maximum(reach - path, path - task.sides[:, None] + reach).max(axis=(2, 3))
+        single = 0.75 * np.abs(BOWS) * task.separation + 3 * np.maximum(outside, 0.0)
+        centres, clearances = task.circles()
+        if len(centres):
+            apart = np.linalg.norm(path[:, :, None] - centres[:, :, None], axis=3).min(axis=-1)
+            single += 3 * np.maximum(clearances[:, None] - apart, 0.0).sum(axis=-1)
+        pair = np.zeros((n, n, c, c))
+        for i, j in itertools.combinations(range(n), 2):
+            apart = np.linalg.norm(path[i][:, None] - path[j][None], axis=2).min(axis=-1)
+            pair[i, j] = 3 * np.maximum(task.separation - apart, 0.0)
+            pair[j, i] = pair[i, j].T
+        return single, pair
+
+    def _descended(self, single: Array, pair: Array, tries: int = 12) -> NDArray[np.intp]:
+        """Combinations of many robots' bows, by coordinate descent from random ones."""
+        n, c = single.shape
+        found = [np.full(n, k) for k in range(2)]
+        for _ in range(tries):
+            choice = self.rng.integers(0, c, n)
+            for _ in range(6):
+                before = choice.copy()
+                for i in self.rng.permutation(n):
+                    cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
+                    choice[i] = int(np.argmin(cost))
+                if (choice == before).all():
+                    break
+            found.append(choice)
+        return np.array(found)

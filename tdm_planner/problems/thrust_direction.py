@@ -1,0 +1,152 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Direction and magnitude of the thrust when the thruster turns at a limited rate.
+
+A robot that accelerates and then brakes turns its thrust by half a turn while little thrust is
+wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed at
+an instant is e / F for some acceleration e. The smallest e is sought for which a direction exists
+that is within the allowed errors at all instants and turns no faster than the limit: the upper
+and lower envelopes of the allowed directions, with the limit as their Lipschitz constant, must not
+cross. One causal pass then follows the wanted direction between the envelopes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
+_RATE_SHARE = 0.98  # of the limit used to turn
+_BISECTIONS = 12
+
+
+class Envelopes(NamedTuple):
+    """Directions [rad] between which the thruster can be, (n,) each."""
+
+    upper: Array
+    lower: Array
+
+    @property
+    def open(self) -> bool:
+        """Whether some admissible direction exists at all instants."""
+        return bool((self.upper >= self.lower).all())
+
+
+class ThrustDirection:
+    """Follow wanted accelerations (n, 2) [m/s^2] at evenly spaced `times` (n,) s.
+
+    `yaw` (n,) rad; `rate` [rad/s] limits the thruster, `thrust` [m/s^2] the acceleration; `alpha`
+    is the thruster's angle at the start, NaN where it is free.
+    """
+
+    def __init__(
+        self, times: Array, wanted: Array, yaw: Array, rate: float, thrust: float, alpha: float
+    ) -> None:
+        self.times, self.yaw = times, yaw
+        self.rate, self.thrust, self.alpha = rate, thrust, alpha
+        self.reach = _RATE_SHARE * rate * times
+        self.turns = self._zero_turns(wanted)
+        self.error = self._least_error(wanted)
+        if self.error > 0.002 * thrust:
+            self._reconsider_turns(wanted)
+
+    def _zero_turns(self, wanted: Array) -> Array:
+        return np.zeros(len(wanted))
+
+    def directions(self, wanted: Array) -> Array:
+        """Directions of the wanted accelerations from the robot's front, continuous (n,) rad."""
+        heading = np.arctan2(wanted[:, 1], wanted[:, 0])
+        idle = np.hypot(wanted[:, 0], wanted[:, 1]) < 1e-9 * self.thrust
+        if idle.all():
+            return np.full(len(wanted), 0.0 if np.isnan(self.alpha) else self.alpha)
+        powered = np.flatnonzero(~idle)
+        previous = np.maximum.accumulate(np.where(idle, -1, np.arange(len(wanted))))
+        heading = heading[np.where(previous < 0, powered[0], previous)]
+        direction = np.unwrap(heading) - self.yaw + self.turns
+        if np.isnan(self.alpha):
+            return np.asarray(direction)
+        away = direction[powered[0]] - self.alpha
+        return np.asarray(direction - 2 * np.pi * np.round(away / (2 * np.pi)))
+
+    def envelopes(self, wanted: Array, direction: Array, error: float) -> Envelopes:
+        """Envelopes of the directions within `error` [m/s^2] of what is wanted."""
+        force = np.maximum(np.hypot(wanted[:, 0], wanted[:, 1]), 1e-12)
+        allowed = np.minimum(error / force, _ANY_DIRECTION)
+        upper, lower = direction + allowed, direction - allowed
+        if not np.isnan(self.alpha):
+            upper[0] = lower[0] = self.alpha
+        d = self.reach
+        highest = np.minimum(
+            np.minimum.accumulate(upper - d) + d,
+            np.minimum.accumulate((upper + d)[::-1])[::-1] - d,
+        )
+        lowest = np.maximum(
+            np.maximum.accumulate(lower + d) - d,
+            np.maximum.accumulate((lower - d)[::-1])[::-1] + d,
+        )
+        return Envelopes(highest, lowest)
+
+    def _least_error(self, wanted: Array) -> float:
+        direction = self.directions(wanted)
+        if self.envelopes(wanted, direction, 1e-9 * self.thrust).open:
+            return 1e-9 * self.thrust
+        low, high = 0.0, 6.0 * self.thrust
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high) if low > 0 else 0.25 * high
+            if self.envelopes(wanted, direction, middle).open:
+                high = middle
+            else:
+                low = middle
+            if high < 1e-4 * self.thrust:
+                break
+        return high
+
+    def _reconsider_turns(self, wanted: Array) -> None:
+        """Turn the other way round at a minimum of the thrust, where that is better."""
+        force = np.hypot(wanted[:, 0], wanted[:, 1])
+        step = np.diff(self.directions(wanted))
+        fast = np.abs(step) > 2 * self.rate * np.diff(self.times)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            at = begin + int(np.argmin(force[begin : end + 1]))
+            kept, error = self.turns, self.error
+            turned = kept.copy()
+            turned[at + 1 :] -= np.sign(step[begin:end].sum()) * 2 * np.pi
+            self.turns = turned
+            self.error = self._least_error(wanted)
+            if self.error >= error:
+                self.turns, self.error = kept, error
+
+    def follow(self, wanted: Array) -> tuple[Array, Array]:
+        """Thruster angle [rad] and rate [rad/s] (n,) that follow the wanted accelerations.
+
+        The rate runs linearly between samples, the angle is its exact integral.
+        """
+        direction = self.directions(wanted)
+        error = self.error
+        envelopes = self.envelopes(wanted, direction, error)
+        while not envelopes.open and error < 6.0 * self.thrust:
+            error = max(1.3 * error, 1e-5 * self.thrust)
+            envelopes = self.envelopes(wanted, direction, error)
+        lower, upper = envelopes.lower.tolist(), envelopes.upper.tolist()
+        wished, steps = direction.tolist(), np.diff(self.reach).tolist()
+        angle = min(max(wished[0], lower[0]), upper[0])
+        angles = [angle]
+        for k, step in enumerate(steps, start=1):
+            least, most = max(lower[k], angle - step), min(upper[k], angle + step)
+            angle = min(max(wished[k], least), most, angle + step)
+            angle = max(angle, angles[-1] - step)
+            angles.append(angle)
+        return self._smoothed(np.array(angles))
+
+    def _smoothed(self, angles: Array) -> tuple[Array, Array]:
+        steps = np.diff(self.times)
+        slopes = np.diff(angles) / steps
+        padded = np.concatenate([slopes[:1], slopes, slopes[-1:]])
+        rate = 0.5 * (padded[1:] + padded[:-1])
+        turned = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)
+        return np.concatenate([angles[:1], angles[0] + turned]), rate
