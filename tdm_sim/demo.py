@@ -1,0 +1,160 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The demo: real nodes in processes of their own, a plan by service, a recording, a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import os
+from pathlib import Path
+import shutil
+import time
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rich.table import Table
+from std_srvs.srv import Trigger
+
+from tdm_planner.cli import read_parameters
+from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.nodes.installation import require_one_ros
+from tdm_planner.plan_files import save_plan
+from tdm_planner.resources import config_file
+from tdm_sim.demo_pendulum import PendulumScene
+from tdm_sim.demo_scene import Scene
+from tdm_sim.processes import NodeProcesses
+from tdm_sim.progress import Progress
+from tdm_sim.verdict import Verdict
+
+SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene}
+
+_START_LIMIT = 30.0  # s for every node to be up and connected
+_ANSWER_LIMIT = 20.0  # s for the planner to answer
+_OWN_FILES = ('bag', 'log', 'plan.json', 'plan.png')
+
+
+class DemoFailed(TdmError):
+    """The demo could not be carried out; says which part did not come up or answer."""
+
+    code = 'DEMO_FAILED'
+
+
+def run_demo(
+    plant: str, output: Path, parameters: Path | None = None, quiet: bool = False
+) -> bool:
+    """Run the demo of a plant and leave bag, plan and picture in `output`.
+
+    Returns whether the goal was reached and held without a violated limit.
+
+    Raises
+    ------
+    InvalidProblem
+        If the parameter file or the folder cannot be used.
+    DemoFailed, ProcessFailed
+        If a node did not come up, ended, or did not answer.
+    """
+    require_one_ros()
+    file = config_file(f'{plant}.yaml') if parameters is None else parameters
+    scene = SCENES[plant](read_parameters(file), file.resolve())
+    _prepare_folder(output)
+    with Progress(quiet) as progress:
+        verdict = _conduct(scene, output, progress)
+        progress.phase(f'writing {output}/plan.json and {output}/plan.png')
+        save_plan(scene.plan(), output / 'plan.json')
+        scene.draw(output / 'plan.png')
+    progress.console.print(_table(verdict))
+    progress.console.print(f'recorded to {output}/bag', highlight=False)
+    for reason in verdict.reasons:
+        print(f'tdm demo: {reason}')
+    return verdict.reached
+
+
+def _prepare_folder(folder: Path) -> None:
+    """Clear what an earlier demo left; refuse a folder that holds anything else."""
+    if folder.exists() and not folder.is_dir():
+        raise InvalidProblem(f"'{folder}' is a file, not a folder for the demo")
+    folder.mkdir(parents=True, exist_ok=True)
+    foreign = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
+    if foreign:
+        raise InvalidProblem(
+            f"the folder '{folder}' holds '{foreign[0]}', which no demo has written: "
+            'name another one with -o'
+        )
+    for name in _OWN_FILES:
+        path = folder / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.exists():
+            path.unlink()
+
+
+def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    node = rclpy.create_node('demo', namespace=scene.namespace, context=context)
+    executor.add_node(node)
+    scene.listen(node)
+    client = node.create_client(Trigger, 'plan')
+    try:
+        with NodeProcesses(output / 'log') as processes:
+
+            def wait(until: Callable[[], bool], limit: float) -> bool:
+                end = time.monotonic() + limit
+                while not until():
+                    if time.monotonic() > end:
+                        return False
+                    processes.check()
+                    executor.spin_once(timeout_sec=0.05)
+                    progress.update(scene.status())
+                return True
+
+            progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))
+            processes.start(
+                'recorder',
+                'tdm_planner.cli',
+                ['record', '-o', str(output / 'bag'), '--quiet'],
+            )
+            for name, module, arguments in scene.nodes():
+                processes.start(name, module, arguments)
+            if not wait(lambda: scene.complete(node) and client.service_is_ready(), _START_LIMIT):
+                raise DemoFailed(f'not up after {_START_LIMIT:g} s: {scene.missing(node, client)}')
+            progress.phase('asking for a plan')
+            answer = _ask(client, wait)
+            scene.answered(answer)
+            progress.phase(answer['summary'])
+            if not wait(lambda: scene.planned, _ANSWER_LIMIT):
+                raise DemoFailed('the planner answered, but no trajectory was published')
+            wait(lambda: scene.over, scene.longest)
+            progress.phase('ending the nodes')
+            codes = processes.end()
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    verdict = scene.judge()
+    unclean = [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
+    return Verdict((*verdict.reasons, *unclean), verdict.rows)
+
+
+def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
+    future = client.call_async(Trigger.Request())
+    if not wait(future.done, _ANSWER_LIMIT):
+        raise DemoFailed(f'the planner did not answer within {_ANSWER_LIMIT:g} s')
+    response = future.result()
+    answer: dict[str, Any] = json.loads(response.message)
+    if not response.success:
+        raise DemoFailed(f'no plan: {answer["code"]}: {answer["reason"]}')
+    return answer
+
+
+def _table(verdict: Verdict) -> Table:
+    table = Table(title='goal reached and held' if verdict.reached else 'goal missed')
+    for heading in ('', 'planned', 'achieved'):
+        table.add_column(heading, justify='right' if heading else 'left')
+    for row in verdict.rows:
+        table.add_row(*row)
+    return table

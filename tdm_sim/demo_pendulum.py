@@ -1,0 +1,173 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pendulum's demo: swing up from hanging, hold for five seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from tdm_planner.nodes.messages import LATCHED, pendulum_trajectory
+from tdm_planner.plotting import Measurement, plot_trajectory
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.demo_scene import NodeCommand, Scene, seconds
+from tdm_sim.verdict import (
+    HOLD_TIME,
+    judge_pendulum,
+    LONGEST_CATCH,
+    MeasuredPendulum,
+    UPRIGHT_TOLERANCE,
+    Verdict,
+)
+
+
+class PendulumScene(Scene):
+    """One planner, one tracker and one plant in the namespace `pendulum`."""
+
+    namespace = '/pendulum'
+
+    def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
+        super().__init__(parameters, file)
+        self.problem = PendulumSwingUp.from_parameters(self.parameters)
+        self.trajectory: Trajectory | None = None
+        self.starts_at = math.inf
+        self.answer: dict[str, Any] = {}
+        self._states: list[tuple[float, ...]] = []
+        self._upright_since = math.inf
+
+    def nodes(self) -> list[NodeCommand]:
+        """Plant, tracker, planner."""
+        return [
+            self.command('pendulum_plant', 'tdm_sim.pendulum_plant', self.namespace),
+            self.command('tracker', 'tdm_planner.nodes.tracker', self.namespace),
+            self.command('planner', 'tdm_planner.nodes.planner', self.namespace),
+        ]
+
+    def listen(self, node: Node) -> None:
+        """Subscribe to the state and the trajectory."""
+        node.create_subscription(
+            JointState, 'joint_states', self._measured, qos_profile_sensor_data
+        )
+        node.create_subscription(JointTrajectory, 'trajectory', self._planned, LATCHED)
+
+    def _measured(self, message: JointState) -> None:
+        index = [list(message.name).index(joint) for joint in ('pendulum', 'disk')]
+        at = seconds(message.header.stamp)
+        theta, psi = (message.position[i] for i in index)
+        rates = tuple(message.velocity[i] for i in index)
+        self._states.append((at, theta, psi, *rates, message.effort[index[1]]))
+        if not abs(math.remainder(theta, 2 * math.pi)) < UPRIGHT_TOLERANCE:
+            self._upright_since = math.inf
+        elif math.isinf(self._upright_since):
+            self._upright_since = at
+
+    def _planned(self, message: JointTrajectory) -> None:
+        self.trajectory = pendulum_trajectory(message)
+        self.starts_at = seconds(message.header.stamp)
+
+    def complete(self, node: Node) -> bool:
+        """Whether the plant publishes and the tracker listens to plan and state."""
+        return bool(self._states) and self._tracker_listens(node)
+
+    def _tracker_listens(self, node: Node) -> bool:
+        # this process and the tracker
+        return node.count_subscribers(f'{self.namespace}/trajectory') >= 2
+
+    def missing(self, node: Node, client: Client) -> str:
+        """Name the nodes that are not up."""
+        up = {
+            'pendulum_plant': bool(self._states),
+            'tracker': self._tracker_listens(node),
+            'planner': client.service_is_ready(),
+        }
+        return ', '.join(name for name, there in up.items() if not there)
+
+    def answered(self, answer: Mapping[str, Any]) -> None:
+        """Keep the planner's figures."""
+        self.answer = dict(answer)
+
+    @property
+    def planned(self) -> bool:
+        """Whether the trajectory has been received."""
+        return self.trajectory is not None
+
+    @property
+    def over(self) -> bool:
+        """Held long enough, or too late for it."""
+        if self.trajectory is None or not self._states:
+            return False
+        now = self._states[-1][0]
+        end = self.starts_at + self.trajectory.duration
+        if now > end + LONGEST_CATCH + HOLD_TIME + 0.5:
+            return True
+        return now - max(self._upright_since, end) > HOLD_TIME + 0.2
+
+    def status(self) -> str:
+        """Return time, angles and torque."""
+        if not self._states:
+            return 'waiting for the plant'
+        at, theta, psi, _, _, torque = self._states[-1]
+        since = at - self.starts_at if self.planned else -math.inf
+        clock = f't = {since:+6.2f} s' if math.isfinite(since) else time.strftime('%X')
+        return f'{clock}   theta {theta:+7.3f} rad   psi {psi:+6.3f} rad   T {torque:+8.4f} N m'
+
+    @property
+    def measured(self) -> MeasuredPendulum:
+        """Everything measured, from half a second before the motion."""
+        rows = np.array(self._states)
+        rows = rows[rows[:, 0] > self.starts_at - 0.5]
+        return MeasuredPendulum(rows[:, 0] - self.starts_at, *rows[:, 1:].T)
+
+    def judge(self) -> Verdict:
+        """Judge the measured swing-up."""
+        assert self.trajectory is not None
+        limits = self.problem.limits
+        return judge_pendulum(
+            self.trajectory,
+            self.measured,
+            limits.torque,
+            limits.disk_angle,
+            float(self.answer['solve_time']),
+        )
+
+    def plan(self) -> dict[str, Any]:
+        """Return the published trajectory and the planner's figures, replayed and checked here."""
+        assert self.trajectory is not None
+        figures = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+        return {
+            'problem': self.problem.name,
+            **{name: self.answer[name] for name in figures},
+            **self.trajectory.to_dict(),
+            'verification': self.problem.task.verify(self.trajectory).to_dict(),
+        }
+
+    def draw(self, path: Path) -> None:
+        """Draw planned and measured time histories."""
+        assert self.trajectory is not None
+        m = self.measured
+        columns = {
+            'theta': m.theta,
+            'psi': m.psi,
+            'theta_dot': m.theta_dot,
+            'psi_dot': m.psi_dot,
+            'torque': m.torque,
+        }
+        limits = {
+            'torque': self.problem.limits.torque,
+            'psi': self.problem.limits.disk_angle,
+        }
+        figure = plot_trajectory(
+            self.trajectory, limits, Measurement(m.times, columns), str(self.answer['summary'])
+        )
+        figure.savefig(path, dpi=110)

@@ -1,0 +1,88 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a demo is made of: its nodes, what it listens to, when it is over, how it is judged."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.client import Client
+from rclpy.node import Node
+
+from tdm_sim.verdict import Verdict
+
+NodeCommand = tuple[str, str, list[str]]
+
+
+class Scene(ABC):
+    """A plant, or several, with planner and tracker(s), seen from outside over ROS topics.
+
+    `parameters` are the planner's, by dotted name; `file` is the parameter file of all nodes.
+    """
+
+    namespace: str
+    longest: float = 40.0
+
+    def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
+        self.parameters = dict(parameters)
+        self.file = file
+
+    def command(self, name: str, module: str, namespace: str) -> NodeCommand:
+        """Return the command of a node in a namespace, with the scene's parameter file."""
+        remap = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
+        return name, module, remap
+
+    @abstractmethod
+    def nodes(self) -> list[NodeCommand]:
+        """Name, module and arguments of every node to start."""
+
+    @abstractmethod
+    def listen(self, node: Node) -> None:
+        """Subscribe to everything that is judged."""
+
+    @abstractmethod
+    def complete(self, node: Node) -> bool:
+        """Whether all nodes are up and connected."""
+
+    @abstractmethod
+    def missing(self, node: Node, client: Client) -> str:
+        """What is not up, in words."""
+
+    @abstractmethod
+    def answered(self, answer: Mapping[str, Any]) -> None:
+        """Take the planner's answer to the request."""
+
+    @property
+    @abstractmethod
+    def planned(self) -> bool:
+        """Whether the plan has been received."""
+
+    @property
+    @abstractmethod
+    def over(self) -> bool:
+        """Whether there is nothing more to wait for."""
+
+    @abstractmethod
+    def status(self) -> str:
+        """Return the live line."""
+
+    @abstractmethod
+    def judge(self) -> Verdict:
+        """Judge what was measured."""
+
+    @abstractmethod
+    def plan(self) -> dict[str, Any]:
+        """Return the plan as published, checked again, for the JSON file."""
+
+    @abstractmethod
+    def draw(self, path: Path) -> None:
+        """Write the picture of plan and measurement."""
+
+
+def seconds(stamp: Time) -> float:
+    """Return a time stamp in seconds."""
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

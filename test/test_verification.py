@@ -1,0 +1,103 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The replay against closed forms, and every kind of bad plan caught."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint, dense_times, replay, verify
+
+
+class DoubleIntegrator:
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+
+    def derivative(self, state, control):
+        return np.concatenate([state[..., 1:], control], axis=-1)
+
+
+PLANT = DoubleIntegrator()
+TOLERANCE = np.full(2, 1e-6)
+GOAL = np.array([1.0, 0.0])
+LIMITS = (
+    Constraint('thrust', lambda t, x, u: 1 - np.abs(u[:, 0]), tolerance=1e-12),
+    Constraint('speed', lambda t, x, u: 1.0001 - np.abs(x[:, 1])),
+)
+
+
+def bang_bang():
+    """Minimum time over 1 m with |u| <= 1: the closed form, sampled at the switch and the ends."""
+    return Trajectory(
+        np.array([0.0, 1.0, 2.0]),
+        np.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]),
+        np.array([[1.0], [-1.0], [0.0]]),
+        PLANT.state_names,
+        PLANT.control_names,
+    )
+
+
+def test_replay_of_held_controls_follows_the_closed_form():
+    t = np.linspace(0, 2, 41)
+    states = replay(PLANT, bang_bang(), t)
+    expected = np.where(t <= 1, t**2 / 2, 1 - (2 - t) ** 2 / 2)
+    np.testing.assert_allclose(states[:, 0], expected, atol=1e-10)
+
+
+@pytest.mark.parametrize(('interpolation', 'power'), [('linear', 1), ('cubic', 3)])
+def test_replay_of_interpolated_controls_follows_the_closed_form(interpolation, power):
+    t = np.linspace(0, 2, 6)
+    n = power
+    states = np.stack([t ** (n + 2) / ((n + 1) * (n + 2)), t ** (n + 1) / (n + 1)], axis=-1)
+    trajectory = Trajectory(t, states, t[:, None] ** n, ('x', 'v'), ('u',), interpolation)
+    np.testing.assert_allclose(replay(PLANT, trajectory, t), states, atol=1e-9)
+
+
+def test_a_good_plan_passes_and_margins_are_reported():
+    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, LIMITS)
+    assert check.ok, check.reasons
+    assert check.worst['thrust'] == pytest.approx(0)
+    assert check.worst['speed'] == pytest.approx(1e-4)
+    assert check.worst_times['speed'] == pytest.approx(1.0, abs=2e-3)
+    assert check.to_dict()['terminal_error'].keys() == {'x', 'v'}
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'times': np.array([0.0, 1.001, 2.001])}, 'from the goal'),
+        ({'controls': np.array([[1.01], [-1.01], [0.0]])}, 'thrust is violated by 0.01'),
+        ({'states': np.array([[0.0, 0.0], [0.5, 1.1], [1.0, 0.0]])}, 'differs by 0.1'),
+        ({'states': np.array([[0.1, 0.0], [0.5, 1.0], [1.0, 0.0]])}, 'from the goal'),
+    ],
+)
+def test_every_kind_of_bad_plan_is_caught(changes, words):
+    check = verify(PLANT, replace(bang_bang(), **changes), GOAL, TOLERANCE, LIMITS)
+    assert not check.ok
+    assert any(words in reason for reason in check.reasons), check.reasons
+
+
+def test_a_violation_between_samples_is_caught():
+    """Nothing is wrong at the samples: only the dense check sees the speed in between."""
+    slow = Constraint('speed', lambda t, x, u: 0.9 - np.abs(x[:, 1]))
+    sparse = replace(
+        bang_bang(),
+        times=np.array([0.0, 1.0, 2.0]),
+    )
+    check = verify(PLANT, sparse, GOAL, TOLERANCE, [slow])
+    assert not check.ok
+    assert 'speed is violated' in check.reasons[0]
+
+
+def test_a_margin_that_is_not_a_number_counts_as_violated():
+    broken = Constraint('broken', lambda t, x, u: np.where(t > 1.5, np.nan, 1.0))
+    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [broken])
+    assert not check.ok
+
+
+def test_dense_times_hold_every_sample():
+    times = dense_times(bang_bang(), 0.3)
+    assert np.isin([0.0, 1.0, 2.0], times).all()
+    assert np.diff(times).max() <= 0.3
