@@ -182,8 +182,8 @@ def _residuals(
     residual[:, 4] = np.maximum(np.abs(psi) - psi_max, 0.0)
     jacobian = np.zeros((len(states), 5, durations.shape[1]))
     jacobian[:, :4] = sensitivities[:, -1] * scale[:, None]
-    over = residual[:, 4] > 0
-    jacobian[over, 4] = (np.sign(psi)[:, None] * sensitivities[rows, peak, 1])[over]
+    excess = np.where(residual[:, 4] > 0, np.sign(psi), 0.0)
+    jacobian[:, 4] = excess[:, None] * sensitivities[rows, peak, 1]
     return residual, jacobian
 
 
@@ -198,7 +198,8 @@ def _damped_steps(
     """Projected, damped Gauss-Newton steps (B, K); zero where the system is singular."""
     gradient = np.einsum('bmk,bm->bk', jacobian, residual)
     free = varied & ~((durations <= 0) & (gradient > 0))
-    free &= np.isfinite(jacobian).all(axis=(1, 2))[:, None]
+    usable = np.isfinite(np.abs(jacobian).sum(axis=(1, 2)))
+    free &= usable[:, None]
     masked = np.where(free[:, None], jacobian, 0.0)
     normal = np.einsum('bmk,bml->bkl', masked, masked)
     diagonal = np.einsum('bkk->bk', normal)

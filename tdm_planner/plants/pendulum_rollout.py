@@ -129,33 +129,36 @@ def steer(
         return rollouts
     from tdm_planner.plants.pendulum_kernels import steer_arcs
 
-    def work(first: int) -> int:
-        if stop():
-            return 0
-        rows = slice(first, first + _CHUNK)
-        return int(
-            steer_arcs(
-                _constants(plant),
+    chunks = iter(range(0, batch.arcs.size, _CHUNK))
+    constants, w0 = _constants(plant), plant.natural_frequency
+
+    def work() -> int:
+        rollouts = 0
+        for first in chunks:
+            if stop():
+                break
+            rows = slice(first, first + _CHUNK)
+            rollouts += steer_arcs(
+                constants,
                 start,
                 batch.durations[rows],
                 batch.arcs[rows],
                 batch.torques[rows],
                 batch.turns[rows],
                 psi_max,
-                plant.natural_frequency,
+                w0,
                 steps,
                 _ITERATIONS,
                 _TARGET,
                 batch.costs[rows],
             )
-        )
+        return rollouts
 
-    chunks = range(0, batch.arcs.size, _CHUNK)
-    workers = min(_cores(), len(chunks))
-    if workers <= 1:
-        return sum(map(work, chunks))
+    workers = min(_cores(), -(-batch.arcs.size // _CHUNK))
+    if workers == 1:
+        return work()
     with ThreadPoolExecutor(workers) as pool:
-        return sum(pool.map(work, chunks))
+        return sum(future.result() for future in [pool.submit(work) for _ in range(workers)])
 
 
 def compile_kernels(plant: RotaryPendulum) -> None:

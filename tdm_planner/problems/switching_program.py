@@ -38,7 +38,7 @@ class _Motion:
 
     residual: Array  # (4,)
     jacobian: Array  # (4, K)
-    margins: Array  # (K,), psi_max - the largest |psi| of every arc
+    margins: Array  # (K,), psi_max - the largest |psi| of every arc; infinite if far
     margins_jacobian: Array  # (K, K)
 
 
@@ -78,13 +78,13 @@ class SwitchingProgram(NonlinearProgram):
         residual = states[-1] * self._scale
         residual[0] -= 2 * np.pi * self.turns
         sensitivities = sensitivities / w0
-        heights, slopes = _peaks(states, sensitivities, xi / w0, self.steps, w0)
-        motion = _Motion(
-            residual,
-            sensitivities[-1] * self._scale[:, None],
-            self.disk_angle - heights,
-            -slopes,
-        )
+        jacobian = sensitivities[-1] * self._scale[:, None]
+        if np.abs(states[1:, 1]).max() < self.disk_angle - _NEAR_LIMIT:
+            arcs = xi.size
+            motion = _Motion(residual, jacobian, np.full(arcs, np.inf), np.zeros((arcs, arcs)))
+        else:
+            heights, slopes = _peaks(states, sensitivities, xi / w0, self.steps, w0)
+            motion = _Motion(residual, jacobian, self.disk_angle - heights, -slopes)
         worst = np.array([np.abs(residual).max(), max(float(-motion.margins.min()), 0.0)])
         if not np.isfinite(worst).all():
             worst = np.full(2, np.inf)
@@ -94,12 +94,12 @@ class SwitchingProgram(NonlinearProgram):
         """First derivatives, and the Hessian reduced to the null space of the end conditions."""
         motion: _Motion = point.cache
         near = np.flatnonzero((motion.margins < _NEAR_LIMIT) & (point.xi > 0))
-        duals: Array
         if multipliers is None:
             varied = point.xi > 1e-7
-            duals = np.linalg.lstsq(
+            least_squares = np.linalg.lstsq(
                 motion.jacobian[:, varied].T, -np.ones(int(varied.sum())), rcond=1e-6
-            )[0]
+            )
+            duals = np.asarray(least_squares[0], dtype=np.float64)
         else:
             duals = multipliers.equalities
         return Linearisation(
