@@ -1,3 +1,7 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""To be written."""
+"""ROS 2 nodes: the planner and the tracker, and what every node of the package is built on."""
+
+from tdm_planner.nodes.installation import require_one_ros
+
+require_one_ros()

@@ -1,0 +1,224 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Declared parameters (`tdm_planner.parameters`) as ROS parameters.
+
+A wrong value gets one clear sentence, be it from the command line, a file or a service.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import difflib
+import math
+from types import MappingProxyType
+from typing import Any, get_origin
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import ParameterSpec, Range
+
+_TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
+    {
+        float: Parameter.Type.DOUBLE,
+        int: Parameter.Type.INTEGER,
+        bool: Parameter.Type.BOOL,
+        str: Parameter.Type.STRING,
+        list[float]: Parameter.Type.DOUBLE_ARRAY,
+        list[str]: Parameter.Type.STRING_ARRAY,
+    }
+)
+_INT64 = 2**63
+
+
+class ParameterNode(Node):
+    """A node whose parameters are declared by `ParameterSpec`s.
+
+    Integers are accepted for numbers (people write 0 and 1). A value that is not allowed is
+    refused with the sentence of `ParameterSpec.check`; one given at the start leaves the default
+    in place and is kept in `invalid_overrides` until the parameter is set. Optional parameters
+    are unset by deleting them (``ros2 param delete``).
+    """
+
+    def __init__(
+        self, name: str, specifications: Mapping[str, ParameterSpec] | None = None, **options: Any
+    ) -> None:
+        self._specifications: dict[str, ParameterSpec] = {}
+        self._values: dict[str, Any] = {}
+        self._overrides: dict[str, Any] = {}
+        self._invalid_overrides: dict[str, str] = {}
+        super().__init__(name, **options)
+        self._overrides = {
+            key: item.value
+            for key, item in self._parameter_overrides.items()
+            if not self._is_of_rclpy(key)
+        }
+        self.declare(specifications or {})
+
+    @property
+    def parameter_values(self) -> dict[str, Any]:
+        """Every declared parameter's value in its Python type; None where it is unset."""
+        return dict(self._values)
+
+    @property
+    def invalid_overrides(self) -> Mapping[str, str]:
+        """Sentences about values given at the start and not allowed, by parameter."""
+        return MappingProxyType(self._invalid_overrides)
+
+    def declare(self, specifications: Mapping[str, ParameterSpec]) -> None:
+        """Declare parameters, each with its value from the command line or file, or its default.
+
+        Those already declared keep their value.
+        """
+        for name, spec in specifications.items():
+            if name in self._specifications:
+                continue
+            self._specifications[name] = spec
+            self._declare(spec, self._initial_value(spec))
+
+    def withdraw(self, names: Sequence[str]) -> None:
+        """Take declared parameters away."""
+        for name in names:
+            self._specifications.pop(name)
+            self._values.pop(name)
+            self._invalid_overrides.pop(name, None)
+            self.undeclare_parameter(name)
+
+    def warn_of_unknown_overrides(self) -> None:
+        """Log values given at the start for parameters that do not exist, with similar names."""
+        for name in self._overrides:
+            self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
+
+    def check_values(self, values: Mapping[str, Any]) -> None:
+        """Check values against each other before they are set; to be overridden.
+
+        Raises
+        ------
+        InvalidProblem
+            To refuse the change with its sentence.
+        """
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """React to parameters that were set; to be overridden."""
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set one after the other; see `set_parameters_atomically`."""
+        return [self.set_parameters_atomically([item]) for item in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Check all, then set all or none; the result's reason is one sentence."""
+        try:
+            checked = {
+                item.name: self._check(item)
+                for item in parameter_list
+                if not self._is_of_rclpy(item.name)
+            }
+            self.check_values({**self._values, **checked})
+        except InvalidProblem as error:
+            self.get_logger().warning(f'refused: {error}')
+            return SetParametersResult(successful=False, reason=str(error))
+        unset = [name for name, value in checked.items() if value is None]
+        to_set = [
+            self._as_ros(item.name, checked[item.name]) if item.name in checked else item
+            for item in parameter_list
+            if item.name not in unset
+        ]
+        result = SetParametersResult(successful=True)
+        if to_set:
+            result = super().set_parameters_atomically(to_set)
+        if result.successful:
+            for name in unset:
+                self.undeclare_parameter(name)
+                self._declare(self._specifications[name], None)
+            self._take(checked)
+        return result
+
+    def _take(self, checked: Mapping[str, Any]) -> None:
+        self._values.update(checked)
+        for name in checked:
+            self._invalid_overrides.pop(name, None)
+        self.values_changed(frozenset(checked))
+
+    @staticmethod
+    def _is_of_rclpy(name: str) -> bool:
+        return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
+            'qos_overrides.'
+        )
+
+    def _initial_value(self, spec: ParameterSpec) -> Any:
+        if spec.name not in self._overrides:
+            return spec.default
+        value = self._overrides.pop(spec.name)
+        if value is None and get_origin(spec.kind) is list:
+            value = []  # rcl hands an empty list over as a parameter that is not set
+        try:
+            return spec.check(value)
+        except InvalidProblem as error:
+            self._invalid_overrides[spec.name] = str(error)
+            self.get_logger().error(f'{error}; {spec.default} is kept')
+            return spec.default
+
+    def _declare(self, spec: ParameterSpec, value: Any) -> None:
+        described = descriptor(spec)
+        if isinstance(value, list) and not value:
+            # An empty list says nothing of its type: declare the type first, then set it.
+            self.declare_parameter(spec.name, _TYPES[spec.kind], described, ignore_override=True)
+            super().set_parameters_atomically([Parameter(spec.name, _TYPES[spec.kind], value)])
+        else:
+            self.declare_parameter(spec.name, value, described, ignore_override=True)
+        self._values[spec.name] = value
+
+    def _check(self, item: Parameter) -> Any:
+        spec = self._specifications.get(item.name)
+        if spec is None:
+            raise InvalidProblem(self._unknown(item.name))
+        if spec.read_only:
+            raise InvalidProblem(
+                f"parameter '{item.name}' = {self._values[item.name]} is fixed while the node "
+                'runs: give it when the node is started'
+            )
+        return spec.check(item.value)
+
+    def _unknown(self, name: str) -> str:
+        similar = difflib.get_close_matches(name, self._specifications, n=3)
+        hint = f'did you mean {" or ".join(similar)}?' if similar else 'it is not declared here'
+        return f"parameter '{name}' is unknown: {hint}"
+
+    def _as_ros(self, name: str, value: Any) -> Parameter:
+        return Parameter(name, _TYPES[self._specifications[name].kind], value)
+
+
+def descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+    """Return what ROS tools show of a parameter: description, unit, range, what is allowed."""
+    unit = f' [{spec.unit}]' if spec.unit else ''
+    described = ParameterDescriptor(
+        name=spec.name,
+        type=_TYPES[spec.kind].value,
+        description=spec.description + unit,
+        additional_constraints=f'must be {spec.allowed}' + (', or unset' if spec.optional else ''),
+        read_only=spec.read_only,
+        dynamic_typing=spec.optional,
+    )
+    if spec.range.bounded and spec.kind is float:
+        described.floating_point_range = [
+            FloatingPointRange(from_value=spec.range.lower, to_value=spec.range.upper)
+        ]
+    elif spec.range.bounded and spec.kind is int:
+        described.integer_range = [_integer_range(spec.range)]
+    return described
+
+
+def _integer_range(allowed: Range) -> IntegerRange:
+    lower, upper = -_INT64, _INT64 - 1
+    if math.isfinite(allowed.lower):
+        lower = math.floor(allowed.lower) + 1 if allowed.lower_open else math.ceil(allowed.lower)
+    if math.isfinite(allowed.upper):
+        upper = math.ceil(allowed.upper) - 1 if allowed.upper_open else math.floor(allowed.upper)
+    return IntegerRange(from_value=lower, to_value=upper, step=1)

@@ -1,0 +1,62 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+
+import pytest
+from ros_harness import NodeProcess, Ros
+
+pytest.importorskip('rclpy')
+
+from std_srvs.srv import Trigger
+
+
+def start(ros: Ros, name: str, *arguments: str) -> NodeProcess:
+    path = os.pathsep.join([str(Path(__file__).parent), ros.environment['PYTHONPATH']])
+    return ros.start(
+        'example_node',
+        arguments=['-r', f'__node:={name}', *arguments],
+        environment={'PYTHONPATH': path},
+    )
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_process_with_code_0(ros: Ros, number: signal.Signals) -> None:
+    process = start(ros, f'ended_by_{number.name.lower()}')
+    ros.call(f'ended_by_{number.name.lower()}/values', Trigger)
+    assert process.end(number) == 0
+    assert 'Traceback' not in process.output
+    assert 'fatal' not in process.output
+
+
+def test_two_interrupts_in_a_row_end_it_as_cleanly(ros: Ros) -> None:
+    process = start(ros, 'twice')
+    ros.call('twice/values', Trigger)
+    os.killpg(process.process.pid, signal.SIGINT)
+    assert process.end(signal.SIGINT) == 0
+    assert 'Traceback' not in process.output
+
+
+def test_a_computation_under_way_does_not_hold_the_end_up(ros: Ros) -> None:
+    process = start(ros, 'computing')
+    ros.call('computing/compute', Trigger)
+    assert process.end(timeout=5.0) == 0
+    assert 'Traceback' not in process.output
+
+
+def test_an_error_in_a_callback_is_one_line(ros: Ros) -> None:
+    process = start(ros, 'failing')
+    ros.request('failing/fail', Trigger)
+    assert process.process.wait(10.0) == 1
+    assert 'fatal: RuntimeError: something broke\n' in process.output
+    assert 'Traceback' not in process.output
+
+
+def test_a_missing_parameter_file_is_one_line(ros: Ros) -> None:
+    process = start(ros, 'no_file', '--params-file', '/nowhere.yaml')
+    assert process.process.wait(10.0) == 1
+    assert '/nowhere.yaml' in process.output
+    assert 'Traceback' not in process.output

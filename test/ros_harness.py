@@ -1,0 +1,252 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as real processes over real DDS, and a node in the test that talks to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+import fcntl
+import json
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+SOURCE = Path(__file__).resolve().parents[1]
+DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="quick_discovery" is_default_profile="true">
+    <rtps><builtin><discovery_config>
+      <leaseAnnouncement><sec>0</sec><nanosec>300000000</nanosec></leaseAnnouncement>
+    </discovery_config></builtin></rtps>
+  </participant>
+</profiles>
+"""
+
+
+@contextmanager
+def reserved_domain() -> Iterator[int]:
+    """A ROS_DOMAIN_ID in 1..101 that no other test process of this machine uses meanwhile."""
+    candidates = list(range(1, 102))
+    random.shuffle(candidates)
+    for domain in candidates:
+        path = Path(tempfile.gettempdir(), f'tdm_planner_ros_domain_{domain}.lock')
+        with path.open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RuntimeError('every ROS domain is in use')
+
+
+def ros_environment(domain: int, folder: Path) -> dict[str, str]:
+    """Variables that keep ROS traffic on this machine, quick, and the logs in `folder`."""
+    profile = folder / 'discovery.xml'
+    profile.write_text(DISCOVERY_PROFILE)
+    return {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_LOG_DIR': str(folder / 'log'),
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+        'PYTHONPATH': os.pathsep.join(
+            p for p in (str(SOURCE), os.environ.get('PYTHONPATH', '')) if p
+        ),
+    }
+
+
+def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[str]:
+    """Command-line arguments that set parameters and the namespace."""
+    arguments = ['--ros-args']
+    if namespace:
+        arguments += ['-r', f'__ns:=/{namespace.strip("/")}']
+    for name, value in parameters.items():
+        text = value if isinstance(value, str) else json.dumps(value)
+        arguments += ['-p', f'{name}:={text}']
+    return arguments
+
+
+class NodeProcess:
+    """One node in a process group of its own, started as ``python -m MODULE``."""
+
+    def __init__(
+        self,
+        module: str,
+        arguments: list[str],
+        environment: Mapping[str, str],
+        folder: Path,
+    ) -> None:
+        self.module = module
+        self.output_file = Path(
+            tempfile.mkstemp(dir=folder, prefix=module.rsplit('.', 1)[-1] + '_', suffix='.txt')[1]
+        )
+        with self.output_file.open('w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', module, *arguments],
+                env={**os.environ, **environment},
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        """Everything the process has printed so far."""
+        return self.output_file.read_text()
+
+    @property
+    def running(self) -> bool:
+        return self.process.poll() is None
+
+    def end(self, number: int = signal.SIGINT, timeout: float = 10.0) -> int:
+        """Signal the process group and return the exit code."""
+        if self.running:
+            os.killpg(self.process.pid, number)
+        try:
+            return self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+            raise AssertionError(
+                f'{self.module} did not end within {timeout} s of signal {number}:\n{self.output}'
+            ) from None
+
+    def end_cleanly(self) -> None:
+        """End by SIGINT; the exit code must be 0 and nothing may look like a crash."""
+        code = self.end()
+        assert code == 0, f'{self.module} ended with {code}:\n{self.output}'
+        assert 'Traceback' not in self.output, self.output
+
+
+class Ros:
+    """A ROS domain of the test's own: starts nodes in it, and talks to them with `node`.
+
+    Nothing is served in the background: messages arrive during `spin_until` and `call`.
+    """
+
+    def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.domain = domain
+        self.folder = folder
+        self.environment = dict(environment)
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = rclpy.create_node('test', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+        self._processes: list[NodeProcess] = []
+
+    def start(
+        self,
+        module: str,
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        namespace: str = '',
+        arguments: list[str] | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> NodeProcess:
+        """Start a node; it is ended, and its exit checked, with the fixture if not before."""
+        process = NodeProcess(
+            module,
+            ros_arguments(parameters or {}, namespace) + (arguments or []),
+            {**self.environment, **(environment or {})},
+            self.folder,
+        )
+        self._processes.append(process)
+        return process
+
+    def spin_until(self, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+        """Serve callbacks until `condition` holds; False when `timeout` s have passed."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def spin_for(self, seconds: float) -> None:
+        """Serve callbacks for a while, to show that something does not happen."""
+        self.spin_until(lambda: False, seconds)
+
+    def subscribe(self, topic: str, message_type: Any, qos: Any = 10) -> list[Any]:
+        """Subscribe; the list returned grows with every message received."""
+        received: list[Any] = []
+        self.node.create_subscription(message_type, topic, received.append, qos)
+        return received
+
+    def publisher(self, topic: str, message_type: Any, qos: Any = 10) -> Any:
+        """Make a publisher and wait until somebody listens."""
+        publisher = self.node.create_publisher(message_type, topic, qos)
+        assert self.spin_until(lambda: publisher.get_subscription_count() > 0), (
+            f'nobody listens to {topic}'
+        )
+        return publisher
+
+    def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
+        """Send a request without waiting for its answer; returns a Future."""
+        client = self._clients.get(service)
+        if client is None:
+            client = self.node.create_client(service_type, service)
+            self._clients[service] = client
+        assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
+        return client.call_async(request or service_type.Request())
+
+    def call(
+        self, service: str, service_type: Any, request: Any | None = None, timeout: float = 20.0
+    ) -> Any:
+        """Call a service and return its response."""
+        future = self.request(service, service_type, request)
+        assert self.spin_until(future.done, timeout), f'{service} did not answer'
+        return future.result()
+
+    def trigger(self, service: str, timeout: float = 20.0) -> tuple[bool, dict[str, Any]]:
+        """Call a std_srvs/Trigger whose message is one line of JSON."""
+        from std_srvs.srv import Trigger
+
+        response = self.call(service, Trigger, timeout=timeout)
+        assert '\n' not in response.message
+        return response.success, json.loads(response.message)
+
+    def set_parameters(self, node: str, **values: Any) -> list[str]:
+        """Set parameters one by one (``__`` for the dot); returns a reason each, '' if done."""
+        return self.set_parameter_mapping(
+            node, {k.replace('__', '.'): v for k, v in values.items()}
+        )
+
+    def set_parameter_mapping(self, node: str, values: Mapping[str, Any]) -> list[str]:
+        """As `set_parameters`, with the names as they are; None unsets."""
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(
+            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
+        )
+        response = self.call(f'{node}/set_parameters', SetParameters, request)
+        assert all(bool(r.reason) != r.successful for r in response.results)
+        return [r.reason for r in response.results]
+
+    def close(self) -> None:
+        """End everything; a process still running must end cleanly."""
+        import rclpy
+
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+        failures = []
+        for process in self._processes:
+            if process.running:
+                try:
+                    process.end_cleanly()
+                except AssertionError as error:
+                    failures.append(str(error))
+        assert not failures, '\n'.join(failures)
