@@ -1,0 +1,70 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""One planner for all robots, a tracker for each, and simulated plants unless real ones are there.
+
+Start with ``ros2 launch tdm_planner robots.launch.py``, then ask for a plan with
+``ros2 service call /robots/plan std_srvs/srv/Trigger``.
+
+The robots are those that the parameter file's section `planner` names in `robots`; the simulated
+ones stand at its `<robot>.start` to begin with.
+"""
+
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+import yaml
+
+from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.resources import config_file
+
+
+def start_nodes(context: LaunchContext) -> list[Node]:
+    """Describe the nodes, for the arguments of this launch."""
+
+    def argument(name: str) -> str:
+        return str(LaunchConfiguration(name).perform(context))
+
+    file = argument('params_file')
+    nodes = robot_nodes(yaml.safe_load(Path(file).read_text(encoding='utf-8')))
+    simulated = argument('plant') == 'true'
+    return [
+        Node(
+            package='tdm_planner',
+            executable=node.executable,
+            namespace='/'.join(part for part in (argument('namespace'), node.robot) if part),
+            parameters=[file, node.parameters],
+            ros_arguments=['--log-level', argument('log_level')],
+            output='screen',
+        )
+        for node in nodes
+        if simulated or node.executable != 'robot_plant'
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Describe the arguments; the nodes depend on them."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'params_file',
+                default_value=str(config_file('robots.yaml')),
+                description='parameter file of all nodes',
+            ),
+            DeclareLaunchArgument(
+                'namespace', default_value='robots', description='namespace of all robots'
+            ),
+            DeclareLaunchArgument(
+                'plant',
+                default_value='true',
+                choices=['true', 'false'],
+                description='simulate the robots; false where the real ones publish odom',
+            ),
+            DeclareLaunchArgument(
+                'log_level', default_value='info', description='level of all loggers'
+            ),
+            OpaqueFunction(function=start_nodes),
+        ]
+    )

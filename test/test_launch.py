@@ -1,0 +1,219 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The launch files, executed with stand-ins for the few classes of `launch` they use.
+
+`launch` is not available as a wheel. Where ROS 2 is installed the files are loaded by it as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+import runpy
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+
+from tdm_planner.exceptions import InvalidProblem
+
+SOURCE = Path(__file__).resolve().parents[1]
+FILES = sorted(path.name for path in (SOURCE / 'launch').glob('*.launch.py'))
+
+
+@dataclass(frozen=True)
+class LaunchConfiguration:
+    name: str
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        return context[self.name]
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: str
+    description: str
+    choices: list[str] | None = None
+
+
+@dataclass
+class IfCondition:
+    configuration: LaunchConfiguration
+
+
+@dataclass
+class OpaqueFunction:
+    function: Any
+
+
+@dataclass
+class Node:
+    package: str
+    executable: str
+    namespace: Any
+    parameters: list[Any]
+    ros_arguments: list[Any]
+    output: str
+    condition: IfCondition | None = None
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any] = field(default_factory=list)
+
+    def nodes(self, **arguments: str) -> list[Node]:
+        """The nodes that start for the given arguments, everything resolved."""
+        context = {a.name: a.default_value for a in self.arguments()} | arguments
+        found: list[Node] = []
+        for entity in self.entities:
+            made = entity.function(context) if isinstance(entity, OpaqueFunction) else [entity]
+            found += [node for node in made if isinstance(node, Node)]
+        for node in found:
+            node.namespace = resolved(node.namespace, context)
+            node.parameters = [resolved(item, context) for item in node.parameters]
+            node.ros_arguments = [resolved(item, context) for item in node.ros_arguments]
+        return [
+            n
+            for n in found
+            if n.condition is None or n.condition.configuration.perform(context) == 'true'
+        ]
+
+    def arguments(self) -> list[DeclareLaunchArgument]:
+        return [e for e in self.entities if isinstance(e, DeclareLaunchArgument)]
+
+
+def resolved(item: Any, context: Mapping[str, str]) -> Any:
+    return item.perform(context) if isinstance(item, LaunchConfiguration) else item
+
+
+def module(name: str, **content: Any) -> ModuleType:
+    made = ModuleType(name)
+    vars(made).update(content)
+    return made
+
+
+@pytest.fixture
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    for made in (
+        module('launch', LaunchDescription=LaunchDescription, LaunchContext=dict),
+        module(
+            'launch.actions',
+            DeclareLaunchArgument=DeclareLaunchArgument,
+            OpaqueFunction=OpaqueFunction,
+        ),
+        module('launch.conditions', IfCondition=IfCondition),
+        module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
+        module('launch_ros'),
+        module('launch_ros.actions', Node=Node),
+    ):
+        monkeypatch.setitem(sys.modules, made.__name__, made)
+
+
+def description(name: str) -> LaunchDescription:
+    made = runpy.run_path(str(SOURCE / 'launch' / name))['generate_launch_description']()
+    assert isinstance(made, LaunchDescription)
+    return made
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_every_argument_is_described_and_has_a_default(name: str):
+    arguments = {a.name: a for a in description(name).arguments()}
+    assert {'params_file', 'namespace', 'plant', 'log_level'} <= set(arguments)
+    for argument in arguments.values():
+        assert argument.description
+        assert argument.choices is None or argument.default_value in argument.choices
+    params_file = Path(arguments['params_file'].default_value)
+    assert params_file == SOURCE / 'config' / f'{name.split(".")[0]}.yaml'
+    assert arguments['namespace'].default_value == name.split('.')[0]
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_pendulum_starts_planner_tracker_and_plant():
+    nodes = description('pendulum.launch.py').nodes()
+    assert {n.executable for n in nodes} == {'planner', 'tracker', 'pendulum_plant'}
+    for node in nodes:
+        assert node.package == 'tdm_planner'
+        assert node.namespace == 'pendulum'
+        assert node.parameters == [str(SOURCE / 'config' / 'pendulum.yaml')]
+        assert node.ros_arguments == ['--log-level', 'info']
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_pendulum_takes_its_arguments():
+    nodes = description('pendulum.launch.py').nodes(
+        plant='false', namespace='rig', params_file='/my.yaml', log_level='debug'
+    )
+    assert {n.executable for n in nodes} == {'planner', 'tracker'}
+    for node in nodes:
+        assert (node.namespace, node.parameters) == ('rig', ['/my.yaml'])
+        assert node.ros_arguments == ['--log-level', 'debug']
+
+
+ROBOTS = {
+    '/**/planner': {
+        'ros__parameters': {
+            'robots': ['left', 'right'],
+            'left': {'start': {'x': 1, 'y': 2.0}},
+            'right': {'start': {'yaw': 0.5}},
+            'start': {'source': 'measured'},
+        }
+    },
+    '/**/tracker': {'ros__parameters': {'plant': 'robot'}},
+}
+
+
+@pytest.fixture
+def robots_file(tmp_path: Path) -> str:
+    path = tmp_path / 'robots.yaml'
+    path.write_text(yaml.safe_dump(ROBOTS))
+    return str(path)
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_robots_get_a_plant_and_a_tracker_each(robots_file: str):
+    nodes = description('robots.launch.py').nodes(params_file=robots_file)
+    assert {(n.executable, n.namespace) for n in nodes} == {
+        ('planner', 'robots'),
+        ('robot_plant', 'robots/left'),
+        ('tracker', 'robots/left'),
+        ('robot_plant', 'robots/right'),
+        ('tracker', 'robots/right'),
+    }
+    assert all(n.parameters[0] == robots_file for n in nodes)
+    initial = {n.namespace: n.parameters[1] for n in nodes if n.executable == 'robot_plant'}
+    assert initial['robots/left'].items() >= {'initial.x': 1.0, 'initial.y': 2.0}.items()
+    assert initial['robots/right'].items() >= {'initial.yaw': 0.5}.items()
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_real_robots_need_no_plants(robots_file: str):
+    nodes = description('robots.launch.py').nodes(
+        params_file=robots_file, plant='false', namespace=''
+    )
+    assert [(n.executable, n.namespace) for n in nodes] == [
+        ('planner', ''),
+        ('tracker', 'left'),
+        ('tracker', 'right'),
+    ]
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_a_file_without_robots_is_refused(tmp_path: Path):
+    path = tmp_path / 'none.yaml'
+    path.write_text('planner: {ros__parameters: {problem: robot_formation}}')
+    with pytest.raises(InvalidProblem, match="'robots' = None is not allowed"):
+        description('robots.launch.py').nodes(params_file=str(path))
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_ros_itself_loads_the_file(name: str):
+    sources = pytest.importorskip('launch.launch_description_sources')
+    pytest.importorskip('launch_ros.actions')
+    source = sources.PythonLaunchDescriptionSource(str(SOURCE / 'launch' / name))
+    launch = pytest.importorskip('launch')
+    assert source.get_launch_description(launch.LaunchContext()).entities

@@ -1,0 +1,106 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write config/*.yaml and the README's parameter tables from the parameters' declarations.
+
+make config        (python tools/generate.py)
+python tools/generate.py --check   exit 1 where a file is not up to date
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+import difflib
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+from tdm_planner.nodes.tracker import TrackerParameters
+from tdm_planner.parameter_files import parameter_file, parameter_table
+from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.request import RequestParameters
+from tdm_sim.pendulum_plant import PendulumPlantParameters
+
+ROOT = Path(__file__).resolve().parents[1]
+
+Specifications = Mapping[str, ParameterSpec]
+
+PENDULUM_TITLE = """Rotary pendulum: planner, tracker and simulated plant, in any namespace.
+Written by `make config` from the declarations in the code: the values are the defaults.
+The planner's plant and limits are what it believes, the plant node's what is simulated."""
+
+
+def pendulum_planner() -> Specifications:
+    """Parameters of the planner for the pendulum."""
+    return {
+        **specifications(RequestParameters),
+        **PendulumSwingUp.parameter_specifications({}),
+    }
+
+
+def pendulum_file() -> str:
+    """Return config/pendulum.yaml."""
+    nodes: dict[str, tuple[Specifications, Mapping[str, Any]]] = {
+        'planner': (pendulum_planner(), {}),
+        'tracker': (specifications(TrackerParameters), {}),
+        'pendulum_plant': (specifications(PendulumPlantParameters), {}),
+    }
+    return parameter_file(nodes, PENDULUM_TITLE)
+
+
+def tables() -> dict[str, str]:
+    """Return the README's tables by the name in their markers."""
+    return {
+        'planner pendulum': parameter_table(pendulum_planner()),
+        'tracker': parameter_table(specifications(TrackerParameters)),
+        'pendulum_plant': parameter_table(specifications(PendulumPlantParameters)),
+    }
+
+
+def with_tables(text: str) -> str:
+    """Return `text` with what stands between the markers of each table replaced."""
+    for name, table in tables().items():
+        begin, end = f'<!-- parameters: {name} -->\n', '<!-- end -->'
+        pattern = re.compile(re.escape(begin) + '.*?' + re.escape(end), re.DOTALL)
+        if not pattern.search(text):
+            raise SystemExit(f'README.md lacks the marker {begin.strip()}')
+        text = pattern.sub(lambda _, new=begin + table + end: new, text)  # type: ignore[misc]
+    return text
+
+
+def generated() -> dict[Path, str]:
+    """Return every generated file's path and content."""
+    readme = ROOT / 'README.md'
+    return {
+        ROOT / 'config' / 'pendulum.yaml': pendulum_file(),
+        readme: with_tables(readme.read_text(encoding='utf-8')),
+    }
+
+
+def main() -> int:
+    """Write the files, or check them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--check', action='store_true', help='write nothing, compare')
+    check = parser.parse_args().check
+    stale = 0
+    for path, wanted in generated().items():
+        present = path.read_text(encoding='utf-8') if path.is_file() else ''
+        if present == wanted:
+            continue
+        stale += 1
+        if check:
+            name = str(path.relative_to(ROOT))
+            difference = difflib.unified_diff(
+                present.splitlines(), wanted.splitlines(), name, f'{name} (declared)', lineterm=''
+            )
+            print('\n'.join(difference))
+        else:
+            path.write_text(wanted, encoding='utf-8')
+            print(f'written: {path.relative_to(ROOT)}')
+    return int(check and stale > 0)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
