@@ -1,0 +1,240 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the simulated plants have in common as nodes: real time, commands, services, diagnostics.
+
+A plant is integrated up to the present by time stamps whenever something happens (timer, command,
+service), so that late timers delay messages but never slow down or speed up the motion.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.parameters import (
+    build,
+    NON_NEGATIVE,
+    parameter,
+    POSITIVE,
+    Range,
+    specifications,
+    Validated,
+)
+from tdm_sim.commands import MalformedCommand
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+
+Array = NDArray[np.float64]
+
+LONGEST_CATCH_UP = 0.1  # s; what a process stalled for longer leaves out, so that it can recover
+DIAGNOSTICS_PERIOD = 1.0  # s
+WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
+
+_SHARE = Range(0.0, 1.0, upper_open=True)
+
+
+@dataclass(frozen=True)
+class SimulationParameters(Validated):
+    """What every simulated plant can be told; subclasses add the plant's own."""
+
+    rate: float = parameter(
+        200.0,
+        'rate of the published states',
+        unit='Hz',
+        allowed=Range(0.0, 1000.0, lower_open=True),
+        read_only=True,
+    )
+    real_time_factor: float = parameter(
+        1.0,
+        'speed of the simulated motion relative to the clock',
+        allowed=Range(0.0, 100.0, lower_open=True),
+    )
+    command_timeout: float = parameter(
+        0.1,
+        'simulated time without a command after which the actuators are switched off',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    mismatch: float = parameter(
+        0.0,
+        'largest relative error put on every physical constant, at random (0.05 is 5 %)',
+        allowed=_SHARE,
+    )
+    mismatch_seed: int = parameter(
+        0, 'seed of the mismatch: the same seed gives the same plant', allowed=NON_NEGATIVE
+    )
+    seed: int = parameter(
+        0,
+        'seed of measurement noise, command loss and push directions',
+        allowed=NON_NEGATIVE,
+        read_only=True,
+    )
+
+
+class PlantNode(ParameterNode):
+    """A simulated plant in real time; subclasses say which plant and how it looks as messages.
+
+    Subscribes `joint_command`, publishes measured states and `/diagnostics`, serves `reset` and
+    `push`. Changed parameters act at once, without a jump of the state (`initial.*` at `reset`).
+
+    Raises
+    ------
+    InvalidProblem
+        If the parameters given at the start do not make a plant together.
+    """
+
+    def __init__(self, name: str, parameters: type[SimulationParameters], **options: Any) -> None:
+        self._parameters_type = parameters
+        super().__init__(name, specifications(parameters), **options)
+        self.warn_of_unknown_overrides()
+        self.parameters: Any = build(parameters, self.parameter_values)
+        self.simulation = SimulatedPlant(self.make_setup(self.parameters), self.parameters.seed)
+        self._last: Time = self.get_clock().now()
+        self._left_out = 0.0
+        self._published = self._accepted = self._refused = self._pushes = 0
+        self._warned_timeouts = 0
+        self.make_publishers()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(JointState, 'joint_command', self._on_command, 10)
+        self.create_service(Trigger, 'reset', self._on_reset)
+        self.create_service(Trigger, 'push', self._on_push)
+        self._jump = self.get_clock().create_jump_callback(
+            JumpThreshold(
+                min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+            ),
+            post_callback=self._on_clock_jump,
+        )
+        self.create_timer(1.0 / self.parameters.rate, self._on_timer)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+
+    @abstractmethod
+    def make_setup(self, parameters: Any) -> PlantSetup:
+        """Return the plant, its limits and its disturbances as `parameters` say."""
+
+    @abstractmethod
+    def make_publishers(self) -> None:
+        """Create the publishers of the states."""
+
+    @abstractmethod
+    def publish_state(self, measured: Array, stamp: Any) -> None:
+        """Publish the state (nx,) as measured at `stamp` (builtin_interfaces/Time)."""
+
+    @abstractmethod
+    def read_command(self, message: JointState) -> Array:
+        """Return the controls (nu,) of a command; raises MalformedCommand."""
+
+    @abstractmethod
+    def push_effect(self) -> tuple[Callable[[Array], Array], str]:
+        """Return what one push of `disturbance.impulse` does to a state, and a description."""
+
+    @abstractmethod
+    def conditions(self) -> tuple[list[str], dict[str, str]]:
+        """Return warnings about the plant's state, and figures for the diagnostics."""
+
+    def check_values(self, values: Mapping[str, Any]) -> None:
+        """Refuse values that do not make a plant together."""
+        self.make_setup(build(self._parameters_type, values))
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Let changed parameters act from now on."""
+        self.advance()
+        self.parameters = build(self._parameters_type, self.parameter_values)
+        self.simulation.setup = self.make_setup(self.parameters)
+
+    def advance(self) -> Time:
+        """Integrate up to the present and return its instant."""
+        now: Time = self.get_clock().now()
+        elapsed = (now.nanoseconds - self._last.nanoseconds) * 1e-9
+        self._last = now
+        if elapsed > LONGEST_CATCH_UP:
+            self._left_out += elapsed - LONGEST_CATCH_UP
+            elapsed = LONGEST_CATCH_UP
+        if elapsed > 0.0:
+            self.simulation.step(elapsed * self.parameters.real_time_factor)
+        return now
+
+    def _on_timer(self) -> None:
+        now = self.advance()
+        self.publish_state(self.simulation.measure(), now.to_msg())
+        self._published += 1
+        if self.simulation.timeouts > self._warned_timeouts:
+            self._warned_timeouts = self.simulation.timeouts
+            self.get_logger().warning(
+                f'no command for {self.parameters.command_timeout:g} s (command_timeout): '
+                'actuators off',
+                throttle_duration_sec=WARNING_PERIOD,
+            )
+
+    def _on_command(self, message: JointState) -> None:
+        self.advance()
+        try:
+            self.simulation.command(self.read_command(message))
+        except MalformedCommand as error:
+            self._refused += 1
+            self.get_logger().warning(
+                f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
+            )
+            return
+        self._accepted += 1
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.advance()
+        self.simulation.reset()
+        response.success = True
+        response.message = 'back in the initial state'
+        return response
+
+    def _on_push(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.advance()
+        effect, description = self.push_effect()
+        self.simulation.push(effect)
+        self._pushes += 1
+        self.get_logger().info(description)
+        response.success = True
+        response.message = description
+        return response
+
+    def _on_clock_jump(self, _: Any) -> None:
+        # The motion goes on from the clock's new time as if nothing had happened.
+        self._last = self.get_clock().now()
+
+    def _publish_diagnostics(self) -> None:
+        warnings, figures = self.conditions()
+        if self._left_out > 0.0:
+            warnings.append(f'{self._left_out:.3g} s left out: the process was stalled')
+        errors = list(self.invalid_overrides.values())
+        level, message = DiagnosticStatus.OK, 'driven' if self.simulation.commanded else 'free'
+        if warnings or errors:
+            level = DiagnosticStatus.ERROR if errors else DiagnosticStatus.WARN
+            message = '; '.join(errors + warnings)
+        figures = {
+            'simulated time [s]': f'{self.simulation.time:.3f}',
+            'time left out [s]': f'{self._left_out:.3f}',
+            'states published': str(self._published),
+            'commands accepted': str(self._accepted),
+            'commands refused': str(self._refused),
+            'command time-outs': str(self.simulation.timeouts),
+            'pushes': str(self._pushes),
+            **figures,
+        }
+        status = DiagnosticStatus(
+            level=level,
+            name=f'{self.get_fully_qualified_name()}: simulation',
+            message=message,
+            hardware_id=self.get_fully_qualified_name(),
+            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
