@@ -1,0 +1,81 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node's state on `/diagnostics`: once a second, and at once when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+TOPIC = '/diagnostics'
+PERIOD = 1.0  # s
+
+
+class Level(IntEnum):
+    """Levels of a diagnostic status, as DiagnosticStatus numbers them."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a node says of itself: a level, one sentence, and figures by name."""
+
+    level: Level
+    message: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Publishes what `report` returns, every second and whenever level or message change.
+
+    `name` is the status's, after the node's own. Call `update` after anything that may change it.
+    """
+
+    def __init__(self, node: Node, name: str, report: Callable[[], Report]) -> None:
+        self._node = node
+        self._name = name
+        self._report = report
+        self._last: tuple[Level, str] | None = None
+        self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
+        self._timer = node.create_timer(PERIOD, self.publish)
+
+    def update(self) -> None:
+        """Publish if level or message have changed."""
+        report = self._report()
+        if (report.level, report.message) != self._last:
+            self._publish(report)
+
+    def publish(self) -> None:
+        """Publish the state as it is now."""
+        self._publish(self._report())
+
+    def _publish(self, report: Report) -> None:
+        self._last = (report.level, report.message)
+        full_name = self._node.get_fully_qualified_name()
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.status = [
+            DiagnosticStatus(
+                level=bytes([report.level]),
+                name=f'{full_name}: {self._name}',
+                message=report.message,
+                hardware_id=full_name,
+                values=[
+                    KeyValue(key=key, value=_text(value)) for key, value in report.values.items()
+                ],
+            )
+        ]
+        self._publisher.publish(message)
+
+
+def _text(value: Any) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

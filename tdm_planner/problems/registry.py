@@ -1,0 +1,76 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Problems by name: those of the package, and those that other packages register.
+
+A package registers a problem under the entry-point group `tdm_planner.problems`, in its setup.cfg:
+
+    [options.entry_points]
+    tdm_planner.problems =
+        my_problem = my_package.my_module:MyProblem
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import difflib
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.base import Problem
+
+GROUP = 'tdm_planner.problems'
+
+# Named here as well, so that they are found in a source tree that is not installed.
+BUILT_IN: Mapping[str, str] = MappingProxyType(
+    {
+        'pendulum_swing_up': 'tdm_planner.problems.pendulum_swing_up:PendulumSwingUp',
+        'robot_formation': 'tdm_planner.problems.robot_formation:RobotFormation',
+    }
+)
+
+
+def problem_names() -> list[str]:
+    """Names of all problems that can be loaded, the package's own first."""
+    registered = sorted({found.name for found in entry_points(group=GROUP)} - set(BUILT_IN))
+    return [*BUILT_IN, *registered]
+
+
+def load_problem(name: str) -> type[Problem]:
+    """Import the class of the problem called `name`.
+
+    Raises
+    ------
+    InvalidProblem
+        If the name is unknown, or the class registered under it cannot be loaded.
+    """
+    address = BUILT_IN.get(name)
+    if address is None:
+        registered = {found.name: found.value for found in entry_points(group=GROUP)}
+        address = registered.get(name)
+    if address is None:
+        names = problem_names()
+        similar = difflib.get_close_matches(name, names, n=1)
+        hint = f' (did you mean {similar[0]}?)' if similar else ''
+        raise InvalidProblem(
+            f"parameter 'problem' = '{name}' is not allowed: must be one of "
+            f'{", ".join(names)}{hint}'
+        )
+    return _load(name, address)
+
+
+def _load(name: str, address: str) -> type[Problem]:
+    module, _, attribute = address.partition(':')
+    try:
+        found = getattr(import_module(module.strip()), attribute.strip())
+    except Exception as error:  # whatever the registered package's import raises
+        raise InvalidProblem(
+            f"problem '{name}' cannot be loaded from {address}: {type(error).__name__}: {error}"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Problem)):
+        raise InvalidProblem(
+            f"problem '{name}' cannot be loaded: {address} is not a subclass of "
+            'tdm_planner.problems.Problem'
+        )
+    return found
