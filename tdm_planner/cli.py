@@ -14,11 +14,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import yaml
-
 from tdm_planner import __version__
-from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
-from tdm_planner.parameters import ros_parameters
+from tdm_planner.exceptions import Infeasible, TdmError
+from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, save_plan
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
@@ -108,37 +106,6 @@ def _plot(problem: Problem, solution: Solution, path: Path) -> None:
     from tdm_planner.plotting import plot_solution
 
     plot_solution(problem, solution, path)
-
-
-def read_parameters(path: Path | None, settings: Sequence[str] = ()) -> dict[str, Any]:
-    """Return flat parameters from a ROS 2 parameter file and ``name=value`` settings.
-
-    Raises
-    ------
-    InvalidProblem
-        If the file cannot be read or a setting is not of that form.
-    """
-    values: dict[str, Any] = {}
-    if path is not None:
-        try:
-            values.update(ros_parameters(yaml.safe_load(path.read_text())))
-        except (OSError, UnicodeDecodeError) as error:
-            raise InvalidProblem(f"the file '{path}' cannot be read: {error}") from None
-        except yaml.YAMLError as error:
-            raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
-    for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not (name and equals):
-            raise InvalidProblem(f"--set '{setting}' must have the form name=value")
-        try:
-            values[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InvalidProblem(f"--set '{setting}' has no value: {_one_line(error)}") from None
-    return values
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())
 
 
 def _working(what: str, quiet: bool) -> AbstractContextManager[Any]:

@@ -18,9 +18,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rich.table import Table
 from std_srvs.srv import Trigger
 
-from tdm_planner.cli import read_parameters
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.installation import require_one_ros
+from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import save_plan
 from tdm_planner.resources import config_file
 from tdm_sim.demo_pendulum import PendulumScene

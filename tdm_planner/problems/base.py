@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
 
 Array = NDArray[np.float64]
+P = TypeVar('P', bound='Problem')
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class Problem(ABC):
         return specifications(cls)
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any]) -> Problem:
+    def from_parameters(cls: type[P], parameters: Mapping[str, Any]) -> P:
         """Make a problem from a mapping as in the YAML files, nested or with dotted names.
 
         Raises
@@ -150,7 +151,7 @@ class Problem(ABC):
         return cls.from_values(values)
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> Problem:
+    def from_values(cls: type[P], values: Mapping[str, Any]) -> P:
         """Make a problem from checked values by dotted name."""
         return build(cls, values)
 
