@@ -28,6 +28,7 @@ from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
+    distinct,
     FINE_STEPS,
     polish,
     random_arcs,
@@ -50,7 +51,7 @@ def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     budget = Budget(math.inf)
     batch = random_arcs(task, np.random.default_rng([seed, 1]), STARTS, 10)
     best: Candidate | None = None
-    for candidate in steered(task, batch, budget, math.inf)[:POLISHED]:
+    for candidate in distinct(steered(task, batch, budget, math.inf))[:POLISHED]:
         better, violation = polish(task, candidate, COARSE_STEPS, 1e-8, budget)
         if violation < 1e-6 and (best is None or better.total < best.total):
             fine, violation = polish(
@@ -83,7 +84,7 @@ def collocate(task: SwingUpTask, guess: Trajectory) -> float | None:
     lower, upper = np.full((4, n + 1), -np.inf), np.full((4, n + 1), np.inf)
     lower[1], upper[1] = -task.disk_angle, task.disk_angle
     lower[:, 0] = upper[:, 0] = task.start / unit
-    lower[:, -1] = upper[:, -1] = task.goal(guess) / unit
+    lower[:, -1] = upper[:, -1] = task.goal_nearest(guess.states[-1]) / unit
     nodes = np.linspace(0.0, guess.duration, n + 1)
     sample = guess.sample(nodes)
     between = guess.sample((nodes[1:] + nodes[:-1]) / 2)
@@ -117,7 +118,7 @@ def _accelerations(
     plant: RotaryPendulum, x: casadi.MX, torque: casadi.MX, w0: float
 ) -> tuple[casadi.MX, casadi.MX]:
     """Accelerations in units of w0^2, rates in units of w0."""
-    accelerations = plant._acceleration(
+    accelerations = plant.accelerations(
         casadi.sin(x[0]), casadi.cos(x[0]), x[2] * w0, x[3] * w0, torque
     )
     return accelerations[0] / w0**2, accelerations[1] / w0**2

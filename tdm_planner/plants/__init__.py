@@ -3,6 +3,7 @@
 """Plants: equations of motion in time, vectorised, with units and derivatives."""
 
 from tdm_planner.plants.base import Plant
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 
-__all__ = ['PendulumInertia', 'Plant', 'RotaryPendulum']
+__all__ = ['FloatingRobot', 'PendulumInertia', 'Plant', 'RotaryPendulum']

@@ -150,26 +150,32 @@ class RotaryPendulum(Validated):
         if state.ndim == 1 and control.ndim == 1:
             # One state at a time is what integrators ask for: scalars are ten times faster.
             theta, _, theta_dot, psi_dot = state.tolist()
-            rates = self._acceleration(
-                math.sin(theta), math.cos(theta), theta_dot, psi_dot, float(control[0])
-            )
+            if not math.isfinite(theta):
+                return np.full(4, np.nan)
+            sine, cosine = math.sin(theta), math.cos(theta)
+            rates = self.accelerations(sine, cosine, theta_dot, psi_dot, float(control[0]))
             return np.array([theta_dot, psi_dot, *rates])
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        rates = self._acceleration(
+        rates = self.accelerations(
             np.sin(theta), np.cos(theta), theta_dot, psi_dot, control[..., 0]
         )
         return np.stack(np.broadcast_arrays(theta_dot, psi_dot, *rates), axis=-1)
 
-    def _acceleration(
+    def accelerations(
         self, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
     ) -> tuple[Any, Any]:
+        """Return theta'' and psi''; the arguments may be numbers, arrays or symbols alike."""
         k = self.coefficients
         double_sine = 2 * sine * cosine
         b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        r1 = 0.5 * k.coupling * double_sine * psi_dot**2 + k.gravity * sine
-        r2 = torque - k.coupling * double_sine * theta_dot * psi_dot + k.arm * sine * theta_dot**2
-        determinant = k.pendulum * j - b**2
+        j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
+        r1 = 0.5 * k.coupling * double_sine * psi_dot * psi_dot + k.gravity * sine
+        r2 = (
+            torque
+            - k.coupling * double_sine * theta_dot * psi_dot
+            + k.arm * sine * theta_dot * theta_dot
+        )
+        determinant = k.pendulum * j - b * b
         return (j * r1 - b * r2) / determinant, (k.pendulum * r2 - b * r1) / determinant
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
@@ -189,7 +195,7 @@ class RotaryPendulum(Validated):
         b = k.arm * cosine
         j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
         determinant = k.pendulum * j - b**2
-        theta_ddot, psi_ddot = self._acceleration(sine, cosine, theta_dot, psi_dot, torque)
+        theta_ddot, psi_ddot = self.accelerations(sine, cosine, theta_dot, psi_dot, torque)
         # (A theta'' + B psi'', B theta'' + J psi'') = (r_1, r_2), differentiated term by term.
         b_theta, j_theta = -k.arm * sine, (k.disk_sine - k.disk_cosine) * double_sine
         zero = np.zeros_like(theta)

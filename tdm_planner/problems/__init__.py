@@ -9,6 +9,8 @@ from tdm_planner.problems.pendulum_swing_up import (
     PendulumStart,
     PendulumSwingUp,
 )
+from tdm_planner.problems.formation_parameters import RobotStart
+from tdm_planner.problems.robot_formation import RobotFormation
 
 __all__ = [
     'PendulumGoal',
@@ -16,6 +18,8 @@ __all__ = [
     'PendulumStart',
     'PendulumSwingUp',
     'Problem',
+    'RobotFormation',
+    'RobotStart',
     'Solution',
     'SolverParameters',
 ]

@@ -9,7 +9,6 @@ the torque (see `switching_program`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 import math
 from typing import ClassVar
@@ -18,31 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, InvalidProblem, VerificationFailed
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
-from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_search import (
-    Candidate,
-    COARSE_STEPS,
-    FINE_STEPS,
-    polish,
-    random_arcs,
-    steered,
-    trajectory,
-    without_short_arcs,
-)
-from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Verification
+from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
+from tdm_planner.problems.switching_method import SwitchingMethod
+from tdm_planner.problems.switching_search import previous_arcs
 
 Array = NDArray[np.float64]
-
-_STARTS = 240
-_POLISHED = 8
-_STEERING_SHARE = 0.6  # of the deadline, after which no more starts are steered,
-_POLISHING_SHARE = 0.85  # and no more candidates polished
 
 
 @dataclass(frozen=True)
@@ -152,84 +136,35 @@ class PendulumSwingUp(Problem, Validated):
         self.prepare()
         budget = Budget(self.solver.deadline if deadline is None else deadline)
         rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        task = self.task
-        resting = task.hold()
-        if resting is not None:
-            check = task.verify(resting)
-            if check.ok:
-                return self._solution(
-                    Candidate(np.zeros(0), np.zeros(0), 0), resting, check, budget
-                )
-        failure = ''
-        starts = 0
-        while not budget.spent:
-            batch = random_arcs(task, rng, _STARTS, self.switching_arcs)
-            starts += _STARTS
-            candidates = steered(task, batch, budget, _STEERING_SHARE * budget.seconds)
-            for candidate in self._polished(task, candidates, budget):
-                fine, violation = polish(
-                    task,
-                    without_short_arcs(task, candidate),
-                    FINE_STEPS,
-                    self.solver.tolerance,
-                    budget,
-                )
-                plan = trajectory(task, fine)
-                check = task.verify(plan)
-                if check.ok:
-                    return self._solution(fine, plan, check, budget, violation)
-                failure = check.reasons[0]
-                if budget.spent:
-                    break
-        if failure:
-            raise VerificationFailed(f'no plan survived the check: {failure}')
-        raise DeadlineExceeded(
-            f'no plan within {budget.seconds:g} s from {starts} starts with torque up to '
-            f'{task.torque:.3g} N m (limits.torque, torque_reserve)'
-        )
-
-    def _polished(
-        self, task: SwingUpTask, candidates: list[Candidate], budget: Budget
-    ) -> Iterator[Candidate]:
-        done: list[Candidate] = []
-        best = math.inf
-        for candidate in candidates[:_POLISHED]:
-            if budget.elapsed > _POLISHING_SHARE * budget.seconds:
-                done.append(candidate)
-                continue
-            better, violation = polish(
-                task,
-                candidate,
-                COARSE_STEPS,
-                self.solver.tolerance,
+        plan = self.task.hold()
+        if plan is None:
+            plan = SwitchingMethod(
+                self.task,
                 budget,
-                cutoff=None if math.isinf(best) else 1.05 * best,
-            )
-            done.append(better)
-            if violation < 1e-6:
-                best = min(best, better.total)
-        return iter(sorted(done, key=lambda c: c.total))
+                rng,
+                self.switching_arcs,
+                self.solver.tolerance,
+                previous_arcs(warm_start),
+            ).solve()
+        return self._solution(plan, budget)
 
-    def _solution(
-        self,
-        candidate: Candidate,
-        plan: Trajectory,
-        check: Verification,
-        budget: Budget,
-        penalty: float = 0.0,
-    ) -> Solution:
-        switches = max(candidate.durations.size - 1, 0)
+    def _solution(self, plan: SwingUpPlan, budget: Budget) -> Solution:
+        motion = plan.trajectory
+        torques = motion.control('torque')[:-1]
+        switches = int(np.count_nonzero(np.diff(torques)))
+        turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
         return Solution(
             problem=self.name,
-            trajectories={'pendulum': plan},
-            cost=plan.duration,
-            penalty=penalty,
-            parameters=candidate.durations,
+            trajectories={'pendulum': motion},
+            cost=motion.duration,
+            penalty=plan.penalty,
+            parameters=plan.parameters,
             evaluations=budget.evaluations,
             solve_time=budget.elapsed,
-            verification=check,
+            verification=plan.verification,
             summary=(
-                f'swing-up in {plan.duration:.3f} s with {switches} switches of '
-                f'{(1 - self.torque_reserve) * self.limits.torque:.3g} N m'
+                f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
+                f'{switches} switches of at most {np.abs(torques).max():.3g} N m, |psi| at most '
+                f'{np.abs(motion.state("psi")).max():.2f} rad'
             ),
         )

@@ -21,6 +21,16 @@ _HOLD_TIME = 5e-3
 
 
 @dataclass(frozen=True, eq=False)
+class SwingUpPlan:
+    """A verified motion, its varied parameters Xi and the violation left in the program (10)."""
+
+    trajectory: Trajectory
+    verification: Verification
+    parameters: Array
+    penalty: float
+
+
+@dataclass(frozen=True, eq=False)
 class SwingUpTask:
     """From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
 
@@ -46,20 +56,19 @@ class SwingUpTask:
         k = self.plant.coefficients
         determinant = k.pendulum * (k.disk + k.disk_cosine) - k.arm**2
         by_torque = self.torque / determinant * np.array([k.arm, k.pendulum])
-        nearest = math.remainder(float(self.start[0]), 2 * math.pi)
-        if self.turns is not None:
-            nearest = float(self.start[0]) - 2 * math.pi * self.turns
-        distances = np.abs([nearest, self.start[1]])
+        theta, psi = (self.start - self.goal_nearest(self.start))[:2]
+        distances = np.abs([theta, psi])
         return float(
             max(np.sqrt(distances / by_torque).max(), (np.abs(self.start[2:]) / by_torque).max())
         )
 
-    def goal(self, trajectory: Trajectory) -> Array:
-        """Upright at rest, at the given number of turns or the one where the trajectory ends."""
-        turns = self.turns
-        if turns is None:
-            turns = round(float(trajectory.states[-1, 0]) / (2 * math.pi))
-        return np.array([2 * math.pi * turns, 0.0, 0.0, 0.0])
+    def turns_nearest(self, state: Array) -> int:
+        """Return the n of theta = 2 pi n to aim at from a state (4,)."""
+        return round(float(state[0]) / (2 * math.pi)) if self.turns is None else self.turns
+
+    def goal_nearest(self, state: Array) -> Array:
+        """Return the goal (4,) to aim at from a state (4,): upright at rest."""
+        return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
 
     def verify(self, trajectory: Trajectory) -> Verification:
         """Replay the trajectory and check its end and the limits on a dense grid."""
@@ -69,20 +78,18 @@ class SwingUpTask:
                 'disk_angle', lambda t, x, u: self.disk_angle - np.abs(x[:, 1]), unit='rad'
             ),
         )
-        return verify(
-            self.plant, trajectory, self.goal(trajectory), TERMINAL_TOLERANCE, constraints
-        )
+        goal = self.goal_nearest(trajectory.states[-1])
+        return verify(self.plant, trajectory, goal, TERMINAL_TOLERANCE, constraints)
 
-    def hold(self) -> Trajectory | None:
+    def hold(self) -> SwingUpPlan | None:
         """Return the plan that does nothing, where the start is the goal; else None."""
-        nearest = self.turns
-        if nearest is None:
-            nearest = round(float(self.start[0]) / (2 * math.pi))
-        error = self.start - np.array([2 * math.pi * nearest, 0.0, 0.0, 0.0])
+        error = self.start - self.goal_nearest(self.start)
         if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
             return None
         times = to_nanoseconds([0.0, _HOLD_TIME])
-        return self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
+        motion = self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
+        check = self.verify(motion)
+        return SwingUpPlan(motion, check, np.zeros(0), 0.0) if check.ok else None
 
     def trajectory(self, times: Array, states: Array, controls: Array) -> Trajectory:
         """Return a trajectory of held torques with names, units and rates."""

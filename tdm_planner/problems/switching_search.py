@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The search for switching times: random starts, steered upright, the quickest ones polished."""
+"""Parts of the search for switching times: starts, arrivals, polish, trajectory."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_program import SwitchingProgram
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
@@ -56,26 +57,36 @@ def random_arcs(task: SwingUpTask, rng: np.random.Generator, count: int, most: i
     durations = shares * (totals / shares.sum(axis=1))[:, None]
     first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
     torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
-    return arc_batch(task, durations, arcs, torques)
-
-
-def arc_batch(
-    task: SwingUpTask, durations: Array, arcs: NDArray[np.intp], torques: Array
-) -> ArcBatch:
-    """Return a batch that aims at the task's goal."""
-    count = len(durations)
     turns = np.full(count, math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(
-        np.ascontiguousarray(durations),
-        arcs,
-        np.ascontiguousarray(torques),
-        turns,
-        np.full(count, np.inf),
-    )
+    return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
+
+
+def given_arcs(task: SwingUpTask, batch: ArcBatch, candidate: Candidate) -> ArcBatch:
+    """Return the batch with its first start replaced by a candidate's arcs."""
+    count = candidate.durations.size
+    if 0 < count <= batch.durations.shape[1]:
+        batch.arcs[0] = count
+        batch.durations[0] = 0.0
+        batch.durations[0, :count] = candidate.durations
+        batch.torques[0, :count] = task.torque * np.sign(candidate.torques)
+    return batch
+
+
+def previous_arcs(solution: Solution | None) -> Candidate | None:
+    """Return the arcs of an earlier plan, None where it does not consist of arcs."""
+    if solution is None or solution.parameters.size == 0:
+        return None
+    motion = solution.trajectory
+    if motion.interpolation != 'zero_order_hold':
+        return None
+    lasting = int(np.argmax(solution.parameters > 0))
+    first = float(motion.controls[0, 0])
+    torques = first * (-1.0) ** (np.arange(solution.parameters.size) - lasting)
+    return Candidate(solution.parameters, np.asarray(torques, dtype=np.float64), 0)
 
 
 def steered(task: SwingUpTask, batch: ArcBatch, budget: Budget, until: float) -> list[Candidate]:
-    """Steer the batch until `until` [s of the budget]; the distinct arrivals, quickest first."""
+    """Steer the batch upright, at most until `until` s of the budget; those that arrived."""
     budget.evaluations += steer(
         task.plant,
         task.start,
@@ -84,20 +95,22 @@ def steered(task: SwingUpTask, batch: ArcBatch, budget: Budget, until: float) ->
         COARSE_STEPS,
         lambda: budget.elapsed > until,
     )
-    totals = batch.durations.sum(axis=1)
-    arrived = np.flatnonzero(batch.costs < ARRIVED)
     found: list[Candidate] = []
-    for index in arrived[np.argsort(totals[arrived], kind='stable')]:
-        if found and totals[index] - found[-1].total < _DISTINCT * totals[index]:
-            continue
+    for index in np.flatnonzero(batch.costs < ARRIVED):
         n = batch.arcs[index]
         durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        turns = task.turns
-        if turns is None:
-            end = roll_states(task.plant, task.start, durations, torques, COARSE_STEPS)[-1, 0]
-            turns = round(float(end) / (2 * math.pi))
-        found.append(Candidate(durations, torques, turns))
+        end = roll_states(task.plant, task.start, durations, torques, COARSE_STEPS)[-1]
+        found.append(Candidate(durations, torques, task.turns_nearest(end)))
     return found
+
+
+def distinct(candidates: list[Candidate]) -> list[Candidate]:
+    """Candidates by their total time, one of those whose times are the same."""
+    kept: list[Candidate] = []
+    for candidate in sorted(candidates, key=lambda c: c.total):
+        if not kept or candidate.total - kept[-1].total > _DISTINCT * candidate.total:
+            kept.append(candidate)
+    return kept
 
 
 def polish(
@@ -106,7 +119,7 @@ def polish(
     steps: int,
     tolerance: float,
     budget: Budget,
-    cutoff: float | None = None,
+    cutoff: float = math.inf,
 ) -> tuple[Candidate, float]:
     """Minimise the total time from a candidate; the result and its largest violation.
 
@@ -124,7 +137,7 @@ def polish(
         cost_tolerance=1e-5,
         feasibility=(feasibility, feasibility),
         corrections=4,
-        cutoff=None if cutoff is None else cutoff * w0,
+        cutoff=cutoff * w0 if math.isfinite(cutoff) else None,
     )
     before = program.evaluate(candidate.durations * w0)
     with np.errstate(all='ignore'):
@@ -137,8 +150,11 @@ def polish(
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
-    """Leave out arcs too short to matter, and join neighbours that then have the same torque."""
-    shortest = _SHORTEST_ARC / task.plant.natural_frequency
+    """Leave out arcs too short to matter, as long as there remain enough to vary.
+
+    Neighbours that then have the same torque are joined.
+    """
+    shortest = min(_SHORTEST_ARC / task.plant.natural_frequency, 1e-4 * candidate.total)
     durations: list[float] = []
     torques: list[float] = []
     for duration, torque in zip(candidate.durations, candidate.torques, strict=True):
@@ -149,6 +165,8 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
         else:
             durations.append(float(duration))
             torques.append(float(torque))
+    if len(durations) < FEWEST_ARCS:
+        return candidate
     return Candidate(np.array(durations), np.array(torques), candidate.turns)
 
 

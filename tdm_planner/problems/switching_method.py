@@ -1,0 +1,169 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Method `switching`: the quickest verified swing-up with the torque at its extremes.
+
+Rounds of random starts are steered upright, the quickest arrivals are polished coarsely, then in
+order of their time finely, until one passes the verification.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import DeadlineExceeded, VerificationFailed
+from tdm_planner.plants.compilation import COMPILED
+from tdm_planner.plants.pendulum_rollout import ArcBatch, roll_states
+from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
+from tdm_planner.problems.switching_search import (
+    Candidate,
+    COARSE_STEPS,
+    distinct,
+    FINE_STEPS,
+    given_arcs,
+    polish,
+    random_arcs,
+    steered,
+    trajectory,
+    without_short_arcs,
+)
+
+Array = NDArray[np.float64]
+
+# Starts of the first rounds, and candidates polished: without a compiler a start costs ten times
+# as much.
+_ROUNDS, _POLISHED = ((240,), 8) if COMPILED else ((32, 68), 4)
+# Shares of the deadline after which no more starts are steered once there are arrivals, none at
+# all, and no more candidates polished coarsely.
+_ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
+_CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
+
+
+class SwitchingMethod:
+    """One search; `solve` runs it.
+
+    `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
+    feasible, `previous` a candidate to start from besides the random ones.
+    """
+
+    def __init__(
+        self,
+        task: SwingUpTask,
+        budget: Budget,
+        rng: np.random.Generator,
+        arcs: int,
+        tolerance: float,
+        previous: Candidate | None = None,
+    ) -> None:
+        self._task = task
+        self._budget = budget
+        self._rng = rng
+        self._arcs = arcs
+        self._tolerance = tolerance
+        self._previous = previous
+        self._starts = 0
+        self._closest: tuple[float, Candidate] | None = None
+        self._rejected = ''
+
+    def solve(self) -> SwingUpPlan:
+        """Return the quickest plan that passes the verification.
+
+        Raises
+        ------
+        DeadlineExceeded, VerificationFailed
+            If there is none within the budget.
+        """
+        while not self._budget.spent:
+            plan = self._first_verified(self._polished(self._arrivals()))
+            if plan is not None:
+                return plan
+        if self._rejected:
+            raise VerificationFailed(
+                f'swing-ups were found, but none within {self._budget.seconds:g} s that passes '
+                f'the check: {self._rejected}'
+            )
+        raise DeadlineExceeded(self._reason())
+
+    def _arrivals(self) -> list[Candidate]:
+        """Steer rounds of starts; all distinct arrivals, quickest first."""
+        budget, found = self._budget, list[Candidate]()
+        rounds = 0
+        while budget.elapsed < _STEERED * budget.seconds:
+            size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
+            batch = random_arcs(self._task, self._rng, size, self._arcs)
+            if self._previous is not None and self._starts == 0:
+                batch = given_arcs(self._task, batch, self._previous)
+            found += steered(self._task, batch, budget, _STEERED * budget.seconds)
+            self._remember_closest(batch)
+            self._starts += size
+            rounds += 1
+            late = budget.elapsed > _ENOUGH * budget.seconds
+            if found and (rounds >= len(_ROUNDS) or late):
+                break
+        return distinct(found)
+
+    def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Minimise the times of the quickest candidates."""
+        done: list[Candidate] = []
+        best = math.inf
+        budget = self._budget
+        until = Budget(_COARSE * budget.seconds - budget.elapsed)
+        for candidate in candidates[:_POLISHED]:
+            if until.spent:
+                done.append(candidate)
+                continue
+            better, violation = polish(
+                self._task, candidate, COARSE_STEPS, self._tolerance, until, _CUTOFF * best
+            )
+            done.append(better)
+            if violation < 1e-6:
+                best = min(best, better.total)
+        budget.evaluations += until.evaluations
+        return sorted(done, key=lambda c: c.total)
+
+    def _first_verified(self, candidates: list[Candidate]) -> SwingUpPlan | None:
+        for candidate in candidates:
+            for shorter in (without_short_arcs(self._task, candidate), candidate):
+                if self._budget.spent:
+                    return None
+                fine, violation = polish(
+                    self._task, shorter, FINE_STEPS, self._tolerance, self._budget
+                )
+                if violation < 1e-6:
+                    break
+            motion = trajectory(self._task, fine)
+            check = self._task.verify(motion)
+            if check.ok:
+                return SwingUpPlan(motion, check, fine.durations, violation)
+            self._rejected = check.reasons[0]
+        return None
+
+    def _remember_closest(self, batch: ArcBatch) -> None:
+        index = int(np.argmin(batch.costs))
+        cost = float(batch.costs[index])
+        if self._closest is None or cost < self._closest[0]:
+            durations, torques = batch.durations[index].copy(), batch.torques[index].copy()
+            self._closest = cost, Candidate(durations, torques, 0)
+
+    def _reason(self) -> str:
+        task = self._task
+        weight = task.torque / task.plant.coefficients.gravity
+        reason = (
+            f'no swing-up found in {self._budget.seconds:g} s from {self._starts} starts of up to '
+            f'{self._arcs} arcs with {task.torque:.3g} N m (limits.torque less torque_reserve, '
+            f'{weight:.2g} of m g l)'
+        )
+        if self._closest is None or not math.isfinite(self._closest[0]):
+            return reason
+        closest = self._closest[1]
+        end = roll_states(
+            task.plant, task.start, closest.durations, closest.torques, COARSE_STEPS
+        )[-1]
+        error = end - task.goal_nearest(end)
+        w0 = task.plant.natural_frequency
+        worst = int(np.argmax(np.abs(error) * [1.0, 1.0, 1.0 / w0, 1.0 / w0]))
+        name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
+        return f'{reason}; the closest still missed {name} by {abs(error[worst]):.2g} {unit}'
