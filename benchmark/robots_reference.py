@@ -37,7 +37,13 @@ def runge_kutta_map() -> Any:
         heading = s[4] + s[6]
         thrust = u[0]
         return casadi.vertcat(
-            s[2], s[3], thrust * casadi.cos(heading), thrust * casadi.sin(heading), s[5], u[2], u[1]
+            s[2],
+            s[3],
+            thrust * casadi.cos(heading),
+            thrust * casadi.sin(heading),
+            s[5],
+            u[2],
+            u[1],
         )
 
     k1 = rate(x)
@@ -75,8 +81,15 @@ def guess(
         alpha = heading - yaw(t)
         states.append(
             np.stack(
-                [path[0](t), path[1](t), path[0].deriv()(t), path[1].deriv()(t), yaw(t),
-                 yaw.deriv()(t), alpha]
+                [
+                    path[0](t),
+                    path[1](t),
+                    path[0].deriv()(t),
+                    path[1].deriv()(t),
+                    yaw(t),
+                    yaw.deriv()(t),
+                    alpha,
+                ]
             )
         )
         controls.append(
@@ -111,9 +124,7 @@ def collocate(scenario: Crossing, bows: tuple[float, ...], first: float = 33.0) 
         problem.subject_to(casadi.vec(x[:, 1:] - step.map(last)(x[:, :-1], u, h)) == 0)
         problem.subject_to(problem.bounded(0, u[0, :], ACCELERATION))
         problem.subject_to(problem.bounded(-RATE, u[1, :], RATE))
-        problem.subject_to(
-            problem.bounded(-ANGULAR_ACCELERATION, u[2, :], ANGULAR_ACCELERATION)
-        )
+        problem.subject_to(problem.bounded(-ANGULAR_ACCELERATION, u[2, :], ANGULAR_ACCELERATION))
         for k in range(2):
             problem.subject_to(problem.bounded(radius, x[k, 1:-1], scenario.side - radius))
         problem.subject_to(x[:6, 0] == [*scenario.start[i], 0, 0, scenario.start_yaw[i], 0])
@@ -146,8 +157,14 @@ def collocate(scenario: Crossing, bows: tuple[float, ...], first: float = 33.0) 
     problem.solver(
         'ipopt',
         {'print_time': 0},
-        {'print_level': 0, 'sb': 'yes', 'max_iter': 1000, 'tol': 1e-6, 'acceptable_tol': 1e-5,
-         'mu_strategy': 'adaptive'},
+        {
+            'print_level': 0,
+            'sb': 'yes',
+            'max_iter': 1000,
+            'tol': 1e-6,
+            'acceptable_tol': 1e-5,
+            'mu_strategy': 'adaptive',
+        },
     )
     try:
         return float(problem.solve().value(cost))
@@ -158,9 +175,7 @@ def collocate(scenario: Crossing, bows: tuple[float, ...], first: float = 33.0) 
 def reference(seed: int, n: int = 3) -> float | None:
     """Best cost of three local solutions: both roundabouts and alternating sides."""
     scenario = crossing(seed, n)
-    patterns = [
-        tuple([0.15] * n), tuple([-0.15] * n), tuple(0.15 * (-1) ** i for i in range(n))
-    ]
+    patterns = [tuple([0.15] * n), tuple([-0.15] * n), tuple(0.15 * (-1) ** i for i in range(n))]
     costs = [collocate(scenario, bows) for bows in patterns]
     found = [cost for cost in costs if cost is not None]
     return min(found) if found else None

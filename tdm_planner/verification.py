@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +61,24 @@ class Verification:
         }
 
 
+@runtime_checkable
+class SelfReplaying(Protocol):
+    """A plant whose motion under given controls is a matter of quadrature."""
+
+    def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
+        """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
+
+
 def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
     """Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
 
-    The integration restarts wherever a held control jumps, so that no step spans a switch.
+    The integration restarts wherever a held control jumps, so that no step spans a switch. A plant
+    that can integrate itself exactly, by quadrature, does so (`SelfReplaying`).
     """
+    if isinstance(plant, SelfReplaying):
+        exact = plant.replay(trajectory, times)
+        if exact is not None:
+            return exact
     edges = _smooth_pieces(trajectory)
     states = np.empty((times.size, trajectory.states.shape[1]))
     current = trajectory.states[0]

@@ -3,13 +3,13 @@
 """Problems: optimal control problems cast in the direct method."""
 
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.pendulum_swing_up import (
     PendulumGoal,
     PendulumLimits,
     PendulumStart,
     PendulumSwingUp,
 )
-from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.robot_formation import RobotFormation
 
 __all__ = [

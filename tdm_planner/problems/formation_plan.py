@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01
-_SHOTS = 8
+_SHOTS = 10
 _POSITION_AIM, _VELOCITY_AIM = 2e-4, 1e-4
 
 
@@ -99,22 +99,21 @@ def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory
         task.thrust,
         float(task.alpha[robot]),
     )
-    acceleration = aim.acceleration
-    room = _room(acceleration, task.thrust)
-    best: tuple[float, Trajectory] | None = None
-    for _ in range(_SHOTS):
-        flown = _fly(task, robot, aim, acceleration, *direction.follow(acceleration))
+    room = _room(aim.acceleration, task.thrust)
+    best, accepted, tried = np.inf, None, aim.acceleration
+    for shot in range(1 if task.staying[robot] else _SHOTS):
+        flown = _fly(task, robot, aim, tried, *direction.follow(tried))
         position, velocity = flown.states[-1, :2] - goal, flown.states[-1, 2:4]
-        miss = max(
-            np.abs(position).max() / _POSITION_AIM, np.abs(velocity).max() / _VELOCITY_AIM
-        )
-        if best is None or miss < best[0]:
-            best = (miss, flown)
-        if miss <= 1.0 or task.staying[robot]:
+        miss = max(np.abs(position).max() / _POSITION_AIM, np.abs(velocity).max() / _VELOCITY_AIM)
+        if miss < best:
+            best, accepted = miss, flown
+        if best <= 1.0:
             break
-        acceleration = acceleration + _correction(aim.times, room, position, velocity)
-    assert best is not None
-    return best[1]
+        # Not a descent: the first shots may overshoot on the way. Later ones are damped.
+        gain = 1.0 if shot < _SHOTS // 2 else 0.5
+        tried = tried + gain * _correction(aim.times, room, position, velocity)
+    assert accepted is not None
+    return accepted
 
 
 def _room(acceleration: Array, thrust: float) -> Array:

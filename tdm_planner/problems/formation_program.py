@@ -101,6 +101,7 @@ class FormationProgram(NonlinearProgram):
         self.pairs = PairSeparation(model, interval, _NEAR)
         self.circles = CircleSeparation(model, common_instants, _NEAR)
         self.thruster = ThrusterRows(model, s) if limit_thruster_rate else None
+        self.evaluations = 0
         self.groups = 2 if limit_thruster_rate else 1
         self.rest = _GAS_SMOOTHING * task.thrust
         self.scale = self._typical_cost()
@@ -145,6 +146,7 @@ class FormationProgram(NonlinearProgram):
     def evaluate(self, xi: Array) -> Point:
         """Performance index, relative to a typical one, and violations; see the base class."""
         task = self.model.task
+        self.evaluations += 1
         motion = self.model.unpack(self.full(xi))
         values = self._values(motion)
         arrivals = task.coast + motion.durations
@@ -164,15 +166,44 @@ class FormationProgram(NonlinearProgram):
             violations.append(max(0.0, -rate_cache.margins.min()))
         return Point(np.asarray(xi), cost, np.array(violations), (values, rate_cache))
 
+    def binding(self, point: Point) -> str:
+        """Name the constraint that is violated most at `point`, in words."""
+        values: _Values = point.cache[0]
+        names = self.model.task.names
+
+        def robot(rows: Array) -> str:
+            return f"'{names[int(np.argmin(rows.reshape(len(names), -1).min(axis=1)))]}'"
+
+        def pair() -> str:
+            worst = values.pairs[0][int(np.argmin(values.pair_values[0]))]
+            first, second = self.pairs.first[worst], self.pairs.second[worst]
+            return f"'{names[first]}' and '{names[second]}'"
+
+        margins = {
+            f'limits.thrust of {robot(values.thrust_rows)}': values.thrust_rows.min(),
+            f'limits.torque of {robot(values.torque_rows)}': values.torque_rows.min(),
+            f'the distance of {robot(values.wall_rows)} from the walls': values.wall_rows.min(),
+        }
+        if values.pair_values[0].size:
+            label = f'arena.minimum_separation of {pair()}'
+            margins[label] = values.pair_values[0].min()
+        if values.circle_values[0].size:
+            worst = names[values.circles[0][int(np.argmin(values.circle_values[0]))]]
+            label = f"the distance of '{worst}' from keep-out zones or staying robots"
+            margins[label] = values.circle_values[0].min()
+        return min(margins, key=lambda label: float(margins[label]))
+
     def _values(self, motion: Motion) -> _Values:
         task = self.model.task
         mu = motion.rates @ self.speed[0].T
         mu_slope = motion.rates @ self.speed[1].T
         first = np.concatenate(
-            [motion.position @ self.basis[1].T, (motion.yaw @ self.yaw_basis[1].T)[:, None]], axis=1
+            [motion.position @ self.basis[1].T, (motion.yaw @ self.yaw_basis[1].T)[:, None]],
+            axis=1,
         )
         second = np.concatenate(
-            [motion.position @ self.basis[2].T, (motion.yaw @ self.yaw_basis[2].T)[:, None]], axis=1
+            [motion.position @ self.basis[2].T, (motion.yaw @ self.yaw_basis[2].T)[:, None]],
+            axis=1,
         )
         y = (second - first * (mu_slope / mu)[:, None]) / mu[:, None]
         force = np.sqrt(y[:, 0] ** 2 + y[:, 1] ** 2)
@@ -221,7 +252,9 @@ class FormationProgram(NonlinearProgram):
         """X_s, X_ss (n, 3, K, P) and Y (n, 3, K, P) differentiated with respect to Z."""
         model, motion = self.model, values.motion
         n, nb = model.task.n, model.nb
-        first = np.broadcast_to(self._fixed_jacobian[0], (n, *self._fixed_jacobian[0].shape)).copy()
+        first = np.broadcast_to(
+            self._fixed_jacobian[0], (n, *self._fixed_jacobian[0].shape)
+        ).copy()
         second = np.broadcast_to(self._fixed_jacobian[1], first.shape).copy()
         for target, d in ((first, 1), (second, 2)):
             if model.moving_start:

@@ -139,9 +139,9 @@ class BowSeeds:
     def _descended(self, single: Array, pair: Array, tries: int = 12) -> NDArray[np.intp]:
         """Combinations of many robots' bows, by coordinate descent from random ones."""
         n, c = single.shape
-        found = [np.full(n, k) for k in range(2)]
+        found: list[NDArray[np.intp]] = [np.full(n, k, dtype=np.intp) for k in range(2)]
         for _ in range(tries):
-            choice = self.rng.integers(0, c, n)
+            choice = np.asarray(self.rng.integers(0, c, n), dtype=np.intp)
             for _ in range(6):
                 before = choice.copy()
                 for i in self.rng.permutation(n):

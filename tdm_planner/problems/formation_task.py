@@ -71,7 +71,7 @@ class FormationTask:
     def staying(self) -> NDArray[np.bool_]:
         """Robots that are at their goal, at rest, and so only turn (n,)."""
         still = np.linalg.norm(self.velocity, axis=1) < _ARRIVED
-        return still & (np.linalg.norm(self.goal - self.start, axis=1) < _ARRIVED)
+        return np.asarray(still & (np.linalg.norm(self.goal - self.start, axis=1) < _ARRIVED))
 
     @property
     def departure(self) -> Array:
@@ -88,11 +88,12 @@ class FormationTask:
         return replace(self, coast=coast)
 
     def wanted_clearance(self, required: Array | float, ends: Array) -> Array:
-        """Distances to plan for where `required` ones must be kept: with the reserves added, but
-        no more than the distances at both `ends` allow.
+        """Distances to plan for where `required` ones must be kept.
+
+        The reserves are added, but no more than the distances at both `ends` allow.
         """
         wanted = (1.0 + _NUMERICAL_RESERVE) * np.asarray(required) + self.margin
-        return np.maximum(np.minimum(wanted, 0.999 * ends), required)
+        return np.asarray(np.maximum(np.minimum(wanted, 0.999 * ends), required))
 
     def pair_clearances(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> Array:
         """Distances to plan for between robots i and j."""
@@ -107,7 +108,7 @@ class FormationTask:
         ends = np.stack([low, high], axis=-1)
         half = np.full_like(ends, self.separation / 2)
         wanted = (1.0 + _NUMERICAL_RESERVE) * half + self.margin / 2
-        return np.maximum(np.minimum(wanted, ends), half)
+        return np.asarray(np.maximum(np.minimum(wanted, ends), half))
 
     def circles(self) -> tuple[Array, Array]:
         """Centres (m, 2) of what stands still, and distances to plan for (n, m), 0 for oneself.

@@ -127,7 +127,9 @@ class ReferenceMotion:
         self.size = self.nb + 2 * self.nf + self.ny
         self.time_scale, self.length_scale = _scales(task)
         self.yaw_scale = 10.0
-        self.moving_start = bool(task.velocity.any() or (task.acceleration.any() and not vary_ends))
+        self.moving_start = bool(
+            task.velocity.any() or (task.acceleration.any() and not vary_ends)
+        )
 
     def unpack(self, z: Array) -> Motion:
         """Motions at the scaled varied parameters z (n, P)."""

@@ -44,7 +44,7 @@ class PairSeparation:
         if not self.first.size:
             return np.zeros(0, dtype=np.intp), np.zeros(0)
         last = float((motion.durations + self.model.task.coast).max())
-        t = np.arange(int(np.ceil(last / self.interval)) + 1) * self.interval
+        t: Array = self.interval * np.arange(int(np.ceil(last / self.interval)) + 1.0)
         position = self.model.position_at(motion, t)
         share, distance = _nearest_on_chords(position[self.first] - position[self.second])
         pair, k = np.nonzero(distance < (1.0 + self.near) * self.clearances[:, None])

@@ -3,8 +3,8 @@
 """Direction and magnitude of the thrust when the thruster turns at a limited rate.
 
 A robot that accelerates and then brakes turns its thrust by half a turn while little thrust is
-wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed at
-an instant is e / F for some acceleration e. The smallest e is sought for which a direction exists
+wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed
+at an instant is e / F for some acceleration e. The smallest e is sought for which a direction exists
 that is within the allowed errors at all instants and turns no faster than the limit: the upper
 and lower envelopes of the allowed directions, with the limit as their Lipschitz constant, must not
 cross. One causal pass then follows the wanted direction between the envelopes.
@@ -49,27 +49,31 @@ class ThrustDirection:
         self.times, self.yaw = times, yaw
         self.rate, self.thrust, self.alpha = rate, thrust, alpha
         self.reach = _RATE_SHARE * rate * times
-        self.turns = self._zero_turns(wanted)
+        self.turns = np.zeros(len(wanted))
+        self.heading = np.unwrap(self._headings(wanted))
         self.error = self._least_error(wanted)
         if self.error > 0.002 * thrust:
             self._reconsider_turns(wanted)
 
-    def _zero_turns(self, wanted: Array) -> Array:
-        return np.zeros(len(wanted))
-
-    def directions(self, wanted: Array) -> Array:
-        """Directions of the wanted accelerations from the robot's front, continuous (n,) rad."""
+    def _headings(self, wanted: Array) -> Array:
+        """Headings of the wanted accelerations, held where nothing is wanted (n,) rad."""
         heading = np.arctan2(wanted[:, 1], wanted[:, 0])
         idle = np.hypot(wanted[:, 0], wanted[:, 1]) < 1e-9 * self.thrust
         if idle.all():
-            return np.full(len(wanted), 0.0 if np.isnan(self.alpha) else self.alpha)
-        powered = np.flatnonzero(~idle)
-        previous = np.maximum.accumulate(np.where(idle, -1, np.arange(len(wanted))))
-        heading = heading[np.where(previous < 0, powered[0], previous)]
-        direction = np.unwrap(heading) - self.yaw + self.turns
+            return np.zeros(len(wanted))
+        powered = np.maximum.accumulate(np.where(idle, -1, np.arange(len(wanted))))
+        return np.asarray(heading[np.where(powered < 0, int(np.argmin(idle)), powered)])
+
+    def directions(self, wanted: Array) -> Array:
+        """Directions of the wanted accelerations from the robot's front, continuous (n,) rad.
+
+        They stay on the branch of the accelerations first asked for, which may differ a little.
+        """
+        change = np.angle(np.exp(1j * (self._headings(wanted) - self.heading)))
+        direction = self.heading + change - self.yaw + self.turns
         if np.isnan(self.alpha):
             return np.asarray(direction)
-        away = direction[powered[0]] - self.alpha
+        away = direction[0] - self.alpha
         return np.asarray(direction - 2 * np.pi * np.round(away / (2 * np.pi)))
 
     def envelopes(self, wanted: Array, direction: Array, error: float) -> Envelopes:
@@ -124,8 +128,12 @@ class ThrustDirection:
     def follow(self, wanted: Array) -> tuple[Array, Array]:
         """Thruster angle [rad] and rate [rad/s] (n,) that follow the wanted accelerations.
 
-        The rate runs linearly between samples, the angle is its exact integral.
+        The rate runs linearly between samples, the angle is its exact integral. A thruster whose
+        thrust is never wanted rests.
         """
+        if np.abs(wanted).max() < 1e-9 * self.thrust:
+            rest = 0.0 if np.isnan(self.alpha) else self.alpha
+            return np.full(len(wanted), rest), np.zeros(len(wanted))
         direction = self.directions(wanted)
         error = self.error
         envelopes = self.envelopes(wanted, direction, error)

@@ -139,9 +139,7 @@ class _Local:
                     basis @ model.basis.free * model.length_scale
                 )
             if model.moving_start:
-                by_rate = np.einsum(
-                    'rdbm,rm->drb', self.motion.position_slope[self.robots], basis
-                )
+                by_rate = np.einsum('rdbm,rm->drb', self.motion.position_slope[self.robots], basis)
                 slope[:, :, : model.nb] = by_rate * model.time_scale
             slopes.append(slope)
         return slopes

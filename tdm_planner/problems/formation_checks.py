@@ -1,0 +1,100 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a manoeuvre can be asked for at all: one clear sentence for what contradicts."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.formation_task import FormationTask
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9
+
+
+def check_task(task: FormationTask) -> None:
+    """Check arena, starts and goals.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming robot or parameter, the value and what is allowed.
+    """
+    _check_arena(task)
+    for place, points in (('start', task.start), ('goal', task.goal)):
+        _check_walls(task, place, points)
+        _check_zones(task, place, points)
+        _check_separation(task, place, points)
+    _check_reach(task)
+
+
+def _check_arena(task: FormationTask) -> None:
+    for name, side in (('length', task.length), ('width', task.width)):
+        if side < task.separation:
+            raise InvalidProblem(
+                f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "
+                f'arena.minimum_separation = {task.separation:g} m'
+            )
+    for x, y, radius in task.obstacles:
+        if radius <= 0:
+            raise InvalidProblem(
+                f"parameter 'arena.obstacles' holds radius {radius:g} at ({x:g}, {y:g}): must be "
+                'in (0, inf) m'
+            )
+
+
+def _check_walls(task: FormationTask, place: str, points: Array) -> None:
+    half = task.separation / 2
+    for name, point in zip(task.names, points, strict=True):
+        for axis, value, side in zip('xy', point, task.sides, strict=True):
+            if not half - _ROUNDING <= value <= side - half + _ROUNDING:
+                raise InvalidProblem(
+                    f"{place} of '{name}' has {axis} = {value:.4g} m, outside the arena: must be "
+                    f'in [{half:g}, {side - half:g}] m (half of arena.minimum_separation from '
+                    'the walls)'
+                )
+
+
+def _check_zones(task: FormationTask, place: str, points: Array) -> None:
+    for name, point in zip(task.names, points, strict=True):
+        for x, y, radius in task.obstacles:
+            least = radius + task.separation / 2
+            distance = float(np.hypot(point[0] - x, point[1] - y))
+            if distance < least - _ROUNDING:
+                raise InvalidProblem(
+                    f"{place} of '{name}' is {distance:.4g} m from the centre of the keep-out "
+                    f'zone at ({x:g}, {y:g}) (arena.obstacles): must be at least {least:g} m'
+                )
+
+
+def _check_separation(task: FormationTask, place: str, points: Array) -> None:
+    for i, j in itertools.combinations(range(task.n), 2):
+        distance = float(np.linalg.norm(points[i] - points[j]))
+        if distance < task.separation - _ROUNDING:
+            raise InvalidProblem(
+                f"{place}s of '{task.names[i]}' and '{task.names[j]}' are {distance:.4g} m apart: "
+                f'must be at least arena.minimum_separation = {task.separation:g} m'
+            )
+
+
+def _check_reach(task: FormationTask) -> None:
+    """A lower bound of every arrival: bang-bang from rest, or the time to stop."""
+    way = np.linalg.norm(task.goal - task.start, axis=1)
+    speed = np.linalg.norm(task.velocity, axis=1)
+    turn = np.abs(task.goal_yaw - task.yaw)
+    moving = np.where(speed > 0, speed / task.thrust, 2 * np.sqrt(way / task.thrust))
+    spin = np.abs(task.yaw_rate)
+    turning = np.where(spin > 0, spin / task.torque, 2 * np.sqrt(turn / task.torque))
+    least = np.maximum(moving, turning)
+    if least.max(initial=0.0) > task.longest:
+        robot = int(np.argmax(least))
+        raise InvalidProblem(
+            f"goal of '{task.names[robot]}' cannot be reached within solver.longest = "
+            f'{task.longest:g} s: at least {least[robot]:.3g} s are needed with limits.thrust and '
+            'limits.torque'
+        )

@@ -1,0 +1,187 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The check of a formation's plan on the replayed states: every robot, and all pairs together.
+
+Also the penalty (10), (29) of Yakimenko (2006) with its slips mended: half a separation is kept
+from the walls, all pairs count until the last robot has arrived, and thrust, torque and thruster
+rate have their terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import check, Constraint, replay, Verification, verify
+
+Array = NDArray[np.float64]
+
+TERMINAL_TOLERANCE = np.array([5e-3, 5e-3, 5e-3, 5e-3, 1e-2, 1e-2, np.inf])
+_RESOLUTION = 0.01
+_ROUNDING = 1e-6
+_CONSISTENCY = np.full(7, 1e-5)
+
+
+@dataclass(frozen=True)
+class FormationVerification:
+    """Checks of every robot by name, of all together, and the penalty."""
+
+    robots: Mapping[str, Verification]
+    overall: Verification
+    penalty: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything holds."""
+        return self.overall.ok
+
+
+def verify_formation(
+    task: FormationTask, trajectories: Mapping[str, Trajectory], penalty_weights: Array
+) -> FormationVerification:
+    """Replay every robot, then check all pairs at equal times, 10 ms apart.
+
+    `penalty_weights` (4,) are k1 to k4 of (29).
+    """
+    robots = {
+        name: verify(
+            task.plant,
+            trajectories[name],
+            np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
+            TERMINAL_TOLERANCE,
+            robot_constraints(task),
+            resolution=_RESOLUTION,
+            consistency=_CONSISTENCY,
+        )
+        for i, name in enumerate(task.names)
+    }
+    times, states, controls = common_states(task, trajectories)
+    pairs, pair_times, violated = check(separation_constraints(task), times, states, controls)
+    reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
+    worst = {f'{name}.{k}': v for name in task.names for k, v in robots[name].worst.items()}
+    instants = {
+        f'{name}.{k}': v for name in task.names for k, v in robots[name].worst_times.items()
+    }
+    overall = Verification(
+        ok=not (reasons or violated),
+        terminal_error=np.concatenate([robots[name].terminal_error for name in task.names]),
+        worst=worst | pairs,
+        worst_times=instants | pair_times,
+        reasons=(*violated, *reasons),
+        state_names=tuple(f'{name}.{s}' for name in task.names for s in task.plant.state_names),
+    )
+    return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
+
+
+def common_states(
+    task: FormationTask, trajectories: Mapping[str, Trajectory]
+) -> tuple[Array, Array, Array]:
+    """Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
+
+    Robots that have arrived are parked, with their controls off.
+    """
+    last = max(trajectory.duration for trajectory in trajectories.values())
+    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    states, controls = [], []
+    for name in task.names:
+        trajectory = trajectories[name]
+        under_way = times <= trajectory.duration
+        own = np.union1d(times[under_way], trajectory.times[-1])
+        flown = replay(task.plant, trajectory, own)
+        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
+        controls.append(trajectory.sample(times).control * under_way[:, None])
+    return times, np.concatenate(states, axis=1), np.concatenate(controls, axis=1)
+
+
+def robot_constraints(task: FormationTask) -> list[Constraint]:
+    """Limits of one robot: thrust, thruster rate, torque, walls, keep-out zones."""
+    plant = task.plant
+    thrust, torque = task.thrust * plant.mass, task.torque * plant.inertia
+    half = task.separation / 2
+
+    def walls(times: Array, states: Array, controls: Array) -> Array:
+        place = states[:, :2]
+        return np.asarray(np.minimum(place, task.sides - place).min(axis=1) - half)
+
+    constraints = [
+        Constraint(
+            'thrust',
+            lambda t, x, u: np.minimum(thrust - u[:, 0], u[:, 0]),
+            _ROUNDING * thrust,
+            'N',
+        ),
+        Constraint(
+            'thruster_rate',
+            lambda t, x, u: task.thruster_rate - np.abs(u[:, 1]),
+            _ROUNDING * task.thruster_rate,
+            'rad/s',
+        ),
+        Constraint('torque', lambda t, x, u: torque - np.abs(u[:, 2]), _ROUNDING * torque, 'N m'),
+        Constraint('walls', walls, _ROUNDING, 'm'),
+    ]
+    if len(task.obstacles):
+        constraints.append(
+            Constraint('keep_out', lambda t, x, u: _zone_margin(task, x[:, :2]), _ROUNDING, 'm')
+        )
+    return constraints
+
+
+def _zone_margin(task: FormationTask, place: Array) -> Array:
+    apart = np.linalg.norm(place[:, None] - task.obstacles[:, :2], axis=2)
+    return np.asarray((apart - task.obstacles[:, 2]).min(axis=1) - task.separation / 2)
+
+
+def separation_constraints(task: FormationTask) -> list[Constraint]:
+    """The separation of every pair, on the states of all robots side by side."""
+
+    def margin(i: int, j: int) -> Callable[[Array, Array, Array], Array]:
+        def of(times: Array, states: Array, controls: Array) -> Array:
+            apart = states[:, 7 * i : 7 * i + 2] - states[:, 7 * j : 7 * j + 2]
+            return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) - task.separation)
+
+        return of
+
+    return [
+        Constraint(
+            f'separation {task.names[i]}-{task.names[j]}',
+            margin(i, j),
+            _ROUNDING,
+            'm',
+        )
+        for i, j in itertools.combinations(range(task.n), 2)
+    ]
+
+
+def penalty(task: FormationTask, states: Array, controls: Array, weights: Array) -> float:
+    """Return Delta of (10): k1 to k4 times the squares of the largest violations.
+
+    k1: walls and keep-out zones [m^2]; k2: thrust, k3: torque and thruster rate, relative to
+    their limits; k4: separations of all pairs [m^2]. Robots' and pairs' terms are summed.
+    """
+
+    def excess(margin: Array) -> float:
+        return float(np.square(np.maximum(-margin, 0.0)).max())
+
+    terms = np.zeros(4)
+    plant = task.plant
+    for i in range(task.n):
+        x, u = states[:, 7 * i : 7 * i + 7], controls[:, 3 * i : 3 * i + 3]
+        place = x[:, :2]
+        for side in (place, task.sides - place):
+            terms[0] += sum(excess(side[:, axis] - task.separation / 2) for axis in range(2))
+        if len(task.obstacles):
+            terms[0] += excess(_zone_margin(task, place))
+        push = u[:, 0] / (plant.mass * task.thrust)
+        terms[1] += excess(np.minimum(1.0 - push, push))
+        terms[2] += excess(1.0 - np.abs(u[:, 2]) / (plant.inertia * task.torque))
+        terms[2] += excess(1.0 - np.abs(u[:, 1]) / task.thruster_rate)
+    for constraint in separation_constraints(task):
+        terms[3] += excess(constraint.margin(states[:, 0], states, controls))
+    # What is less than rounding of the time stamps explains is no violation.
+    return float(weights @ np.where(terms < 1e-16, 0.0, terms))
