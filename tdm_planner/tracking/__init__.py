@@ -1,3 +1,38 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""To be written."""
+"""Feedback laws that keep a plant on its plan and hold it at the goal; no ROS."""
+
+from tdm_planner.tracking.linear_quadratic import (
+    discrete_regulator,
+    discretise,
+    Regulator,
+    regulator,
+    time_varying_regulator,
+    TimeVaryingRegulator,
+)
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.tracker import (
+    Action,
+    Command,
+    Phase,
+    TrackerParameters,
+    TrajectoryRefused,
+    TrajectoryTracker,
+)
+
+__all__ = [
+    'Action',
+    'Command',
+    'PendulumTracker',
+    'PendulumTrackerParameters',
+    'Phase',
+    'Regulator',
+    'TimeVaryingRegulator',
+    'TrackerParameters',
+    'TrajectoryRefused',
+    'TrajectoryTracker',
+    'discrete_regulator',
+    'discretise',
+    'regulator',
+    'time_varying_regulator',
+]

@@ -1,0 +1,237 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `tracker`: keeps a plant on the trajectory in force and holds it at the goal.
+
+The phases and rules are those of `tdm_planner.tracking.tracker`; here they meet topics, a clock,
+the planner's service and the diagnostics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import sys
+import time
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.tracked_plants import QUEUE, TrackedPendulum, TrackedPlant
+from tdm_planner.parameters import build, ParameterSpec, specifications
+from tdm_planner.tracking.tracker import Command, Phase, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.trajectory import NANOSECOND, Trajectory
+
+Array = NDArray[np.float64]
+
+WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
+LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
+
+PLANTS: Mapping[str, type[TrackedPlant]] = MappingProxyType({'pendulum': TrackedPendulum})
+_PLANT = ParameterSpec(
+    name='plant',
+    kind=str,
+    default='pendulum',
+    description='which plant to track',
+    choices=tuple(PLANTS),
+    read_only=True,
+)
+
+
+def tracker_specifications(plant: str) -> dict[str, ParameterSpec]:
+    """Return every parameter of the tracker of a plant, by dotted name."""
+    return {_PLANT.name: _PLANT, **specifications(PLANTS[plant].parameters)}
+
+
+class TrackerNode(ParameterNode):
+    """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('tracker', {_PLANT.name: _PLANT}, **options)
+        self.plant = PLANTS[self.parameter_values[_PLANT.name]]()
+        self.declare(specifications(self.plant.parameters))
+        self.warn_of_unknown_overrides()
+        self.tracker = self._make_tracker(self.parameter_values)
+        self._origin = self.get_clock().now().nanoseconds
+        self._refusal = ''
+        self._accepted = self._refused = self._states_left_out = self._commands = 0
+        self._preparation = self._deviation = 0.0
+        self._asked_at = -np.inf
+        self._answer: Future | None = None
+        self._last: tuple[Phase, str] = (Phase.IDLE, '')
+        self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
+        self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
+        self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
+        self._diagnostics = Diagnostics(self, 'tracking', self._report)
+        self.plant.subscribe(self, self)
+        self.create_timer(self.tracker.parameters.interval, self._on_tick)
+
+    # Parameters.
+
+    def _make_tracker(self, values: Mapping[str, Any]) -> TrajectoryTracker:
+        return self.plant.make_tracker(build(self.plant.parameters, values))
+
+    def check_values(self, values: Mapping[str, Any]) -> None:
+        """Refuse values that do not make a tracker together."""
+        self._make_tracker(values)
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Go on with the changed parameters, without a jump of phase or trajectory."""
+        changed = self._make_tracker(self.parameter_values)
+        changed.adopt(self.tracker)
+        self.tracker = changed
+
+    # Messages.
+
+    def _now(self) -> float:
+        """Seconds since the node began: small numbers keep their nanoseconds in a float."""
+        return float((self.get_clock().now().nanoseconds - self._origin) * NANOSECOND)
+
+    def _instant(self, stamp: Any) -> float:
+        """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
+        nanoseconds = nanoseconds_of(stamp)
+        if nanoseconds == 0:
+            return self._now()
+        return float((nanoseconds - self._origin) * NANOSECOND)
+
+    def on_state(self, stamp: Any, read: Callable[[], Array | None]) -> None:
+        """Take a state; one that cannot be read, or is from the future, is left out."""
+        try:
+            state = read()
+            if state is None:
+                return
+            at, now = self._instant(stamp), self._now()
+            timeout = self.tracker.parameters.state_timeout
+            if at > now + timeout:
+                raise InvalidProblem(
+                    f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
+                )
+        except InvalidProblem as error:
+            self._states_left_out += 1
+            self.get_logger().warning(
+                f'state left out: {error}', throttle_duration_sec=WARNING_PERIOD
+            )
+            return
+        self.tracker.observe(state, at)
+
+    def on_trajectory(self, stamp: Any, read: Callable[[], Trajectory | None]) -> None:
+        """Put a trajectory in force, or refuse it with a reason; the old one then stays."""
+        began = time.perf_counter()
+        try:
+            trajectory = read()
+            if trajectory is None:
+                return
+            start = self._instant(stamp) + float(trajectory.times[0])
+            now = self._now()
+            self.tracker.accept(trajectory, start, now)
+        except (InvalidProblem, TrajectoryRefused) as error:
+            self._refused += 1
+            self._refusal = f'trajectory refused: {error}'
+            self.get_logger().error(self._refusal)
+        else:
+            self._accepted += 1
+            self._refusal = ''
+            self._preparation = time.perf_counter() - began
+            self.get_logger().info(
+                f'trajectory of {trajectory.duration:.3f} s accepted, '
+                f'starts in {start - now:.3f} s'
+            )
+        self._diagnostics.update()
+
+    # Commands.
+
+    def _on_tick(self) -> None:
+        stamp = self.get_clock().now()
+        command = self.tracker.command((stamp.nanoseconds - self._origin) * NANOSECOND)
+        message = self.plant.command_message(command.control)
+        message.header.stamp = stamp.to_msg()
+        self._command_publisher.publish(message)
+        self._commands += 1
+        if command.action is not None:
+            self._deviation = self.tracker.deviation(command.action.error)
+            error = self.plant.error_message(command.action)
+            error.header.stamp = message.header.stamp
+            self._error_publisher.publish(error)
+        self._note_changes(command)
+        if command.phase is Phase.STOPPED:
+            self._ask_for_plan()
+
+    def _note_changes(self, command: Command) -> None:
+        before, self._last = self._last, (command.phase, command.problem)
+        if self._last == before:
+            return
+        text = command.phase.value + (f': {command.problem}' if command.problem else '')
+        # One call site a severity: rclpy refuses a call site that changes its severity.
+        if command.problem:
+            self.get_logger().error(text)
+        else:
+            self.get_logger().info(text)
+        self._diagnostics.update()
+
+    def _ask_for_plan(self) -> None:
+        """Ask the planner for a new plan where the motion was given up; never in a hurry."""
+        replan = self.tracker.parameters.replan
+        now = time.monotonic()
+        waiting = self._answer is not None and now - self._asked_at < LONGEST_PLANNING
+        if not replan.on_deviation or waiting or now - self._asked_at < replan.interval:
+            return
+        self._asked_at = now
+        if not self._planner.service_is_ready():
+            self.get_logger().warning(
+                f'no planner serves {self._planner.srv_name}: no new plan can be asked for',
+                throttle_duration_sec=WARNING_PERIOD,
+            )
+            return
+        self.get_logger().info('asking for a new plan')
+        self._answer = self._planner.call_async(Trigger.Request())
+        self._answer.add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: Future) -> None:
+        self._answer = None
+        response = answer.result()
+        if response is not None and not response.success:
+            self.get_logger().warning(f'no new plan: {response.message}')
+
+    # Diagnostics.
+
+    def _report(self) -> Report:
+        phase, problem = self._last
+        level, message = Level.OK, phase.value
+        if self._refusal:
+            level, message = Level.WARN, f'{message}; {self._refusal}'
+        if problem:
+            level, message = Level.ERROR, f'{phase.value}: {problem}'
+        if self.invalid_overrides:
+            level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
+        now = self._now()
+        motion = self.tracker.current
+        figures: dict[str, Any] = {
+            'phase': phase.value,
+            'state age [s]': self.tracker.state_age(now),
+            'deviation': self._deviation,
+            'time since start [s]': 'none' if motion is None else now - motion.start,
+            'trajectories accepted': self._accepted,
+            'trajectories refused': self._refused,
+            'last refusal': self._refusal or 'none',
+            'gains computed in [s]': self._preparation,
+            'commands sent': self._commands,
+            'states left out': self._states_left_out,
+        }
+        return Report(level, message, figures)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is asked to end."""
+    return run(TrackerNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,166 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The state at any instant, from late and noisy samples and the commands sent meanwhile."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.base import Plant
+
+Array = NDArray[np.float64]
+
+_LONGEST_STEP = 5e-3  # s, of the Runge-Kutta prediction; error about 1e-8 rad for a fast rig
+_HISTORY = 2.0  # s of commands that are remembered
+
+
+class DifferentiablePlant(Plant, Protocol):
+    """A plant with the derivatives of its equations of motion."""
+
+    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""
+
+
+class CommandHistory:
+    """The controls sent, each acting from its instant to the next; zero before the first."""
+
+    def __init__(self, size: int) -> None:
+        self._zero = np.zeros(size)
+        self._times: list[float] = []
+        self._controls: list[Array] = []
+
+    def add(self, time: float, control: Array) -> None:
+        """Note that `control` (nu,) acts from `time` [s] on, in place of later ones."""
+        while self._times and self._times[-1] >= time:
+            self._times.pop()
+            self._controls.pop()
+        self._times.append(time)
+        self._controls.append(control)
+        if self._times[0] < time - 2 * _HISTORY:
+            kept = bisect_right(self._times, time - _HISTORY) - 1
+            del self._times[:kept], self._controls[:kept]
+
+    def clear(self) -> None:
+        """Forget every command."""
+        self._times.clear()
+        self._controls.clear()
+
+    def between(self, start: float, end: float) -> Iterator[tuple[float, Array]]:
+        """Durations [s] and controls that make up [start, end]."""
+        index = bisect_right(self._times, start)
+        time = start
+        while time < end:
+            control = self._controls[index - 1] if index else self._zero
+            until = min(self._times[index], end) if index < len(self._times) else end
+            yield until - time, control
+            time = until
+            index += 1
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorNoise:
+    """What the samples and the model are worth.
+
+    `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
+    error of the plant's rates, of which `rate_floor` (nx,) is the least magnitude assumed.
+    `driven` (nx,) marks the states whose rates carry that error (velocities, not positions).
+    """
+
+    measurement: Array
+    model: float
+    rate_floor: Array
+    driven: NDArray[np.bool_]
+
+
+class StateEstimator:
+    """An extended Kalman filter in continuous-discrete form (Gelb, "Applied Optimal Estimation").
+
+    Samples carry the instant they were taken; between samples the estimate follows the plant's
+    equations of motion under the commands of `history`. `angles` (nx,) marks states that sensors
+    may report modulo 2 pi: the estimate runs on continuously.
+    """
+
+    def __init__(
+        self,
+        plant: DifferentiablePlant,
+        noise: EstimatorNoise,
+        angles: NDArray[np.bool_],
+        history: CommandHistory,
+        longest_gap: float,
+    ) -> None:
+        self._plant = plant
+        self._noise = noise
+        self._angles = angles
+        self._history = history
+        self._longest_gap = longest_gap
+        self._measurement_covariance = np.diag(noise.measurement**2)
+        self.stamp: float | None = None
+        self._state = np.zeros(angles.size)
+        self._covariance = self._measurement_covariance
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self.stamp = None
+
+    def observe(self, state: Array, stamp: float) -> None:
+        """Take a measured state (nx,) of the instant `stamp` [s]; older ones are left out."""
+        if self.stamp is None or stamp - self.stamp > self._longest_gap:
+            self._state, self._covariance = state.copy(), self._measurement_covariance
+        elif stamp <= self.stamp:
+            return
+        else:
+            self._propagate(stamp)
+            self._correct(state)
+        self.stamp = stamp
+
+    def predict(self, time: float) -> Array:
+        """State (nx,) at `time` [s], not before the newest sample's stamp."""
+        assert self.stamp is not None
+        state = self._state
+        for duration, control in self._history.between(self.stamp, time):
+            state = flow(self._plant, state, control, duration)
+        return state
+
+    def _propagate(self, until: float) -> None:
+        assert self.stamp is not None
+        noise = self._noise
+        for duration, control in self._history.between(self.stamp, until):
+            slope, _ = self._plant.jacobians(self._state, control)
+            rates = self._plant.derivative(self._state, control)
+            spread = noise.model * np.maximum(np.abs(rates), noise.rate_floor) * noise.driven
+            step = slope * duration
+            transition = np.eye(step.shape[0]) + step + 0.5 * step @ step
+            self._covariance = transition @ self._covariance @ transition.T
+            # The model's error is about constant over an interval: it adds up with the time.
+            self._covariance += np.diag((spread * duration) ** 2)
+            self._state = flow(self._plant, self._state, control, duration)
+
+    def _correct(self, measured: Array) -> None:
+        innovation = measured - self._state
+        turns = np.round(innovation / math.tau) * self._angles
+        innovation = innovation - math.tau * turns
+        total = self._covariance + self._measurement_covariance
+        gain = np.linalg.solve(total, self._covariance).T
+        self._state = self._state + gain @ innovation
+        covariance = self._covariance - gain @ self._covariance
+        self._covariance = 0.5 * (covariance + covariance.T)
+
+
+def flow(plant: Plant, state: Array, control: Array, duration: float) -> Array:
+    """State (nx,) after `duration` s under a held control (nu,), by classical Runge-Kutta."""
+    steps = max(1, math.ceil(duration / _LONGEST_STEP * (1.0 - 1e-9)))
+    h = duration / steps
+    for _ in range(steps):
+        k1 = plant.derivative(state, control)
+        k2 = plant.derivative(state + 0.5 * h * k1, control)
+        k3 = plant.derivative(state + 0.5 * h * k2, control)
+        k4 = plant.derivative(state + h * k3, control)
+        state = state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return state

@@ -1,0 +1,42 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planned control as a command that is held over an interval: its mean over the interval.
+
+Switches do not fall on the ticks of a tracker; the mean gives the plant the same impulse as the
+plan, whereas the value at the tick would shift every switch by up to an interval.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PPoly
+
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Feedforward:
+    """Mean of a trajectory's controls over any interval; they are zero outside the trajectory."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self._first, self._last = float(trajectory.times[0]), float(trajectory.times[-1])
+        self._integral = _piecewise_polynomial(trajectory).antiderivative()
+
+    def mean(self, start: float, end: float) -> Array:
+        """Mean control (nu,) over [start, end], times [s] as in the trajectory, start < end."""
+        inside = np.clip([start, end], self._first, self._last)
+        integral = self._integral(inside)
+        mean: Array = (integral[1] - integral[0]) / (end - start)
+        return mean
+
+
+def _piecewise_polynomial(trajectory: Trajectory) -> PPoly:
+    times, controls = trajectory.times, trajectory.controls
+    if trajectory.interpolation == 'cubic' and times.size >= 4:
+        return CubicSpline(times, controls)
+    if trajectory.interpolation == 'zero_order_hold':
+        return PPoly(controls[None, :-1], times)
+    slopes = np.diff(controls, axis=0) / np.diff(times)[:, None]
+    return PPoly(np.stack([slopes, controls[:-1]]), times)

@@ -1,0 +1,367 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every tracker does, whatever the plant: which trajectory is in force, and what phase it is.
+
+    idle      no trajectory yet: nothing is commanded
+    waiting   a trajectory is accepted, its start lies ahead: nothing is commanded
+    tracking  feedforward and feedback along the trajectory
+    holding   the end has been reached: feedback about the goal
+    stopped   the motion was given up: nothing is commanded until the next trajectory
+
+A trajectory that arrives while another is being tracked or held takes over at its own start.
+Instants are seconds of one clock; which one does not matter.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.exceptions import TdmError
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
+
+
+class TrajectoryRefused(TdmError):
+    """A trajectory cannot be tracked; the one in force stays. The message is one sentence."""
+
+    code: ClassVar[str] = 'TRAJECTORY_REFUSED'
+
+
+class Phase(str, Enum):
+    """What a tracker is doing."""
+
+    IDLE = 'idle'
+    WAITING = 'waiting'
+    TRACKING = 'tracking'
+    HOLDING = 'holding'
+    STOPPED = 'stopped'
+
+
+@dataclass(frozen=True)
+class Tolerances(Validated):
+    """How far the state may be from the trajectory; rad for the pendulum, m for a robot."""
+
+    start: float = parameter(
+        0.3,
+        'largest deviation at the start for a trajectory to be accepted, rad or m',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        1.0, 'deviation on the way at which the motion is given up, rad or m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class ReplanOnDeviation(Validated):
+    """What happens when the motion had to be given up."""
+
+    on_deviation: bool = parameter(
+        False, 'ask the planner for a new plan when the motion had to be given up'
+    )
+    interval: float = parameter(
+        1.0, 'least time between two such requests', unit='s', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class TrackerParameters(Validated):
+    """Parameters of every tracker; subclasses add the plant's own."""
+
+    rate: float = parameter(
+        200.0,
+        'rate of the commands',
+        unit='Hz',
+        allowed=Range(1.0, 1000.0),
+        read_only=True,
+    )
+    state_timeout: float = parameter(
+        0.1,
+        'age of the newest state beyond which nothing is commanded',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    command_delay: float = parameter(
+        0.0, 'time from sending a command to its effect', unit='s', allowed=NON_NEGATIVE
+    )
+    planner_service: str = parameter('plan', "name of the planner's service", read_only=True)
+    tolerance: Tolerances = group(Tolerances)
+    replan: ReplanOnDeviation = group(ReplanOnDeviation)
+
+    @property
+    def interval(self) -> float:
+        """Time for which a command is in force [s]."""
+        return 1.0 / self.rate
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
+
+    `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
+    """
+
+    control: Array
+    feedback: Array
+    error: Array
+    reference: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What a tracker commands for the coming interval; `action` is None where no law is at work.
+
+    `problem` is a sentence where something is wrong, else empty.
+    """
+
+    control: Array
+    phase: Phase
+    action: Action | None = None
+    problem: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A trajectory in force, from the instant `start` [s]; `law` is what a subclass prepared."""
+
+    trajectory: Trajectory
+    start: float
+    law: Any
+
+    @property
+    def end(self) -> float:
+        """Instant of the last sample [s]."""
+        return self.start + self.trajectory.duration
+
+    def reference(self, time: float) -> Array:
+        """Planned state (nx,) at an instant [s]; the ends are held."""
+        return self.trajectory.sample(time - self.start + self.trajectory.times[0]).state
+
+
+class TrajectoryTracker(ABC):
+    """Commands that keep a plant on a trajectory; subclasses give the laws of one plant.
+
+    Call `observe` for every state sample, `accept` for every trajectory and `command` at every
+    tick of the clock.
+    """
+
+    def __init__(
+        self, parameters: TrackerParameters, estimator: StateEstimator, history: CommandHistory
+    ) -> None:
+        self.parameters = parameters
+        self.estimator = estimator
+        self.history = history
+        self.phase = Phase.IDLE
+        self.reason = ''
+        self.current: Motion | None = None
+        self.following: Motion | None = None
+        self._time = -math.inf
+
+    # What a plant's tracker must say.
+
+    @property
+    @abstractmethod
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the plant's states."""
+
+    @property
+    @abstractmethod
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the plant's controls."""
+
+    @abstractmethod
+    def prepare(self, trajectory: Trajectory) -> Any:
+        """Do what can be done before the start (gains); the result comes back as `motion.law`."""
+
+    @abstractmethod
+    def error(self, state: Array, reference: Array) -> Array:
+        """State minus reference (nx,), angles the shorter way round."""
+
+    @abstractmethod
+    def deviation(self, error: Array) -> float:
+        """The error as one number, to be compared with the tolerances [rad or m]."""
+
+    @abstractmethod
+    def track(self, motion: Motion, time: float, state: Array) -> Action:
+        """Feedforward and feedback for the interval that begins at the instant `time` [s]."""
+
+    @abstractmethod
+    def hold(self, motion: Motion, time: float, state: Array) -> Action:
+        """Feedback about the end of the trajectory."""
+
+    def captured(self, motion: Motion, time: float, state: Array) -> bool:
+        """Whether `hold` may take over from `track`."""
+        return time >= motion.end
+
+    def stopped_control(self, state: Array | None) -> Array:
+        """Return the control where no law is at work: zero."""
+        return np.zeros(len(self.control_names))
+
+    # What all have in common.
+
+    def observe(self, state: Array, stamp: float) -> None:
+        """Take a measured state (nx,) of the instant `stamp` [s]."""
+        self.estimator.observe(state, stamp)
+
+    def state_age(self, now: float) -> float:
+        """Age of the newest state [s]; infinite where there is none."""
+        stamp = self.estimator.stamp
+        return math.inf if stamp is None else now - stamp
+
+    def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
+        """Put a trajectory in force whose motion begins at the instant `start` [s].
+
+        One already under way is joined midway. The gains are computed here.
+
+        Raises
+        ------
+        TrajectoryRefused
+            If it lies in the past, is not this plant's, or the state is too far from it.
+        """
+        for kind, has, wanted in (
+            ('states', trajectory.state_names, self.state_names),
+            ('controls', trajectory.control_names, self.control_names),
+        ):
+            if has != wanted:
+                raise TrajectoryRefused(
+                    f'the trajectory has {kind} {", ".join(has)}; expected {", ".join(wanted)}'
+                )
+        if not math.isfinite(start) or start + trajectory.duration <= now:
+            since = now - start - trajectory.duration
+            raise TrajectoryRefused(
+                f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
+            )
+        motion = Motion(trajectory, start, None)
+        self._check_start(motion, now)
+        motion = Motion(trajectory, start, self.prepare(trajectory))
+        if self.phase in (Phase.TRACKING, Phase.HOLDING):
+            self.following = motion
+        else:
+            self.current, self.following = motion, None
+            self.phase, self.reason = Phase.WAITING, ''
+
+    def _check_start(self, motion: Motion, now: float) -> None:
+        """Compare the state expected when `motion` takes over with the planned one."""
+        if self.state_age(now) > self.parameters.state_timeout:
+            return  # nothing to compare with; the comparison is made at the start
+        at = max(motion.start, now)
+        if self.phase in (Phase.TRACKING, Phase.HOLDING) and motion.start > now:
+            assert self.current is not None
+            expected = self.current.reference(at)
+        else:
+            expected = self.estimator.predict(at)
+        self._compare(motion, expected, at)
+
+    def _compare(self, motion: Motion, state: Array, time: float) -> None:
+        midway = time > motion.start + self.parameters.interval
+        tolerance = self.parameters.tolerance
+        name, allowed = ('path', tolerance.path) if midway else ('start', tolerance.start)
+        deviation = self.deviation(self.error(state, motion.reference(time)))
+        if not deviation <= allowed:
+            raise TrajectoryRefused(
+                f'the state is {deviation:.3g} away from the trajectory at its '
+                f'{"present point" if midway else "start"}, more than tolerance.{name} = '
+                f'{allowed:g}'
+            )
+
+    def command(self, now: float) -> Command:
+        """Return the command for the interval that begins now."""
+        self._follow_clock(now)
+        age = self.state_age(now)
+        if age > self.parameters.state_timeout:
+            return self._without_state(now, age)
+        acts_at = now + self.parameters.command_delay
+        state = self.estimator.predict(acts_at)
+        action = self._act(acts_at, state)
+        control = self.stopped_control(state) if action is None else action.control
+        self.history.add(acts_at, control)
+        return Command(control, self.phase, action, self.reason)
+
+    def _without_state(self, now: float, age: float) -> Command:
+        control = self.stopped_control(None)
+        self.history.add(now + self.parameters.command_delay, control)
+        problem = (
+            'no state has been received yet'
+            if math.isinf(age)
+            else 'the newest state is older than state_timeout = '
+            f'{self.parameters.state_timeout:g} s'
+        )
+        return Command(control, self.phase, None, problem)
+
+    def _follow_clock(self, now: float) -> None:
+        if now < self._time - _CLOCK_TOLERANCE:
+            self.estimator.reset()
+            self.history.clear()
+            if self.phase is not Phase.IDLE:
+                self.stop(f'the clock was set back by {self._time - now:.3g} s')
+        self._time = now
+
+    def _act(self, time: float, state: Array) -> Action | None:
+        self._take_over(time, state)
+        motion = self.current
+        if motion is None or self.phase not in (Phase.TRACKING, Phase.HOLDING):
+            return None
+        if self.phase is Phase.TRACKING and self.captured(motion, time, state):
+            self.phase = Phase.HOLDING
+        law = self.track if self.phase is Phase.TRACKING else self.hold
+        action = law(motion, time, state)
+        deviation = self.deviation(action.error)
+        if not deviation <= self.parameters.tolerance.path:
+            what = 'trajectory' if self.phase is Phase.TRACKING else 'goal'
+            self.stop(
+                f'the state is {deviation:.3g} away from the {what}, more than tolerance.path = '
+                f'{self.parameters.tolerance.path:g}'
+            )
+            return None
+        return action
+
+    def _take_over(self, time: float, state: Array) -> None:
+        """Let a trajectory whose start has come take over."""
+        waiting = self.phase is Phase.WAITING
+        motion = self.current if waiting else self.following
+        if motion is None or time < motion.start:
+            return
+        self.following = None
+        try:
+            self._compare(motion, state, time)
+        except TrajectoryRefused as refusal:
+            if waiting:
+                self.stop(str(refusal))
+            else:
+                self.reason = f'kept the trajectory in force: {refusal}'
+            return
+        self.current, self.phase, self.reason = motion, Phase.TRACKING, ''
+
+    def adopt(self, other: TrajectoryTracker) -> None:
+        """Go on from where another tracker of the same plant is; gains are computed anew."""
+        self.phase, self.reason, self._time = other.phase, other.reason, other._time
+        self.current, self.following = (
+            None
+            if motion is None
+            else Motion(motion.trajectory, motion.start, self.prepare(motion.trajectory))
+            for motion in (other.current, other.following)
+        )
+        if other.estimator.stamp is not None:
+            stamp = other.estimator.stamp
+            self.estimator.observe(other.estimator.predict(stamp), stamp)
+
+    def stop(self, reason: str) -> None:
+        """Give the motion up: nothing is commanded until the next trajectory."""
+        self.phase, self.reason = Phase.STOPPED, reason
+        self.current = self.following = None
+
+
+def wrapped(angle: Array) -> Array:
+    """Angle(s) [rad] brought into [-pi, pi) by whole turns."""
+    return np.asarray((angle + math.pi) % math.tau - math.pi)
