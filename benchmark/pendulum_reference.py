@@ -31,11 +31,11 @@ from tdm_planner.problems.switching_search import (
     distinct,
     FINE_STEPS,
     polish,
-    random_arcs,
     steered,
     trajectory,
     without_short_arcs,
 )
+from tdm_planner.problems.switching_seeds import starts
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ INTERVALS = 100
 def long_search(task: SwingUpTask, seed: int) -> Candidate | None:
     """Return the quickest of many polished candidates."""
     budget = Budget(math.inf)
-    batch = random_arcs(task, np.random.default_rng([seed, 1]), STARTS, 10)
+    batch = starts(task, np.random.default_rng([seed, 1]), STARTS, 10)
     best: Candidate | None = None
     for candidate in distinct(steered(task, batch, budget, math.inf))[:POLISHED]:
         better, violation = polish(task, candidate, COARSE_STEPS, 1e-8, budget)

@@ -24,7 +24,7 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
 from tdm_planner.problems.switching_method import SwitchingMethod
-from tdm_planner.problems.switching_search import previous_arcs
+from tdm_planner.problems.switching_seeds import previous_arcs
 
 Array = NDArray[np.float64]
 

@@ -51,16 +51,28 @@ class SwingUpTask:
         return max((1.0 - 1e-5) * self.disk_angle, abs(float(self.start[1])))
 
     @property
-    def quickest(self) -> float:
-        """Time scale of the transfer [s]: how soon the torque could cover the distances alone."""
+    def drive(self) -> float:
+        """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
         k = self.plant.coefficients
+        return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+
+    @property
+    def quickest(self) -> float:
+        """Time scale of the transfer [s]: how soon the torque could cover the distances alone.
+
+        At most a thousand natural periods, however weak the torque.
+        """
+        k = self.plant.coefficients
+        longest = 1e3 / self.plant.natural_frequency
         determinant = k.pendulum * (k.disk + k.disk_cosine) - k.arm**2
-        by_torque = self.torque / determinant * np.array([k.arm, k.pendulum])
-        theta, psi = (self.start - self.goal_nearest(self.start))[:2]
-        distances = np.abs([theta, psi])
-        return float(
-            max(np.sqrt(distances / by_torque).max(), (np.abs(self.start[2:]) / by_torque).max())
-        )
+        times = [0.0]
+        error = np.abs(self.start - self.goal_nearest(self.start)).tolist()
+        for inertia, distance, speed in ((k.arm, *error[::2]), (k.pendulum, *error[1::2])):
+            acceleration = self.torque * inertia / determinant
+            if acceleration * longest**2 < distance or acceleration * longest < speed:
+                return longest
+            times += [math.sqrt(distance / acceleration), speed / acceleration]
+        return max(times)
 
     def turns_nearest(self, state: Array) -> int:
         """Return the n of theta = 2 pi n to aim at from a state (4,)."""

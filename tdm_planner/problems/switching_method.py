@@ -16,29 +16,29 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, VerificationFailed
 from tdm_planner.plants.compilation import COMPILED
-from tdm_planner.plants.pendulum_rollout import ArcBatch, roll_states
+from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states
 from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
     distinct,
     FINE_STEPS,
-    given_arcs,
     polish,
-    random_arcs,
     steered,
     trajectory,
     without_short_arcs,
 )
+from tdm_planner.problems.switching_seeds import starts, with_arcs
 
 Array = NDArray[np.float64]
 
 # Starts of the first rounds, and candidates polished: without a compiler a start costs ten times
 # as much.
-_ROUNDS, _POLISHED = ((240,), 8) if COMPILED else ((32, 68), 4)
+_ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 68), 4)
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
+_WEAK = 0.3  # drive below which a failure is put down to the torque
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
 
@@ -46,7 +46,7 @@ class SwitchingMethod:
     """One search; `solve` runs it.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
-    feasible, `previous` a candidate to start from besides the random ones.
+    feasible, `previous` the arcs of an earlier plan to start from as well.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SwitchingMethod:
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
-        previous: Candidate | None = None,
+        previous: tuple[Array, float] | None = None,
     ) -> None:
         self._task = task
         self._budget = budget
@@ -66,6 +66,7 @@ class SwitchingMethod:
         self._previous = previous
         self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
+        self._arrived = 0
         self._rejected = ''
 
     def solve(self) -> SwingUpPlan:
@@ -93,12 +94,13 @@ class SwitchingMethod:
         rounds = 0
         while budget.elapsed < _STEERED * budget.seconds:
             size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
-            batch = random_arcs(self._task, self._rng, size, self._arcs)
-            if self._previous is not None and self._starts == 0:
-                batch = given_arcs(self._task, batch, self._previous)
+            batch = starts(self._task, self._rng, size, self._arcs)
+            if self._starts == 0:
+                batch = with_arcs(self._task, batch, self._previous)
             found += steered(self._task, batch, budget, _STEERED * budget.seconds)
             self._remember_closest(batch)
             self._starts += size
+            self._arrived += int((batch.costs < ARRIVED).sum())
             rounds += 1
             late = budget.elapsed > _ENOUGH * budget.seconds
             if found and (rounds >= len(_ROUNDS) or late):
@@ -150,20 +152,29 @@ class SwitchingMethod:
 
     def _reason(self) -> str:
         task = self._task
-        weight = task.torque / task.plant.coefficients.gravity
-        reason = (
-            f'no swing-up found in {self._budget.seconds:g} s from {self._starts} starts of up to '
-            f'{self._arcs} arcs with {task.torque:.3g} N m (limits.torque less torque_reserve, '
-            f'{weight:.2g} of m g l)'
+        search = (
+            f'in {self._budget.seconds:g} s, {self._starts} starts of up to {self._arcs} arcs of '
+            f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
+        if self._arrived:
+            return search + f'gave {self._arrived} swing-ups, but left no time to check one'
+        search += 'gave no swing-up'
+        if task.drive < _WEAK:
+            search += (
+                '; so weak a torque needs more swings: allow more switching_arcs, time or torque'
+            )
         if self._closest is None or not math.isfinite(self._closest[0]):
-            return reason
+            return search
         closest = self._closest[1]
-        end = roll_states(
+        states = roll_states(
             task.plant, task.start, closest.durations, closest.torques, COARSE_STEPS
-        )[-1]
-        error = end - task.goal_nearest(end)
+        )
         w0 = task.plant.natural_frequency
-        worst = int(np.argmax(np.abs(error) * [1.0, 1.0, 1.0 / w0, 1.0 / w0]))
+        error = np.abs(states[-1] - task.goal_nearest(states[-1]))
+        scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
+        worst = int(np.argmax(scaled))
+        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle
+        if excess > scaled[worst]:
+            return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
         name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
-        return f'{reason}; the closest still missed {name} by {abs(error[worst]):.2g} {unit}'
+        return f'{search}; the closest missed {name} by {error[worst]:.2g} {unit}'

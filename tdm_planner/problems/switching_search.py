@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the search for switching times: starts, arrivals, polish, trajectory."""
+"""Parts of the search for switching times: arrivals, polish, trajectory."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
-from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_program import SwitchingProgram
+from tdm_planner.problems.switching_seeds import FEWEST_ARCS
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
-FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
@@ -42,47 +41,6 @@ class Candidate:
     def total(self) -> float:
         """Time of the transfer [s]."""
         return float(self.durations.sum())
-
-
-def random_arcs(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> ArcBatch:
-    """Random sequences of up to `most` arcs: total times log-uniform, split by Dirichlet(2)."""
-    w0 = task.plant.natural_frequency
-    quickest = max(task.quickest, 1e-3 / w0)
-    shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
-    fewest = min(FEWEST_ARCS, most)
-    index = np.arange(count)
-    arcs = fewest + index % (min(most, 8) - fewest + 1)
-    shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
-    totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
-    durations = shares * (totals / shares.sum(axis=1))[:, None]
-    first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
-    torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
-    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))
-
-
-def given_arcs(task: SwingUpTask, batch: ArcBatch, candidate: Candidate) -> ArcBatch:
-    """Return the batch with its first start replaced by a candidate's arcs."""
-    count = candidate.durations.size
-    if 0 < count <= batch.durations.shape[1]:
-        batch.arcs[0] = count
-        batch.durations[0] = 0.0
-        batch.durations[0, :count] = candidate.durations
-        batch.torques[0, :count] = task.torque * np.sign(candidate.torques)
-    return batch
-
-
-def previous_arcs(solution: Solution | None) -> Candidate | None:
-    """Return the arcs of an earlier plan, None where it does not consist of arcs."""
-    if solution is None or solution.parameters.size == 0:
-        return None
-    motion = solution.trajectory
-    if motion.interpolation != 'zero_order_hold':
-        return None
-    lasting = int(np.argmax(solution.parameters > 0))
-    first = float(motion.controls[0, 0])
-    torques = first * (-1.0) ** (np.arange(solution.parameters.size) - lasting)
-    return Candidate(solution.parameters, np.asarray(torques, dtype=np.float64), 0)
 
 
 def steered(task: SwingUpTask, batch: ArcBatch, budget: Budget, until: float) -> list[Candidate]:
