@@ -1,0 +1,117 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any other problem for the planner node: states and controls by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.adapters.base import Adapter
+from tdm_planner.nodes.adapters.measurement import NewestMeasurement
+from tdm_planner.nodes.messages import joint_indices, LATCHED, to_duration, to_stamp, WORLD_FRAME
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.trajectory import Trajectory
+
+_START = 'start.'
+_OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
+
+
+class GenericAdapter(Adapter):
+    """Serves a problem of which only the names of states and controls are known.
+
+    Publishes `trajectory` and `controls`, or `<vehicle>/trajectory` and `<vehicle>/controls` where
+    a solution holds several, as JointTrajectory with the states' (positions) and the controls'
+    (effort) names for joints. The measured state is a JointState on `joint_states` with the
+    numbers X of the parameters `start.X` among its names and their values as positions; it is
+    planned from as it is.
+    """
+
+    def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
+        super().__init__(node, values)
+        self._wanted = [
+            name.removeprefix(_START)
+            for name, value in values.items()
+            if name.startswith(_START) and name not in _OF_THE_NODE and isinstance(value, float)
+        ]
+        self._state = NewestMeasurement(node, JointState, 'joint_states', self._read)
+        self._publishers: dict[str, Any] = {}
+
+    def values_changed(self, values: Mapping[str, Any]) -> None:
+        """Nothing to follow: topics come from the solutions."""
+
+    def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
+        """Return the newest state."""
+        if not self._wanted:
+            raise NoState(
+                "this problem has no start.* numbers to measure: set 'start.source' to parameters"
+            )
+        newest = self._state.fresh(now, values['start.max_age'])
+        return {_START + name: value for name, value in self._read(newest.message).items()}
+
+    def publish(self, problem: Problem, solution: Solution, start: int) -> None:
+        """Publish every vehicle's states and controls."""
+        several = len(solution.trajectories) > 1
+        for vehicle, trajectory in solution.trajectories.items():
+            prefix = f'{vehicle}/' if several else ''
+            self._publish(f'{prefix}trajectory', _states(trajectory), start)
+            self._publish(f'{prefix}controls', _controls(trajectory), start)
+
+    def ages(self, now: int) -> Mapping[str, float | None]:
+        """Age of the newest state."""
+        return {'joint_states': self._state.age(now)}
+
+    def _publish(self, topic: str, message: JointTrajectory, start: int) -> None:
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(JointTrajectory, topic, LATCHED)
+        message.header.stamp = to_stamp(start)
+        message.header.frame_id = WORLD_FRAME
+        self._publishers[topic].publish(message)
+
+    def _read(self, message: JointState) -> dict[str, float]:
+        index = joint_indices(message.name, self._wanted)
+        if len(message.position) != len(message.name):
+            raise InvalidProblem(
+                f"'position' has {len(message.position)} values for {len(message.name)} names"
+            )
+        found = {
+            name: float(message.position[i]) for name, i in zip(self._wanted, index, strict=True)
+        }
+        for name, value in found.items():
+            if not math.isfinite(value):
+                raise InvalidProblem(f"the position of '{name}' is {value}, not a finite number")
+        return found
+
+
+def _states(trajectory: Trajectory) -> JointTrajectory:
+    rates = np.zeros((trajectory.times.size, 0))
+    if trajectory.rates is not None:
+        rates = np.concatenate([trajectory.rates[:, 0], trajectory.rates[-1:, 1]])
+    return JointTrajectory(
+        joint_names=trajectory.state_names,
+        points=[
+            JointTrajectoryPoint(
+                positions=state.tolist(), velocities=rate.tolist(), time_from_start=to_duration(t)
+            )
+            for t, state, rate in zip(
+                trajectory.times.tolist(), trajectory.states, rates, strict=True
+            )
+        ],
+    )
+
+
+def _controls(trajectory: Trajectory) -> JointTrajectory:
+    return JointTrajectory(
+        joint_names=trajectory.control_names,
+        points=[
+            JointTrajectoryPoint(effort=control.tolist(), time_from_start=to_duration(t))
+            for t, control in zip(trajectory.times.tolist(), trajectory.controls, strict=True)
+        ],
+    )

@@ -1,0 +1,117 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pendulum for the planner node: `joint_states` in, `trajectory` and `markers` out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from scipy.integrate import solve_ivp
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.adapters.base import Adapter
+from tdm_planner.nodes.adapters.measurement import NewestMeasurement
+from tdm_planner.nodes.markers import pendulum_markers
+from tdm_planner.nodes.messages import (
+    joint_motion,
+    LATCHED,
+    PENDULUM_JOINTS,
+    pendulum_message,
+    PENDULUM_STATES,
+    to_stamp,
+)
+from tdm_planner.parameters import build
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
+from tdm_planner.trajectory import NANOSECOND, Trajectory
+
+Array = NDArray[np.float64]
+
+MARKER_PERIOD = 0.1  # s
+
+
+class PendulumAdapter(Adapter):
+    """State from the joints `pendulum` and `disk`; the plan as a JointTrajectory."""
+
+    def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
+        super().__init__(node, values)
+        self._state = NewestMeasurement(node, JointState, 'joint_states', _motion)
+        self._trajectories = node.create_publisher(JointTrajectory, 'trajectory', LATCHED)
+        self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
+        self._plant = RotaryPendulum()
+        self.values_changed(values)
+        self._plan: Trajectory | None = None
+        self._timer = node.create_timer(MARKER_PERIOD, self._show)
+
+    def values_changed(self, values: Mapping[str, Any]) -> None:
+        """Draw the rig as the parameters have it, unless they contradict each other."""
+        with suppress(InvalidProblem):
+            self._plant = build(RotaryPendulum, values, 'plant.')
+
+    def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
+        """Propagate the newest state to the instant at which the motion starts.
+
+        Without torque, which is what the tracker applies while it waits for a plan to start.
+        """
+        newest = self._state.fresh(now, values['start.max_age'])
+        plant = build(RotaryPendulum, values, 'plant.')
+        wait = (start - newest.instant) * NANOSECOND
+        state = _coast(plant, _motion(newest.message), wait)
+        return {
+            f'start.{name}': value
+            for name, value in zip(PENDULUM_STATES, state.tolist(), strict=True)
+        }
+
+    def publish(self, problem: Problem, solution: Solution, start: int) -> None:
+        """Publish the trajectory, and draw it."""
+        assert isinstance(problem, PendulumSwingUp)
+        trajectory = solution.trajectory
+        if trajectory.rates is None:
+            trajectory = trajectory.with_rates(problem.plant.derivative)
+        self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
+        self._plan = trajectory
+        self._publish_markers()
+
+    def ages(self, now: int) -> Mapping[str, float | None]:
+        """Age of the newest state."""
+        return {'joint_states': self._state.age(now)}
+
+    def _show(self) -> None:
+        if self._state.newest is not None and self._markers.get_subscription_count() > 0:
+            self._publish_markers()
+
+    def _publish_markers(self) -> None:
+        newest = self._state.newest
+        shown = None if newest is None else _motion(newest.message)
+        if shown is None and self._plan is not None:
+            shown = self._plan.states[0]
+        if shown is not None:
+            self._markers.publish(pendulum_markers(self._plant, shown, self._plan))
+
+
+def _motion(message: JointState) -> Array:
+    return joint_motion(message, PENDULUM_JOINTS)
+
+
+def _coast(plant: RotaryPendulum, state: Array, duration: float) -> Array:
+    """State (4,) after `duration` s without torque; a negative duration looks back."""
+    no_torque = np.zeros(1)
+    result = solve_ivp(
+        lambda _, x: plant.derivative(x, no_torque),
+        (0.0, duration),
+        state,
+        method='DOP853',
+        rtol=1e-9,
+        atol=1e-11,
+    )
+    last: Array = result.y[:, -1]
+    return last

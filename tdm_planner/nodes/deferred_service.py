@@ -1,0 +1,46 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A service that answers later, while the executor serves everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from rclpy.node import Node
+
+Answer = Callable[[Any], None]
+
+
+class _Deferred(NamedTuple):
+    request: Any
+    response: Any
+
+
+class DeferredService:
+    """Calls `handler(request, response, answer)`; the handler answers when it is ready.
+
+    `answer(response)` may be called at once or later, once, from the executor's thread.
+
+    A coroutine as callback would do the same, but EventsExecutor does not run it, and
+    SingleThreadedExecutor polls it at full load. Both executors hand what a callback returns to
+    the service's `send_response` together with the header that says who asked; it is held back
+    there.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        service_type: Any,
+        name: str,
+        handler: Callable[[Any, Any, Answer], None],
+    ) -> None:
+        self._handler = handler
+        self._service = node.create_service(service_type, name, _Deferred)
+        self._send = self._service.send_response
+        self._service.send_response = self._hold_back
+
+    def _hold_back(self, deferred: _Deferred, header: Any) -> None:
+        self._handler(
+            deferred.request, deferred.response, lambda response: self._send(response, header)
+        )

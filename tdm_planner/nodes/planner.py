@@ -1,0 +1,230 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `planner`: plans on request, publishes what was verified, says why where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import sys
+import threading
+from typing import Any
+
+from rclpy.timer import Timer
+from std_srvs.srv import Trigger
+
+from tdm_planner.exceptions import Busy, InvalidProblem
+from tdm_planner.nodes.adapters import Adapter, adapter_class
+from tdm_planner.nodes.deferred_service import Answer, DeferredService
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer, plan_figures
+from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.worker import Worker
+from tdm_planner.parameters import specifications
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.request import RequestParameters
+from tdm_planner.trajectory import NANOSECOND
+
+_REQUEST = specifications(RequestParameters)
+
+
+class Planner(ParameterNode):
+    """Plans for the problem that the parameter `problem` names.
+
+    Service `plan` (std_srvs/Trigger) answers with one line of JSON. Solving runs beside the
+    executor: states, parameters and further requests (BUSY) are served meanwhile. What is
+    published, and where the state comes from, is the adapter's matter.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('planner', _REQUEST)
+        self._problem_class: type[Problem] | None = None
+        self._adapter: Adapter | None = None
+        self._fault = ''
+        self._load_problem()
+        self.warn_of_unknown_overrides()
+        self._plan: Plan | None = None
+        self._plan_id = 0
+        self._failure: Failure | None = None
+        self._requests = self._failures = 0
+        self._worker = Worker(self)
+        self._prepared = threading.Event()
+        self._diagnostics = Diagnostics(self, 'planning', self._report)
+        self._replan_timer: Timer | None = None
+        self._set_replan_timer()
+        Worker(self).submit(self._prepare, self._on_prepared)
+        self._service = DeferredService(self, Trigger, 'plan', self._on_request)
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Let changed parameters act from the next request on."""
+        self._declare_problem()
+        if self._adapter is not None:
+            self._adapter.values_changed(self.parameter_values)
+        if 'replan.rate' in names:
+            self._set_replan_timer()
+        self._diagnostics.update()
+
+    def _load_problem(self) -> None:
+        name = self.parameter_values['problem']
+        try:
+            self._problem_class = load_problem(name)
+        except InvalidProblem as error:
+            self._fault = str(error)
+            self.get_logger().error(self._fault)
+            return
+        self._declare_problem()
+        self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
+
+    def _declare_problem(self) -> None:
+        """Declare the problem's parameters; which exist may depend on values (robots' names)."""
+        if self._problem_class is None:
+            return
+        declared: set[str] = set()
+        while True:
+            wanted = self._problem_class.parameter_specifications(self.parameter_values)
+            self.declare(wanted)
+            if set(wanted) == declared:
+                break
+            declared = set(wanted)
+        kept = declared | set(_REQUEST)
+        self.withdraw([name for name in self.parameter_values if name not in kept])
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _prepare(self) -> str:
+        """Do what does not depend on a request; in the worker's thread."""
+        try:
+            if self._problem_class is not None:
+                self._problem_class.from_parameters({}).prepare()
+        except Exception as error:  # planning will meet it again, and say so in its answer
+            return f'{type(error).__name__}: {" ".join(str(error).split())}'
+        finally:
+            self._prepared.set()
+        return ''
+
+    def _on_prepared(self, fault: str) -> None:
+        if fault:
+            self.get_logger().error(f'preparing the problem failed: {fault}')
+        elif self._problem_class is not None:
+            self.get_logger().info(f'ready to plan for {self._problem_class.name}')
+        self._diagnostics.update()
+
+    def _on_request(self, _: Trigger.Request, response: Trigger.Response, answer: Answer) -> None:
+        def reply(outcome: Plan | Failure) -> None:
+            response.success = isinstance(outcome, Plan)
+            response.message = (
+                plan_answer(outcome, self._plan_id)
+                if isinstance(outcome, Plan)
+                else outcome.to_json()
+            )
+            answer(response)
+
+        self._requests += 1
+        if self._worker.busy:
+            reply(Failure.of(Busy('a request is being solved: ask again when it is answered')))
+            return
+        self._solve(self.parameter_values, reply)
+
+    def _replan(self) -> None:
+        """Plan anew from the measured state while the plan in force runs."""
+        if self._plan is None or self._worker.busy:
+            return
+        if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
+            self._solve({**self.parameter_values, 'start.source': 'measured'}, lambda _: None)
+
+    def _set_replan_timer(self) -> None:
+        if self._replan_timer is not None:
+            self.destroy_timer(self._replan_timer)
+            self._replan_timer = None
+        rate = self.parameter_values['replan.rate']
+        if rate > 0:
+            self._replan_timer = self.create_timer(1.0 / rate, self._replan)
+
+    def _solve(self, values: dict[str, Any], reply: Callable[[Plan | Failure], None]) -> None:
+        problem_class, adapter = self._problem_class, self._adapter
+        faults = self._faults()
+        if faults or problem_class is None or adapter is None:
+            reply(self._settle(Failure.of(InvalidProblem('; '.join(faults)))))
+            return
+
+        def job() -> Plan | Failure:
+            self._prepared.wait()
+            return make_plan(problem_class, values, adapter, self._now)
+
+        self._worker.submit(job, lambda outcome: reply(self._settle(outcome)))
+        self._diagnostics.update()
+
+    def _settle(self, outcome: Plan | Failure) -> Plan | Failure:
+        """Publish a plan, or keep the one in force and say why there is no new one."""
+        if isinstance(outcome, Plan):
+            try:
+                self._publish(outcome)
+            except Exception as error:
+                outcome = Failure.of(error)
+        if isinstance(outcome, Failure):
+            self._failure = outcome
+            self._failures += 1
+            log = self.get_logger()
+            say = log.error if outcome.internal else log.warning
+            say(f'no plan: {outcome.code}: {outcome.reason}')
+        self._diagnostics.update()
+        return outcome
+
+    def _publish(self, plan: Plan) -> None:
+        assert self._adapter is not None
+        self._adapter.publish(plan.problem, plan.solution, plan.start)
+        self._plan, self._failure = plan, None
+        self._plan_id += 1
+        late = (self._now() - plan.start) * NANOSECOND
+        self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
+        if late > 0:
+            self.get_logger().warning(
+                f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
+                "raise 'start.delay' or lower 'solver.deadline'"
+            )
+
+    def _report(self) -> Report:
+        now = self._now()
+        level, message = self._state()
+        values: dict[str, Any] = {
+            'problem': self.parameter_values['problem'],
+            'requests': self._requests,
+            'failures': self._failures,
+            'plan id': self._plan_id,
+        }
+        if self._plan is not None:
+            values.update(plan_figures(self._plan, now))
+        if self._adapter is not None:
+            for name, age in self._adapter.ages(now).items():
+                values[f'age of {name} [s]'] = 'never received' if age is None else age
+        return Report(level, message, values)
+
+    def _faults(self) -> list[str]:
+        """What makes every request vain until it is corrected."""
+        return [*filter(None, [self._fault]), *self.invalid_overrides.values()]
+
+    def _state(self) -> tuple[Level, str]:
+        faults = self._faults()
+        if faults:
+            return Level.ERROR, '; '.join(faults)
+        if self._worker.busy:
+            return Level.OK, 'planning'
+        if self._failure is not None:
+            level = Level.ERROR if self._failure.internal else Level.WARN
+            return level, f'{self._failure.code}: {self._failure.reason}'
+        if not self._prepared.is_set():
+            return Level.OK, 'preparing'
+        if self._plan is None:
+            return Level.OK, 'ready'
+        return Level.OK, f'plan {self._plan_id} in force'
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is asked to end."""
+    return run(Planner, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

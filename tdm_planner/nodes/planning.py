@@ -1,0 +1,124 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""One request, from parameters and measured state to a verified plan or the reason for none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import json
+from typing import Any
+
+from tdm_planner.exceptions import Infeasible, NoState, TdmError
+from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.trajectory import NANOSECOND
+
+CODES = (
+    'INVALID_PROBLEM',
+    'NO_STATE',
+    'INFEASIBLE',
+    'DEADLINE',
+    'VERIFICATION_FAILED',
+    'BUSY',
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A verified solution; its motion starts at the instant `start` [ns] of the node's clock."""
+
+    problem: Problem
+    solution: Solution
+    start: int
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is no plan; `internal` marks an error of the program, not of the user."""
+
+    code: str
+    reason: str
+    internal: bool = False
+
+    @classmethod
+    def of(cls, error: Exception) -> Failure:
+        """Return the failure that an exception stands for."""
+        text = ' '.join(str(error).split())
+        if isinstance(error, TdmError):
+            code = error.code if error.code in CODES else Infeasible.code
+            return cls(code, text)
+        return cls(
+            Infeasible.code, f'internal error: {type(error).__name__}: {text}', internal=True
+        )
+
+    def to_json(self) -> str:
+        """Return the answer of the `plan` service, one line."""
+        return json.dumps({'code': self.code, 'reason': self.reason})
+
+
+def make_plan(
+    problem_class: type[Problem],
+    values: Mapping[str, Any],
+    adapter: Adapter,
+    clock: Callable[[], int],
+) -> Plan | Failure:
+    """Plan for the parameters `values` (the problem's and the request's); never raises.
+
+    `clock` returns the present instant [ns].
+    """
+    try:
+        now = clock()
+        start = now + round(values['start.delay'] / NANOSECOND)
+        if values['start.source'] == 'measured':
+            values = {**values, **_measured_start(problem_class, values, adapter, now, start)}
+        problem = problem_class.from_parameters(values)
+        return Plan(problem, problem.solve(), start)
+    except Exception as error:
+        return Failure.of(error)
+
+
+def _measured_start(
+    problem_class: type[Problem], values: Mapping[str, Any], adapter: Adapter, now: int, start: int
+) -> dict[str, Any]:
+    try:
+        return adapter.measured_start(values, now, start)
+    except NoState:
+        # What is wrong with the request itself matters more than a state that is missing.
+        problem_class.from_parameters(values)
+        raise
+
+
+def plan_answer(plan: Plan, plan_id: int) -> str:
+    """Return the answer of the `plan` service to a request that was met, one line of JSON."""
+    solution = plan.solution
+    return json.dumps(
+        {
+            'plan_id': plan_id,
+            'duration': solution.duration,
+            'cost': solution.cost,
+            'penalty': solution.penalty,
+            'solve_time': solution.solve_time,
+            'evaluations': solution.evaluations,
+            'summary': ' '.join(solution.summary.split()),
+        }
+    )
+
+
+def plan_figures(plan: Plan, now: int) -> dict[str, Any]:
+    """Return what the diagnostics show of the plan in force."""
+    solution = plan.solution
+    check = solution.verification
+    figures: dict[str, Any] = {
+        'plan age [s]': (now - plan.start) * NANOSECOND,
+        'duration [s]': solution.duration,
+        'cost': float(solution.cost),
+        'penalty': float(solution.penalty),
+        'solve time [s]': solution.solve_time,
+        'evaluations': solution.evaluations,
+    }
+    if check.worst:
+        narrowest = min(check.worst, key=lambda name: check.worst[name])
+        figures['worst margin'] = f'{check.worst[narrowest]:.6g} ({narrowest})'
+    figures.update({f'margin of {name}': float(value) for name, value in check.worst.items()})
+    return figures
