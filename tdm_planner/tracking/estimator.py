@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 _LONGEST_STEP = 5e-3  # s, of the Runge-Kutta prediction; error about 1e-8 rad for a fast rig
 _HISTORY = 2.0  # s of commands that are remembered
+_LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -84,7 +85,8 @@ class StateEstimator:
 
     Samples carry the instant they were taken; between samples the estimate follows the plant's
     equations of motion under the commands of `history`. `angles` (nx,) marks states that sensors
-    may report modulo 2 pi: the estimate runs on continuously.
+    may report modulo 2 pi: the estimate runs on continuously. A sample that noise and model cannot
+    explain (a push, a reset) is believed.
     """
 
     def __init__(
@@ -147,6 +149,10 @@ class StateEstimator:
         turns = np.round(innovation / math.tau) * self._angles
         innovation = innovation - math.tau * turns
         total = self._covariance + self._measurement_covariance
+        if innovation @ np.linalg.solve(total, innovation) > _LARGEST_SURPRISE**2:
+            self._state = self._state + innovation
+            self._covariance = self._measurement_covariance
+            return
         gain = np.linalg.solve(total, self._covariance).T
         self._state = self._state + gain @ innovation
         covariance = self._covariance - gain @ self._covariance

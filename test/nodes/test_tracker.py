@@ -1,0 +1,254 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tracker over real DDS: with a scripted state source, and with the simulated pendulum."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_harness import NodeProcess, Ros
+
+pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
+from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.trajectory import Trajectory
+
+LIMIT = 0.02  # the slow swing: a busy machine may stall a process for a while
+LATER = 1.0  # s from publishing to the start
+
+
+@pytest.fixture(scope='module')
+def plan() -> Trajectory:
+    values = {'limits.torque': LIMIT, 'torque_reserve': 0.3}
+    solution = build(PendulumSwingUp, values).solve(deadline=10.0)
+    plant = build(PendulumSwingUp, values).plant
+    return solution.trajectory.with_rates(plant.derivative)
+
+
+def message(plan: Trajectory, delay: float = LATER) -> JointTrajectory:
+    return pendulum_message(plan, to_stamp(time.time_ns() + round(delay * 1e9)))
+
+
+class Bench:
+    """A tracker in a namespace of its own, and what it says."""
+
+    def __init__(self, ros: Ros, namespace: str, **parameters: Any) -> None:
+        self.ros, self.namespace = ros, namespace
+        dotted = {name.replace('__', '.'): value for name, value in parameters.items()}
+        self.parameters = {'limits.torque': LIMIT, **dotted}
+        self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
+        self.errors = ros.subscribe(f'/{namespace}/tracking_error', JointState)
+        self.diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+        self.tracker = self.start()
+        self.plans = ros.publisher(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
+        assert ros.spin_until(lambda: bool(self.commands))
+
+    def start(self) -> NodeProcess:
+        return self.ros.start(
+            'tdm_planner.nodes.tracker', self.parameters, namespace=self.namespace
+        )
+
+    def statuses(self) -> list[Any]:
+        name = f'/{self.namespace}/tracker: tracking'
+        return [s for array in self.diagnostics for s in array.status if s.name == name]
+
+    def says(self, *texts: str, level: int | None = None) -> bool:
+        """Whether the newest diagnostic says so within a few seconds."""
+
+        def newest() -> bool:
+            status = self.statuses()
+            return bool(status) and all(text in status[-1].message for text in texts)
+
+        found = self.ros.spin_until(newest)
+        return found and (level is None or self.statuses()[-1].level == bytes([level]))
+
+
+@pytest.fixture(scope='module')
+def bench(ros: Ros) -> Bench:
+    """A tracker without a plant: the test publishes the states."""
+    return Bench(ros, 'scripted')
+
+
+@pytest.fixture(scope='module')
+def states(ros: Ros, bench: Bench) -> Any:
+    return ros.publisher('/scripted/joint_states', JointState)
+
+
+def publish_state(states: Any, theta: float = math.pi, **changes: Any) -> None:
+    content = {
+        'name': ['disk', 'pendulum'],
+        'position': [0.0, theta],
+        'velocity': [0.0, 0.0],
+        'effort': [0.0, 0.0],
+        **changes,
+    }
+    state = JointState(**content)
+    state.header.stamp = to_stamp(time.time_ns())
+    states.publish(state)
+
+
+def keep_publishing(ros: Ros, states: Any, seconds: float, theta: float = math.pi) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        publish_state(states, theta)
+        ros.spin_for(0.01)
+
+
+def says_meanwhile(ros: Ros, bench: Bench, states: Any, text: str) -> bool:
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        keep_publishing(ros, states, 0.05)
+        statuses = bench.statuses()
+        if statuses and text in statuses[-1].message:
+            return True
+    return False
+
+
+def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
+    assert bench.says('no state has been received', level=2)
+    assert list(bench.commands[-1].name) == ['disk']
+    assert all(command.effort[0] == 0.0 for command in bench.commands)
+
+
+def test_states_that_cannot_be_read_are_left_out(ros: Ros, bench: Bench, states: Any) -> None:
+    for wrong in (
+        {'name': ['arm', 'pendulum']},
+        {'position': [0.0]},
+        {'velocity': [0.0, math.nan]},
+    ):
+        publish_state(states, **wrong)
+    assert ros.spin_until(lambda: 'state left out' in bench.tracker.output)
+    assert bench.says('no state has been received', level=2)
+    keep_publishing(ros, states, 0.3)
+    assert bench.says('idle', level=0)
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'reason'),
+    [
+        (lambda m: m.points.clear(), 'at least two'),
+        (lambda m: setattr(m, 'joint_names', ['disk', 'arm']), 'pendulum'),
+        (lambda m: setattr(m.points[3], 'positions', [1.0]), 'point 3'),
+        (lambda m: setattr(m.points[3], 'velocities', [math.nan, 0.0]), 'finite'),
+        (
+            lambda m: setattr(m.points[4], 'time_from_start', m.points[3].time_from_start),
+            'increase',
+        ),
+        (lambda m: setattr(m.header, 'stamp', to_stamp(time.time_ns() - 10**11)), 'past'),
+        (lambda m: [p.positions.__setitem__(0, 2.0) for p in m.points], 'tolerance.start'),
+    ],
+)
+def test_trajectories_are_refused_with_a_reason(
+    ros: Ros, bench: Bench, states: Any, plan: Trajectory, spoil: Any, reason: str
+) -> None:
+    spoilt = message(plan)
+    spoil(spoilt)
+    keep_publishing(ros, states, 0.05)
+    bench.plans.publish(spoilt)
+    assert says_meanwhile(ros, bench, states, reason)
+
+
+def test_a_state_that_stops_coming_is_an_error_until_it_returns(
+    ros: Ros, bench: Bench, states: Any
+) -> None:
+    keep_publishing(ros, states, 0.2)
+    assert bench.says('state_timeout', level=2)
+    assert says_meanwhile(ros, bench, states, 'idle')
+
+
+def test_parameters_are_refused_with_a_sentence(ros: Ros, bench: Bench) -> None:
+    reasons = ros.set_parameters('/scripted/tracker', weights__torque=-1.0, plant__mass=0.0)
+    assert 'weights.torque' in reasons[0]
+    assert 'plant.mass' in reasons[1]
+    assert ros.set_parameters('/scripted/tracker', weights__torque=3.0) == ['']
+    assert 'fixed' in ros.set_parameters('/scripted/tracker', rate=100.0)[0]
+
+
+def test_it_ends_cleanly(bench: Bench) -> None:
+    bench.tracker.end_cleanly()
+
+
+@pytest.fixture(scope='module')
+def rig(ros: Ros) -> Bench:
+    """A tracker with the simulated pendulum, 5 % wrong and noisy."""
+    noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
+    ros.start(
+        'tdm_sim.pendulum_plant',
+        {
+            'limits.torque': LIMIT,
+            'mismatch': 0.05,
+            **{f'noise.{name}': value for name, value in noise.items()},
+        },
+        namespace='rig',
+    )
+    return Bench(ros, 'rig', replan__on_deviation=True, replan__interval=0.2)
+
+
+def watch(ros: Ros) -> list[JointState]:
+    return ros.subscribe('/rig/joint_states', JointState)
+
+
+def angles(states: list[JointState]) -> np.ndarray:
+    return np.array([math.remainder(s.position[0], math.tau) for s in states])
+
+
+def test_the_pendulum_swings_up_and_is_held(ros: Ros, rig: Bench, plan: Trajectory) -> None:
+    measured = watch(ros)
+    assert ros.spin_until(lambda: bool(measured))
+    assert rig.says('idle')
+    rig.plans.publish(message(plan))
+    assert rig.says('waiting')
+    assert rig.says('holding', level=0)
+    ros.spin_for(1.5)
+    first = len(measured)
+    ros.spin_for(1.0)
+    assert len(measured) - first > 100
+    assert np.abs(angles(measured[first:])).max() < 0.06
+    assert np.abs([c.effort[0] for c in rig.commands]).max() <= LIMIT
+    assert np.abs([e.position[0] for e in rig.errors[-100:]]).max() < 0.06
+
+
+def test_a_new_plan_is_asked_for_when_it_falls(ros: Ros, rig: Bench, plan: Trajectory) -> None:
+    asked: list[float] = []
+
+    def serve(_: Any, response: Any) -> Any:
+        asked.append(time.monotonic())
+        response.success = False
+        response.message = '{"code": "INFEASIBLE", "reason": "test"}'
+        return response
+
+    ros.node.create_service(Trigger, '/rig/plan', serve)
+    assert ros.set_parameter_mapping('/rig/pendulum_plant', {'disturbance.impulse': 0.02}) == ['']
+    ros.call('/rig/push', Trigger)
+    assert rig.says('stopped', 'tolerance.path', level=2)
+    assert ros.spin_until(lambda: len(asked) >= 3)
+    assert min(np.diff(asked)) > 0.15
+    assert rig.commands[-1].effort[0] == 0.0
+
+
+def test_after_a_fall_the_next_plan_is_tracked(ros: Ros, rig: Bench, plan: Trajectory) -> None:
+    ros.call('/rig/reset', Trigger)
+    ros.spin_for(0.1)
+    rig.plans.publish(message(plan))
+    assert rig.says('holding', level=0)
+
+
+def test_a_tracker_that_joins_late_takes_over(ros: Ros, rig: Bench, plan: Trajectory) -> None:
+    rig.tracker.end_cleanly()
+    ros.call('/rig/reset', Trigger)
+    rig.plans.publish(message(plan, 4.0))
+    rig.tracker = rig.start()
+    assert rig.says('waiting')
+    assert rig.says('holding', level=0)
+    rig.tracker.end_cleanly()
