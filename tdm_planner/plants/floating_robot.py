@@ -85,8 +85,9 @@ class FloatingRobot(Validated):
         return np.asarray(initial - ratio * (np.asarray(omega) - initial_omega))
 
     def angular_momentum(self, omega: Array, wheel_speed: Array) -> Array:
-        """Angular momentum of robot and wheel about the vertical [N m s]; only torques from
-        outside change it.
+        """Angular momentum of robot and wheel about the vertical [N m s].
+
+        Only torques from outside change it.
         """
         spin = np.asarray(omega) + np.asarray(wheel_speed)
         return np.asarray(self.inertia * np.asarray(omega) + self.wheel_inertia * spin)

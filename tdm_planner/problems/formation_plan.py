@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01
 _SHOTS = 10
-_POSITION_AIM, _VELOCITY_AIM = 2e-4, 1e-4
+_AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 
 
 @dataclass(frozen=True)
@@ -99,19 +99,28 @@ def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory
         task.thrust,
         float(task.alpha[robot]),
     )
-    room = _room(aim.acceleration, task.thrust)
-    best, accepted, tried = np.inf, None, aim.acceleration
-    for shot in range(1 if task.staying[robot] else _SHOTS):
-        flown = _fly(task, robot, aim, tried, *direction.follow(tried))
-        position, velocity = flown.states[-1, :2] - goal, flown.states[-1, 2:4]
-        miss = max(np.abs(position).max() / _POSITION_AIM, np.abs(velocity).max() / _VELOCITY_AIM)
+    if task.staying[robot]:
+        return _fly(task, robot, aim, aim.acceleration, *direction.follow(aim.acceleration))
+    shapes, effects = _corrections(aim.times, _room(aim.acceleration, task.thrust))
+    best, accepted = np.inf, None
+    sizes, change, before = np.zeros(4), np.zeros(4), np.zeros(4)
+    for shot in range(_SHOTS):
+        acceleration = aim.acceleration + np.stack(
+            [shapes @ sizes[:2], shapes @ sizes[2:]], axis=1
+        )
+        flown = _fly(task, robot, aim, acceleration, *direction.follow(acceleration))
+        error = (flown.states[-1, [0, 2, 1, 3]] - [goal[0], 0.0, goal[1], 0.0]) / _AIM
+        miss = float(np.abs(error).max())
         if miss < best:
             best, accepted = miss, flown
         if best <= 1.0:
             break
-        # Not a descent: the first shots may overshoot on the way. Later ones are damped.
-        gain = 1.0 if shot < _SHOTS // 2 else 0.5
-        tried = tried + gain * _correction(aim.times, room, position, velocity)
+        if shot:  # Broyden's update: what the last change of the corrections really did.
+            effects = effects + np.outer(error - before - effects @ change, change) / (
+                change @ change
+            )
+        before, change = error, -np.linalg.lstsq(effects, error, rcond=1e-6)[0]
+        sizes = sizes + change
     assert accepted is not None
     return accepted
 
@@ -119,21 +128,29 @@ def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory
 def _room(acceleration: Array, thrust: float) -> Array:
     """Where a correction goes (N,): thrust on, so that its direction is well held, and room."""
     force = np.hypot(acceleration[:, 0], acceleration[:, 1]) / thrust
-    return np.asarray(np.minimum(force, 0.3) * np.clip(1.03 - force, 0.02, 0.4) + 1e-6)
+    room = np.minimum(force, 0.3) * np.clip(1.03 - force, 0.02, 0.4) + 1e-6
+    return np.asarray(np.where(force > 0.0, room, 0.0))
 
 
-def _correction(times: Array, room: Array, position: Array, velocity: Array) -> Array:
-    """Acceleration room(t) (c + d t), (N, 2), that takes back errors of the final state."""
+def _corrections(times: Array, room: Array) -> tuple[Array, Array]:
+    """Corrections of the acceleration, and what they do to the final state.
+
+    An axis has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about
+    `_AIM`. The effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.
+    """
     left = times[-1] - times
-    shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
+    shapes = room[:, None] * np.stack([left / left[0], 1.0 - left / left[0]], axis=1)
     effects = np.stack(
         [
             trapezoid(left[:, None] * shapes, times, axis=0),
             trapezoid(shapes, times, axis=0),
         ]
     )
-    factors = np.linalg.solve(effects, -np.stack([position, velocity]))
-    return np.asarray(shapes @ factors)
+    effects = effects / _AIM[:2, None]
+    scale = np.abs(effects).max(axis=0)
+    both = np.zeros((4, 4))
+    both[:2, :2] = both[2:, 2:] = effects / scale
+    return shapes / scale, both
 
 
 def _fly(

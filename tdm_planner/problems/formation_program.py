@@ -434,7 +434,7 @@ class FormationProgram(NonlinearProgram):
 
 
 def _norm_hessian(slope: Array, along: Array, weight: Array) -> Array:
-    """Sum over nodes of weight (S'S - ss') with S = `slope` (n, d, K, P), s = `along` (n, K, P)."""
+    """Sum over nodes of weight (S'S - ss'); S: `slope` (n, d, K, P), s: `along` (n, K, P)."""
     n, d, count, size = slope.shape
     flat = slope.reshape(n, d * count, size)
     weighted = (slope * weight[:, None, :, None]).reshape(n, d * count, size)

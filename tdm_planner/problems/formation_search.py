@@ -21,6 +21,8 @@ from tdm_planner.problems.reference_motion import Motion, ReferenceMotion
 Array = NDArray[np.float64]
 
 _FEASIBLE = 5e-3  # violation, relative to the limit, up to which a plan may survive the check
+_TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
+_ALIGNED = 0.02  # [rad] less than this needs no turning
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _SEARCH_SHARE = 0.75  # of the deadline: the rest is for the check
@@ -114,7 +116,9 @@ class FormationSearch:
             radius=radius,
             iterations=60,
         )
+        before = program.evaluations
         minimum = minimise(program, guess, options, self.budget)
+        self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point)
         violation = float(minimum.point.violations[0])
         if self.closest is None or violation < self.closest.point.violations[0]:
@@ -124,16 +128,18 @@ class FormationSearch:
     def turned(self, candidate: Candidate) -> Candidate | None:
         """Let thrusters that point elsewhere turn first: the same motions after coasting.
 
-        The time a thruster needs depends on the motion and the motion on the time: two rounds.
+        The time a thruster needs depends on the motion and the motion on the time: a few rounds.
         None if that is not feasible.
         """
-        for _ in range(2):
+        for spare in (1.0, 1.03, 1.1):
             model = candidate.program.model
             angle = initial_misalignment(model, candidate.motion)
-            coast = angle / (0.95 * self.task.thruster_rate)
-            if (np.abs(coast - model.task.coast) < 0.02 * (coast + 0.5)).all():
+            needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
+            needed = np.where(angle > _ALIGNED, needed + 0.01 * candidate.motion.durations, 0.0)
+            kept = model.task.coast
+            if ((needed <= kept) & (kept <= 1.2 * needed + 0.05)).all():
                 return candidate
-            task = self.task.with_coast(coast)
+            task = self.task.with_coast(spare * needed)
             program = FormationProgram(self.form.model(task), self.form.nodes)
             again = program.reduce(candidate.program.full(candidate.point.xi))
             candidate, converged = self._minimise(program, again, _REFINING_RADIUS)

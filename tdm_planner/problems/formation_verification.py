@@ -22,7 +22,7 @@ from tdm_planner.verification import check, Constraint, replay, Verification, ve
 
 Array = NDArray[np.float64]
 
-TERMINAL_TOLERANCE = np.array([5e-3, 5e-3, 5e-3, 5e-3, 1e-2, 1e-2, np.inf])
+TERMINAL_TOLERANCE = np.array([3.5e-3, 3.5e-3, 5e-3, 5e-3, 1e-2, 1e-2, np.inf])
 _RESOLUTION = 0.01
 _ROUNDING = 1e-6
 _CONSISTENCY = np.full(7, 1e-5)

@@ -269,7 +269,7 @@ class RobotFormation(FormationParameters, Problem):
             cost=sum(terms.values()),
             penalty=check.penalty,
             parameters=candidate.point.xi,
-            evaluations=candidate.program.evaluations,
+            evaluations=budget.evaluations,
             solve_time=budget.elapsed,
             verification=check.overall,
             verifications=check.robots,

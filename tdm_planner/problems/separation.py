@@ -61,7 +61,7 @@ class PairSeparation:
         if self.model.degree:
             return np.asarray(self.model.arc_at(motion, t)[robots, np.arange(t.size)])
         since = t - self.model.task.coast[robots]
-        return np.clip(since / motion.rates[robots, 0], 0.0, 1.0)
+        return np.asarray(np.clip(since / motion.rates[robots, 0], 0.0, 1.0))
 
     def _positions(self, motion: Motion, robots: Indices, t: Array) -> Array:
         s = self._arcs(motion, robots, t)

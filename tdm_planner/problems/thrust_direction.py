@@ -4,10 +4,10 @@
 
 A robot that accelerates and then brakes turns its thrust by half a turn while little thrust is
 wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed
-at an instant is e / F for some acceleration e. The smallest e is sought for which a direction exists
-that is within the allowed errors at all instants and turns no faster than the limit: the upper
-and lower envelopes of the allowed directions, with the limit as their Lipschitz constant, must not
-cross. One causal pass then follows the wanted direction between the envelopes.
+at an instant is e / F for some acceleration e. The smallest e is sought for which a direction
+exists that is within the allowed errors at all instants and turns no faster than the limit: the
+upper and lower envelopes of the allowed directions, with the limit as their Lipschitz constant,
+must not cross. One causal pass then follows the wanted direction between the envelopes.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 _ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
 _RATE_SHARE = 0.98  # of the limit used to turn
+_SLACK = 1.2  # over the least error, so that small changes of what is wanted fit in
 _BISECTIONS = 12
 
 
@@ -51,6 +52,9 @@ class ThrustDirection:
         self.reach = _RATE_SHARE * rate * times
         self.turns = np.zeros(len(wanted))
         self.heading = np.unwrap(self._headings(wanted))
+        if not np.isnan(alpha):
+            away = self.heading[0] - yaw[0] - alpha
+            self.heading -= 2 * np.pi * np.round(away / (2 * np.pi))
         self.error = self._least_error(wanted)
         if self.error > 0.002 * thrust:
             self._reconsider_turns(wanted)
@@ -70,11 +74,7 @@ class ThrustDirection:
         They stay on the branch of the accelerations first asked for, which may differ a little.
         """
         change = np.angle(np.exp(1j * (self._headings(wanted) - self.heading)))
-        direction = self.heading + change - self.yaw + self.turns
-        if np.isnan(self.alpha):
-            return np.asarray(direction)
-        away = direction[0] - self.alpha
-        return np.asarray(direction - 2 * np.pi * np.round(away / (2 * np.pi)))
+        return np.asarray(self.heading + change - self.yaw + self.turns)
 
     def envelopes(self, wanted: Array, direction: Array, error: float) -> Envelopes:
         """Envelopes of the directions within `error` [m/s^2] of what is wanted."""
@@ -135,10 +135,10 @@ class ThrustDirection:
             rest = 0.0 if np.isnan(self.alpha) else self.alpha
             return np.full(len(wanted), rest), np.zeros(len(wanted))
         direction = self.directions(wanted)
-        error = self.error
+        error = _SLACK * self.error
         envelopes = self.envelopes(wanted, direction, error)
         while not envelopes.open and error < 6.0 * self.thrust:
-            error = max(1.3 * error, 1e-5 * self.thrust)
+            error = max(1.1 * error, 1e-5 * self.thrust)
             envelopes = self.envelopes(wanted, direction, error)
         lower, upper = envelopes.lower.tolist(), envelopes.upper.tolist()
         wished, steps = direction.tolist(), np.diff(self.reach).tolist()
