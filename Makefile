@@ -17,7 +17,7 @@ PLANT ?= pendulum
 # and made anew when the kind changes.
 IMPORT_NATIVE_RCLPY := import importlib.util, sys, rclpy; \
   sys.exit(importlib.util.find_spec("ros_wheels_bootstrapper") is not None)
-ROS := $(shell [ -n "$$AMENT_PREFIX_PATH" ] \
+ROS := $(shell [ -n "$${AMENT_PREFIX_PATH:-}" ] \
   && $(PYTHON) -c '$(IMPORT_NATIVE_RCLPY)' 2>/dev/null && echo native || echo wheels)
 
 BIN := $(VENV)/bin
@@ -42,7 +42,7 @@ help:
 
 setup: $(READY)
 
-$(READY): constraints.txt setup.py pyproject.toml
+$(READY): constraints.txt setup.py
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed" if sys.version_info < (3, 10) else 0)'
 	@echo '[1/3] virtual environment in $(VENV)'
 	@if compgen -G '$(VENV)/.ready-*' >/dev/null && [ ! -e '$@' ]; then rm -rf '$(VENV)'; fi
@@ -86,7 +86,7 @@ benchmark: $(READY)-benchmark
 
 # Parameter files and the README's tables, from the parameters as declared in the code.
 config: $(READY)
-	@$(BIN)/python tools/generate.py
+	@$(BIN)/python -m tools.generate
 
 clean:
 	rm -rf '$(VENV)' build install log *.egg-info

@@ -8,7 +8,8 @@ import re
 from setuptools import find_packages, setup
 
 PACKAGE = 'tdm_planner'
-HERE = Path(__file__).parent
+# Under `colcon build --symlink-install` this file is reached through a link.
+HERE = Path(__file__).resolve().parent
 
 
 def version() -> str:

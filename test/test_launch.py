@@ -203,10 +203,19 @@ def test_real_robots_need_no_plants(robots_file: str):
 
 
 @pytest.mark.usefixtures('stand_ins')
-def test_a_file_without_robots_is_refused(tmp_path: Path):
-    path = tmp_path / 'none.yaml'
-    path.write_text('planner: {ros__parameters: {problem: robot_formation}}')
-    with pytest.raises(InvalidProblem, match="'robots' = None is not allowed"):
+def test_default_robots_stand_at_their_default_starts():
+    nodes = description('robots.launch.py').nodes()
+    plants = [n for n in nodes if n.executable == 'robot_plant']
+    places = [(n.parameters[1]['initial.x'], n.parameters[1]['initial.y']) for n in plants]
+    assert len(set(places)) == len(plants) == 3
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('robots', [[], ['left', 'left'], ['le ft'], 'left'])
+def test_names_that_cannot_be_used_are_refused(tmp_path: Path, robots: Any):
+    path = tmp_path / 'wrong.yaml'
+    path.write_text(yaml.safe_dump({'planner': {'ros__parameters': {'robots': robots}}}))
+    with pytest.raises(InvalidProblem, match="'robots'"):
         description('robots.launch.py').nodes(params_file=str(path))
 
 

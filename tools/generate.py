@@ -16,12 +16,13 @@ import re
 import sys
 from typing import Any
 
-from tdm_planner.nodes.tracker import TrackerParameters
-from tdm_planner.parameter_files import parameter_file, parameter_table
+from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.parameter_docs import parameter_file, parameter_table
 from tdm_planner.parameters import ParameterSpec, specifications
-from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.request import RequestParameters
 from tdm_sim.pendulum_plant import PendulumPlantParameters
+from tdm_sim.robot_plant import RobotPlantParameters
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -30,6 +31,10 @@ Specifications = Mapping[str, ParameterSpec]
 PENDULUM_TITLE = """Rotary pendulum: planner, tracker and simulated plant, in any namespace.
 Written by `make config` from the declarations in the code: the values are the defaults.
 The planner's plant and limits are what it believes, the plant node's what is simulated."""
+
+ROBOTS_TITLE = """Robots: one planner, tracker and simulated plant of each robot, in any namespace.
+Written by `make config` from the declarations in the code: the values are the defaults.
+The simulated robots stand at <robot>.start to begin with."""
 
 
 def pendulum_planner() -> Specifications:
@@ -44,18 +49,44 @@ def pendulum_file() -> str:
     """Return config/pendulum.yaml."""
     nodes: dict[str, tuple[Specifications, Mapping[str, Any]]] = {
         'planner': (pendulum_planner(), {}),
-        'tracker': (specifications(TrackerParameters), {}),
+        'tracker': (tracker_specifications('pendulum'), {}),
         'pendulum_plant': (specifications(PendulumPlantParameters), {}),
     }
     return parameter_file(nodes, PENDULUM_TITLE)
+
+
+def robots_planner() -> Specifications:
+    """Parameters of the planner for the robots."""
+    return {
+        **specifications(RequestParameters),
+        **RobotFormation.parameter_specifications({}),
+    }
+
+
+def robots_file() -> str:
+    """Return config/robots.yaml."""
+    nodes: dict[str, tuple[Specifications, Mapping[str, Any]]] = {
+        'planner': (robots_planner(), {'problem': RobotFormation.name}),
+        'robot_plant': (robot_plant(), {}),
+    }
+    return parameter_file(nodes, ROBOTS_TITLE)
+
+
+def robot_plant() -> Specifications:
+    """Parameters of a robot's plant that do not differ from robot to robot."""
+    own = ('initial.', 'robot_name')
+    found = specifications(RobotPlantParameters)
+    return {name: spec for name, spec in found.items() if not name.startswith(own)}
 
 
 def tables() -> dict[str, str]:
     """Return the README's tables by the name in their markers."""
     return {
         'planner pendulum': parameter_table(pendulum_planner()),
-        'tracker': parameter_table(specifications(TrackerParameters)),
+        'planner robots': parameter_table(robots_planner()),
+        'tracker': parameter_table(tracker_specifications('pendulum')),
         'pendulum_plant': parameter_table(specifications(PendulumPlantParameters)),
+        'robot_plant': parameter_table(specifications(RobotPlantParameters)),
     }
 
 
@@ -75,6 +106,7 @@ def generated() -> dict[Path, str]:
     readme = ROOT / 'README.md'
     return {
         ROOT / 'config' / 'pendulum.yaml': pendulum_file(),
+        ROOT / 'config' / 'robots.yaml': robots_file(),
         readme: with_tables(readme.read_text(encoding='utf-8')),
     }
 

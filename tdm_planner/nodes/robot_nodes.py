@@ -7,8 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import ros_parameters
+from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS, formation_specifications
+
+_INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 
 
 @dataclass(frozen=True)
@@ -24,29 +26,25 @@ class RobotNode:
 
 
 def robot_nodes(document: Any) -> list[RobotNode]:
-    """Return the planner, and plant and tracker of every robot named in a parameter file.
+    """Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
-    `document` is the file's content; its section `planner` names the `robots`. The simulated
-    robots stand at `<robot>.start` to begin with, unless the file places them otherwise.
+    The file's section `planner` names the `robots`. Simulated robots stand at `<robot>.start` to
+    begin with.
 
     Raises
     ------
     InvalidProblem
-        If no robots are named.
+        If the names cannot be used, or a start is not allowed.
     """
-    planner = ros_parameters(document, 'planner')
-    robots = planner.get('robots')
-    if not isinstance(robots, list) or not robots or not all(isinstance(r, str) for r in robots):
-        raise InvalidProblem(
-            f"parameter 'robots' = {robots} is not allowed: must be a list of the robots' names"
-        )
+    values = ros_parameters(document, 'planner')
+    specifications = formation_specifications(values)
     nodes = [RobotNode('planner')]
-    for robot in robots:
-        start = f'{robot}.start.'
-        initial = {
-            f'initial.{name.removeprefix(start)}': float(value)
-            for name, value in planner.items()
-            if name.startswith(start)
-        }
+    for robot in values.get('robots', DEFAULT_ROBOTS):
+        initial: dict[str, Any] = {}
+        for name in _INITIAL:
+            spec = specifications[f'{robot}.start.{name}']
+            value = spec.check(values.get(spec.name, spec.default))
+            if value is not None:
+                initial[f'initial.{name}'] = value
         nodes += [RobotNode('robot_plant', robot, initial), RobotNode('tracker', robot)]
     return nodes

@@ -9,10 +9,11 @@ import pytest
 import yaml
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameter_files import parameter_file, parameter_table, yaml_value
+from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_value
 from tdm_planner.parameters import (
     group,
     parameter,
+    ParameterSpec,
     POSITIVE,
     ros_parameters,
     specifications,
@@ -62,8 +63,8 @@ def test_file_holds_the_defaults_by_node():
 
 def test_comments_tell_unit_range_and_choices():
     text = parameter_file({'node': (SPECS, {})})
-    assert '      # gain of the loop (a number in (0, inf) N m/rad)\n      gain: 1.0e-08\n' in text
-    assert '    # the mode (one of a, b)\n' in text
+    assert '      # gain of the loop [N m/rad], in (0, inf)\n      gain: 1.0e-08\n' in text
+    assert '    # the mode: a, b\n' in text
     assert '      # turns:\n' in text
 
 
@@ -116,3 +117,15 @@ def test_table_has_a_row_for_every_parameter():
     )
     assert '| `inner.turns` | unset |' in parameter_table(SPECS)
     assert 'the mode (fixed while the node runs)' in parameter_table(SPECS)
+
+
+def test_a_parameter_may_be_named_like_a_group():
+    def spec(name: str, kind: type, default: Any) -> ParameterSpec:
+        return ParameterSpec(name=name, kind=kind, default=default, description='it')
+
+    values = {'plant': 'rig', 'plant.mass': 1.0, 'plant.inertia.x': 2.0, 'rate': 3.0}
+    specs = {name: spec(name, type(value), value) for name, value in values.items()}
+    text = parameter_file({'node': (specs, {})})
+    assert '    plant: rig\n' in text
+    assert '    plant.inertia:\n' in text
+    assert read(text) == values

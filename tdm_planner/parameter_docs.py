@@ -1,0 +1,134 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter files and tables written from the parameters' declarations.
+
+Whoever adds a problem gets its commented ROS 2 parameter file and its table for a README here:
+
+    specs = MyProblem.parameter_specifications({})
+    print(parameter_file({'planner': (specs, {})}))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping
+import textwrap
+from typing import Any
+
+import yaml
+
+from tdm_planner.parameters import ParameterSpec
+
+_WIDTH = 99
+
+
+def parameter_file(
+    nodes: Mapping[str, tuple[Mapping[str, ParameterSpec], Mapping[str, Any]]], title: str = ''
+) -> str:
+    """Return a commented ROS 2 parameter file.
+
+    `nodes` maps a node's name to its parameters and to the values that differ from the defaults;
+    the sections apply in any namespace. Optional parameters without a value stand as comments.
+
+    Raises
+    ------
+    InvalidProblem
+        If a value is not allowed.
+    """
+    lines = [f'# {line}'.rstrip() for line in title.splitlines()]
+    for node, (specifications, values) in nodes.items():
+        unknown = sorted(set(values) - set(specifications))
+        if unknown:
+            raise KeyError(f"node '{node}' has no parameter '{unknown[0]}'")
+        lines += [f'/**/{node}:', '  ros__parameters:']
+        lines += _lines(_nested(specifications), values, indent=4)
+    return '\n'.join(lines) + '\n'
+
+
+def parameter_table(specifications: Mapping[str, ParameterSpec]) -> str:
+    """Return the parameters as a Markdown table."""
+    rows = ['| parameter | default | allowed | what it is |', '| --- | --- | --- | --- |']
+    for name, spec in specifications.items():
+        default = 'unset' if spec.default is None else f'`{yaml_value(spec.default)}`'
+        description = spec.description + (' (fixed while the node runs)' if spec.read_only else '')
+        cells = (f'`{name}`', default, spec.allowed, description)
+        rows.append('| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |')
+    return '\n'.join(rows) + '\n'
+
+
+def yaml_value(value: Any) -> str:
+    """Return `value` as YAML on one line, of the same type for PyYAML and for ROS 2.
+
+    A number keeps its decimal point (``1.0e-08``): without it PyYAML reads a string, and ROS 2 an
+    integer.
+    """
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(yaml_value(item) for item in value) + ']'
+    if isinstance(value, float):
+        mantissa, exponent, power = repr(value).partition('e')
+        return (mantissa if '.' in mantissa else f'{mantissa}.0') + exponent + power
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return text.removesuffix('...\n').strip()
+
+
+def _nested(specifications: Mapping[str, ParameterSpec]) -> dict[str, Any]:
+    """Dotted names as nested mappings, whose leaves are the specifications."""
+    tree: dict[str, Any] = {}
+    for name, spec in specifications.items():
+        *groups, last = _keys(name, specifications)
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[last] = spec
+    return tree
+
+
+def _keys(name: str, names: Container[str]) -> list[str]:
+    """Split a dotted name into keys, but not after a group that is itself a parameter.
+
+    With `plant` and `plant.mass` both parameters, the latter stays ``plant.mass``, one key.
+    """
+    parts = name.split('.')
+    ends = [
+        k for k in range(1, len(parts) + 1) if k == len(parts) or '.'.join(parts[:k]) not in names
+    ]
+    return ['.'.join(parts[i:k]) for i, k in zip([0, *ends], ends, strict=False)]
+
+
+def _lines(tree: Mapping[str, Any], values: Mapping[str, Any], indent: int) -> Iterator[str]:
+    margin = ' ' * indent
+    for key, node in tree.items():
+        if not isinstance(node, ParameterSpec):
+            empty = not any(_is_written(spec, values) for spec in _leaves(node))
+            yield f'{margin}{"# " if empty else ""}{yaml_value(key)}:'
+            yield from _lines(node, values, indent + 2)
+            continue
+        yield from _comment(node, margin)
+        if _is_written(node, values):
+            value = node.check(values.get(node.name, node.default))
+            yield f'{margin}{yaml_value(key)}: {yaml_value(value)}'
+        else:
+            yield f'{margin}# {key}:'
+
+
+def _leaves(tree: Mapping[str, Any]) -> Iterator[ParameterSpec]:
+    for node in tree.values():
+        if isinstance(node, ParameterSpec):
+            yield node
+        else:
+            yield from _leaves(node)
+
+
+def _is_written(spec: ParameterSpec, values: Mapping[str, Any]) -> bool:
+    # ROS 2 parameter files hold neither null nor empty lists.
+    return values.get(spec.name, spec.default) not in (None, [], ())
+
+
+def _comment(spec: ParameterSpec, margin: str) -> list[str]:
+    text = spec.description + (f' [{spec.unit}]' if spec.unit else '')
+    if spec.choices:
+        text += ': ' + ', '.join(spec.choices)
+    elif spec.range.bounded:
+        text += f', in {spec.range}'
+    return textwrap.wrap(
+        text, _WIDTH, initial_indent=f'{margin}# ', subsequent_indent=f'{margin}# '
+    )

@@ -1,0 +1,104 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameter files and the README's tables against the declarations, and as ROS reads them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import yaml
+
+from tdm_planner.parameters import ros_parameters
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
+from tdm_planner.problems.base import problem_parameters
+
+SOURCE = Path(__file__).resolve().parents[1]
+FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
+PROBLEMS: dict[str, type[Problem]] = {
+    'pendulum.yaml': PendulumSwingUp,
+    'robots.yaml': RobotFormation,
+}
+
+
+def sections(path: Path) -> dict[str, dict[str, Any]]:
+    """Flat parameters of every node in a parameter file, by the node's name."""
+    document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    nodes = [str(key).rsplit('/', 1)[-1] for key in document]
+    return {node: ros_parameters(document, node) for node in nodes}
+
+
+def test_files_and_tables_are_as_declared():
+    pytest.importorskip('rclpy')
+    from tools import generate
+
+    stale = [
+        path.name
+        for path, wanted in generate.generated().items()
+        if path.read_text(encoding='utf-8') != wanted
+    ]
+    assert not stale, 'run: make config'
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_files_hold_the_defaults_of_the_problem(name: str):
+    values = sections(SOURCE / 'config' / name)['planner']
+    assert values['problem'] == PROBLEMS[name].name
+    checked = problem_parameters(PROBLEMS[name], values)
+    for parameter, spec in PROBLEMS[name].parameter_specifications({}).items():
+        unset = spec.default in (None, [])
+        assert unset or checked[parameter] == spec.default, parameter
+    assert PROBLEMS[name].from_parameters(values).name == PROBLEMS[name].name
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_nodes_agree_on_plant_and_limits(path: Path):
+    """Parameter files cannot share values: what stands twice must be the same."""
+    nodes = sections(path)
+    for name, value in nodes['planner'].items():
+        if name.startswith(('plant.', 'limits.')):
+            assert all(other.get(name, value) == value for other in nodes.values()), name
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_files_keep_to_what_ros_can_parse(path: Path):
+    tokens = list(yaml.scan(path.read_text(encoding='utf-8')))
+    assert tokens
+    for token in tokens:
+        assert not isinstance(token, yaml.AliasToken | yaml.AnchorToken | yaml.TagToken)
+
+
+READ_BY_ROS = """
+import json, sys
+import rclpy
+namespace, name, file = sys.argv[1:]
+rclpy.init(args=['--ros-args', '--params-file', file])
+node = rclpy.create_node(
+    name, namespace=namespace, automatically_declare_parameters_from_overrides=True,
+    start_parameter_services=False, enable_rosout=False,
+)
+parameters = node.get_parameters_by_prefix('')
+print(json.dumps({name: item.value for name, item in parameters.items()}, default=list))
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
+def test_ros_reads_the_same_values_in_every_namespace(path: Path, ros: Any):
+    assert ros
+    for node, expected in sections(path).items():
+        for namespace in ('/', '/pendulum', '/robots/robot1'):
+            done = subprocess.run(
+                [sys.executable, '-c', READ_BY_ROS, namespace, node, str(path)],
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=60,
+            )
+            read = json.loads(done.stdout)
+            assert expected.items() <= read.items(), namespace

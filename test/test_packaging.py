@@ -1,0 +1,215 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is built and installed: by colcon for ROS 2, by pip as a wheel."""
+
+from __future__ import annotations
+
+import ast
+from configparser import ConfigParser
+import importlib.util
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from xml.etree import ElementTree
+import zipfile
+
+import pytest
+
+import tdm_planner
+
+SOURCE = Path(__file__).resolve().parents[1]
+EXECUTABLES = {'planner', 'tracker', 'pendulum_plant', 'robot_plant', 'tdm'}
+PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
+COLCON = 'import sys; from colcon_core.command import main; sys.exit(main())'
+NOT_SOURCES = ('.*', 'build', 'install', 'log', '__pycache__', '*.egg-info', 'pendulum', 'robots')
+
+
+def run(*command: str, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, f'{" ".join(command)}\n{done.stdout}\n{done.stderr}'
+    return done.stdout
+
+
+@pytest.fixture(scope='module')
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the sources, so that building leaves nothing behind in the tree."""
+    workspace = tmp_path_factory.mktemp('workspace')
+    target = workspace / 'src' / 'tdm_planner'
+    shutil.copytree(SOURCE, target, ignore=shutil.ignore_patterns(*NOT_SOURCES))
+    return target
+
+
+def shared_files() -> set[str]:
+    return {
+        str(path.relative_to(SOURCE))
+        for folder in ('config', 'launch')
+        for path in (SOURCE / folder).rglob('*.*')
+        if '__pycache__' not in path.parts
+    } | {'package.xml'}
+
+
+@pytest.fixture(scope='module', params=['plain', 'symlinks'])
+def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
+    """The prefix that `colcon build` installs to."""
+    if importlib.util.find_spec('colcon_ros') is None:
+        pytest.skip('colcon is not installed (pip install colcon-core colcon-ros)')
+    workspace = copy.parents[1] / request.param
+    options = ['--symlink-install'] if request.param == 'symlinks' else []
+    workspace.mkdir()
+    run(
+        *(sys.executable, '-c', COLCON, '--log-base', str(workspace / 'log'), 'build'),
+        *('--base-paths', str(copy.parent), *options),
+        cwd=workspace,
+    )
+    return workspace / 'install' / 'tdm_planner'
+
+
+def test_colcon_installs_executables_where_ros2_run_looks(installed: Path):
+    folder = installed / 'lib' / 'tdm_planner'
+    assert {path.name for path in folder.iterdir()} == EXECUTABLES
+    assert all(os.access(folder / name, os.X_OK) for name in EXECUTABLES)
+
+
+def test_colcon_installs_shared_files_and_index_marker(installed: Path):
+    share = installed / 'share'
+    assert (share / 'ament_index/resource_index/packages/tdm_planner').is_file()
+    missing = {name for name in shared_files() if not (share / 'tdm_planner' / name).is_file()}
+    assert not missing
+
+
+def run_sourced(installed: Path, command: str) -> str:
+    """Run a command in a shell that has sourced the workspace."""
+    prefix = installed.parent
+    script = f'export COLCON_CURRENT_PREFIX={prefix}; . {prefix}/local_setup.sh && {command}'
+    return run('sh', '-c', script, cwd=prefix)
+
+
+def test_executable_runs_from_the_sourced_workspace(installed: Path):
+    answer = run_sourced(installed, f'{installed}/lib/tdm_planner/tdm --version')
+    assert tdm_planner.__version__ in answer
+
+
+def test_configuration_is_found_in_the_sourced_workspace(installed: Path):
+    code = 'from tdm_planner.resources import config_file; print(config_file("pendulum.yaml"))'
+    found = run_sourced(installed, f"{sys.executable} -c '{code}'")
+    assert found.strip() == str(installed / 'share/tdm_planner/config/pendulum.yaml')
+
+
+@pytest.fixture(scope='module')
+def wheel(copy: Path) -> zipfile.ZipFile:
+    folder = copy.parents[1] / 'wheel'
+    code = (
+        'import os, sys; from setuptools import build_meta; '
+        f'os.chdir({str(copy)!r}); build_meta.build_wheel({str(folder)!r})'
+    )
+    if importlib.util.find_spec('setuptools') is None:
+        pytest.skip('setuptools is not installed')
+    folder.mkdir()
+    run(sys.executable, '-c', code, cwd=copy)
+    (path,) = folder.glob('*.whl')
+    return zipfile.ZipFile(path)
+
+
+def test_wheel_holds_every_module(wheel: zipfile.ZipFile):
+    names = {name for name in wheel.namelist() if name.endswith('.py')}
+    modules = {
+        str(path.relative_to(SOURCE))
+        for package in ('tdm_planner', 'tdm_sim')
+        for path in (SOURCE / package).rglob('*.py')
+    }
+    assert modules <= names
+    assert not {name for name in names if name.startswith(('test/', 'benchmark/', 'tools/'))}
+
+
+def test_wheel_holds_shared_files_and_index_marker(wheel: zipfile.ZipFile):
+    prefix = f'tdm_planner-{tdm_planner.__version__}.data/data/share/'
+    names = {n.removeprefix(prefix) for n in wheel.namelist() if n.startswith(prefix)}
+    assert {f'tdm_planner/{name}' for name in shared_files()} <= names
+    assert 'ament_index/resource_index/packages/tdm_planner' in names
+
+
+def test_wheel_declares_executables_and_problems(wheel: zipfile.ZipFile):
+    info = f'tdm_planner-{tdm_planner.__version__}.dist-info'
+    entry_points = ConfigParser()
+    entry_points.read_string(wheel.read(f'{info}/entry_points.txt').decode())
+    assert set(entry_points['console_scripts']) == EXECUTABLES
+    assert set(entry_points['tdm_planner.problems']) == PROBLEMS
+    modules = set(wheel.namelist())
+    for section in ('console_scripts', 'tdm_planner.problems'):
+        for target in entry_points[section].values():
+            module, _, name = target.partition(':')
+            path = module.replace('.', '/') + '.py'
+            assert path in modules, target
+            pattern = rf'^(def|class) {name}\b'
+            assert re.search(pattern, wheel.read(path).decode(), re.MULTILINE), target
+
+
+@pytest.fixture(scope='module')
+def manifest() -> ElementTree.Element:
+    return ElementTree.parse(SOURCE / 'package.xml').getroot()
+
+
+def test_manifest_agrees_with_the_package(manifest: ElementTree.Element):
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == 'tdm_planner'
+    assert manifest.findtext('version') == tdm_planner.__version__
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert manifest.findtext('license') == 'Apache-2.0'
+
+
+def test_manifest_names_every_package_imported(manifest: ElementTree.Element):
+    depends = {element.text for element in manifest.findall('exec_depend')}
+    folders = (SOURCE / name for name in ('tdm_planner', 'tdm_sim', 'launch'))
+    imported = {
+        match
+        for folder in folders
+        for path in folder.rglob('*.py')
+        for match in re.findall(
+            r'^\s*(?:from|import) (\w+)', path.read_text(encoding='utf-8'), re.MULTILINE
+        )
+    }
+    ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))}
+    ros |= imported & {'rclpy', 'launch', 'launch_ros', 'ament_index_python'}
+    assert 'rclpy' in ros
+    assert ros <= depends
+    debian = {'yaml', 'numpy', 'scipy', 'matplotlib', 'rich', 'numba'} & imported
+    assert {f'python3-{name}' for name in debian} <= depends
+
+
+def requirements() -> set[str]:
+    """Everything that setup.py asks for, extras included, as package names."""
+    tree = ast.parse((SOURCE / 'setup.py').read_text(encoding='utf-8'))
+    (call,) = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
+    )
+    arguments = {keyword.arg: keyword.value for keyword in call.keywords}
+    listed = ast.literal_eval(arguments['install_requires'])
+    for extra in ast.literal_eval(arguments['extras_require']).values():
+        listed += extra
+    return {package_name(requirement) for requirement in listed}
+
+
+def package_name(requirement: str) -> str:
+    name = re.split(r'[\[<>=; ]', requirement)[0]
+    return re.sub(r'[-_.]+', '-', name).lower()
+
+
+def test_every_requirement_is_pinned():
+    text = (SOURCE / 'constraints.txt').read_text(encoding='utf-8')
+    pins = [line for line in text.splitlines() if line and not line.startswith('#')]
+    assert all('==' in pin for pin in pins)
+    assert {'numpy', 'ros-jazzy-rclpy', 'ruff'} <= requirements()
+    assert requirements() <= {package_name(pin) for pin in pins}
+
+
+def test_changelog_tells_of_the_version_or_of_what_is_coming():
+    headings = re.findall(
+        r'^(.+)\n-+$', (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8'), re.MULTILINE
+    )
+    assert headings
+    assert headings[0] == 'Forthcoming' or headings[0].startswith(tdm_planner.__version__)
