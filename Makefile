@@ -1,9 +1,14 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-# make demo [PLANT=pendulum|robots]   set up what is missing and run the demo
-# make test | lint | benchmark        likewise
-# Needs python3 >= 3.10 with venv, and make. A sourced ROS 2 is used as it is; without one, the
-# pinned ROS 2 Jazzy wheels go into the virtual environment.
+# make setup      virtual environment with everything that is needed to run
+# make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
+# make test       run every test
+# make lint       check style and types
+# make benchmark  measure and tabulate
+# make config     bring parameter files and the README's tables up to date
+# make clean      remove all that was made
+# Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;
+# without one, the pinned ROS 2 Jazzy wheels go into the virtual environment.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -38,18 +43,19 @@ endif
 .PHONY: help setup demo test lint benchmark config clean
 
 help:
-	@sed -n '3,6s/^# //p' Makefile
+	@sed -n '3,11s/^# //p' Makefile
 
 setup: $(READY)
 
 $(READY): constraints.txt setup.py
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed" if sys.version_info < (3, 10) else 0)'
 	@echo '[1/3] virtual environment in $(VENV)'
-	@if compgen -G '$(VENV)/.ready-*' >/dev/null && [ ! -e '$@' ]; then rm -rf '$(VENV)'; fi
+	@if [ "$$(cat '$(VENV)/.ros' 2>/dev/null || echo '$(ROS)')" != '$(ROS)' ]; then rm -rf '$(VENV)'; fi
 	@$(PYTHON) -m venv $(VENV_OPTIONS) '$(VENV)'
+	@echo '$(ROS)' >'$(VENV)/.ros'
 	@echo '[2/3] $(WHAT)'
 ifeq ($(ROS),native)
-	@$(PYTHON) -c 'import numpy; print(f"numpy=={numpy.__version__}")' >'$(CONSTRAINTS)'
+	@$(BIN)/python -c 'import numpy; print(f"numpy=={numpy.__version__}")' >'$(CONSTRAINTS)'
 endif
 	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS)]' || { echo \
 	  'The packages could not be installed (see above). ROS 2 wheels exist for Linux on x86-64 with' \

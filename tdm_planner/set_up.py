@@ -2,28 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work done once when the package is set up: ``python -m tdm_planner.set_up``.
 
-Compiles the kernels of every registered problem, so that the first request to a planner is
-answered at once.
+Compiles the kernels of every problem, so that the first request to a planner is answered at once.
 """
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
+import sys
 import time
 
-from tdm_planner.problems import Problem
+from tdm_planner.exceptions import TdmError
+from tdm_planner.problems.registry import load_problem, problem_names
 
-GROUP = 'tdm_planner.problems'
 
+def prepare_problems() -> dict[str, str]:
+    """Let every problem compile and tabulate what does not depend on a request.
 
-def prepare_problems() -> None:
-    """Let every registered problem compile and tabulate what does not depend on a request."""
-    for entry_point in sorted(entry_points(group=GROUP), key=lambda found: found.name):
+    Returns what was wrong, by problem; empty if all is well.
+    """
+    failures: dict[str, str] = {}
+    for name in problem_names():
         started = time.monotonic()
-        problem_class: type[Problem] = entry_point.load()
-        problem_class.from_parameters({}).prepare()
-        print(f'      {entry_point.name}: {time.monotonic() - started:.1f} s')
+        try:
+            load_problem(name).from_parameters({}).prepare()
+        except TdmError as error:
+            failures[name] = str(error)
+        else:
+            print(f'      {name}: {time.monotonic() - started:.1f} s')
+    return failures
+
+
+def main() -> int:
+    """Prepare all problems; returns the exit status."""
+    failures = prepare_problems()
+    for name, reason in failures.items():
+        print(f'{name} cannot be prepared: {reason}', file=sys.stderr)
+    return 1 if failures else 0
 
 
 if __name__ == '__main__':
-    prepare_problems()
+    sys.exit(main())
