@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01
 _SHOTS = 10
+_WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 
 
@@ -71,7 +72,8 @@ def wanted(model: ReferenceMotion, motion: Motion, robot: int) -> Wanted:
 def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
     """Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
 
-    Zero where the thruster's angle is free or the robot stays.
+    Zero where the thruster's angle is free, the robot stays, or the manoeuvre begins with so
+    little thrust that the thruster can turn on the way.
     """
     task = model.task
     s = np.array([0.0])
@@ -83,7 +85,7 @@ def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
     heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
     away = heading - task.departure_yaw - task.alpha
     away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-    weak = np.linalg.norm(acceleration, axis=1) < 1e-3 * task.thrust * mu**2
+    weak = np.linalg.norm(acceleration, axis=1) < _WEAK * task.thrust * mu**2
     return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
 
 

@@ -233,10 +233,9 @@ class RobotFormation(FormationParameters, Problem):
         """Candidates with thrusters turned first; then, did none do, with their rate limited."""
         kept = []
         for candidate in candidates:
-            turned = search.turned(candidate)
-            if turned is not None:
-                kept.append(turned)
-                yield turned
+            turned = search.turned(candidate) or candidate
+            kept.append(turned)
+            yield turned
         for candidate in kept:
             refined = search.refined(candidate)
             if refined is not None:
