@@ -35,9 +35,10 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
     if len(solution.trajectories) == 1:
         figure = plot_trajectory(solution.trajectory, limits, title=solution.summary)
     else:
-        from tdm_planner.formation_plot import plot_formation
+        from tdm_planner.formation_plot import FormationView, plot_formation
 
-        figure = plot_formation(problem, solution)
+        view = FormationView.of(problem)
+        figure = plot_formation(view, solution.trajectories, title=solution.summary)
     figure.savefig(path, dpi=110)
 
 
@@ -91,7 +92,8 @@ def switching_instants(trajectory: Trajectory) -> Array:
     if trajectory.interpolation != 'zero_order_hold':
         return np.zeros(0)
     jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
-    return trajectory.times[1:-1][jumps]
+    instants: Array = trajectory.times[1:-1][jumps]
+    return instants
 
 
 def _draw_planned(axis: Axes, trajectory: Trajectory, name: str) -> None:

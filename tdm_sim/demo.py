@@ -9,12 +9,14 @@ import json
 import os
 from pathlib import Path
 import shutil
+import sys
 import time
 from typing import Any
 
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
 
@@ -24,12 +26,13 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import save_plan
 from tdm_planner.resources import config_file
 from tdm_sim.demo_pendulum import PendulumScene
+from tdm_sim.demo_robots import RobotsScene
 from tdm_sim.demo_scene import Scene
 from tdm_sim.processes import NodeProcesses
 from tdm_sim.progress import Progress
 from tdm_sim.verdict import Verdict
 
-SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene}
+SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsScene}
 
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 20.0  # s for the planner to answer
@@ -66,9 +69,9 @@ def run_demo(
         save_plan(scene.plan(), output / 'plan.json')
         scene.draw(output / 'plan.png')
     progress.console.print(_table(verdict))
-    progress.console.print(f'recorded to {output}/bag', highlight=False)
+    progress.console.print(f'recorded to {output}/bag', markup=False)
     for reason in verdict.reasons:
-        print(f'tdm demo: {reason}')
+        print(f'tdm demo: {reason}', file=sys.stderr)
     return verdict.reached
 
 
@@ -156,5 +159,5 @@ def _table(verdict: Verdict) -> Table:
     for heading in ('', 'planned', 'achieved'):
         table.add_column(heading, justify='right' if heading else 'left')
     for row in verdict.rows:
-        table.add_row(*row)
+        table.add_row(*map(escape, row))
     return table

@@ -82,7 +82,7 @@ class PendulumScene(Scene):
 
     def _tracker_listens(self, node: Node) -> bool:
         # this process and the tracker
-        return node.count_subscribers(f'{self.namespace}/trajectory') >= 2
+        return bool(node.count_subscribers(f'{self.namespace}/trajectory') >= 2)
 
     def missing(self, node: Node, client: Client) -> str:
         """Name the nodes that are not up."""

@@ -24,7 +24,7 @@ class Progress:
     def phase(self, text: str) -> None:
         """Begin another part of the work."""
         elapsed = time.monotonic() - self._started
-        self.console.print(f'[{elapsed:5.1f} s] {text}', markup=False)
+        self.console.print(f'[{elapsed:5.1f} s] {text}', markup=False, soft_wrap=True)
 
     def update(self, text: str) -> None:
         """Replace the live line; not shown when piped."""

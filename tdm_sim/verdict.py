@@ -64,7 +64,7 @@ def judge_pendulum(
     turns = 2 * math.pi * np.round(measured.theta[-1] / (2 * math.pi))
     error = measured.theta - turns
     since = held_from(measured.times, error, UPRIGHT_TOLERANCE)
-    after = measured.times >= since
+    last = measured.times > measured.times[-1] - HOLD_TIME
     held = float(measured.times[-1]) - since
     landing = int(np.argmin(np.abs(measured.times - plan.duration)))
     disk, torque = float(np.abs(measured.psi).max()), float(np.abs(measured.torque).max())
@@ -81,7 +81,7 @@ def judge_pendulum(
         reasons.append(f'the disk reached {disk:.3f} rad, its limit is {disk_limit:g} rad')
     if not torque <= torque_limit * (1 + 1e-9):
         reasons.append(f'the torque reached {torque:.4g} N m, its limit is {torque_limit:g} N m')
-    worst_hold = float(np.abs(error[after]).max()) if after.any() else math.inf
+    worst_hold = float(np.abs(error[last]).max())
     rows = (
         ('time to upright [s]', f'{plan.duration:.3f}', f'{max(since, 0.0):.3f}'),
         ('peak torque [N m]', f'{planned_torque:.4f}', f'{torque:.4f}'),
@@ -93,7 +93,7 @@ def judge_pendulum(
         ('landing error theta [rad]', '0', f'{error[landing]:+.4f}'),
         ('landing error theta_dot [rad/s]', '0', f'{measured.theta_dot[landing]:+.3f}'),
         ('held for [s]', f'>= {HOLD_TIME:g}', f'{max(held, 0.0):.1f}'),
-        ('worst angle while held [rad]', f'< {UPRIGHT_TOLERANCE:g}', f'{worst_hold:.4f}'),
+        ('worst angle at the end [rad]', f'< {UPRIGHT_TOLERANCE:g}', f'{worst_hold:.4f}'),
         ('time to solve [ms]', f'{1e3 * solve_time:.0f}', ''),
     )  # fmt: skip
     return Verdict(tuple(reasons), rows)

@@ -25,8 +25,8 @@ from tdm_planner.nodes.robot_messages import (
     odometry_state,
     robot_controls_message,
     robot_path_message,
-    robot_trajectory_message,
     ROBOT_STATES,
+    robot_trajectory_message,
     thruster_angle,
 )
 from tdm_planner.problems.base import Problem, Solution

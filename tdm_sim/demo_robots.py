@@ -1,0 +1,277 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The robots' demo: into a formation without collision, one plant and tracker for every robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+from typing import Any
+
+from nav_msgs.msg import Odometry
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+
+from tdm_planner.formation_plot import FormationView, MeasuredRobot, plot_formation
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.robot_messages import odometry_state, robot_trajectory
+from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.problems.formation_verification import verify_formation
+from tdm_planner.problems.robot_formation import RobotFormation
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.demo_scene import NodeCommand, Scene, seconds
+from tdm_sim.verdict import HOLD_TIME, Verdict
+from tdm_sim.verdict_formation import (
+    judge_formation,
+    LONGEST_SETTLING,
+    place_errors,
+    POSITION_TOLERANCE,
+    YAW_TOLERANCE,
+)
+
+Array = NDArray[np.float64]
+
+_MODULES = {
+    'planner': 'tdm_planner.nodes.planner',
+    'tracker': 'tdm_planner.nodes.tracker',
+    'robot_plant': 'tdm_sim.robot_plant',
+}
+
+
+class _Robot:
+    """What is heard of one robot."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.poses: list[list[float]] = []
+        self.actuators: list[list[float]] = []
+        self.motion: MultiDOFJointTrajectory | None = None
+        self.controls: JointTrajectory | None = None
+        self.plan: Trajectory | None = None
+        self.in_place_since = math.inf
+
+    def pair_up(self) -> None:
+        """Read the plan once both of its messages are there."""
+        if self.motion is None or self.controls is None:
+            return
+        if self.motion.header.stamp == self.controls.header.stamp:
+            self.plan = robot_trajectory(self.motion, self.controls, self.name)
+
+    def measured(self, start: float) -> MeasuredRobot:
+        """Return what was measured from half a second before the motion."""
+        poses = np.array(self.poses)
+        poses = poses[poses[:, 0] > start - 0.5]
+        columns = dict(zip(('x', 'y', 'u', 'v', 'yaw', 'omega'), poses[:, 1:].T, strict=True))
+        actuators = np.array(self.actuators)
+        for k, name in enumerate(('thrust', 'thruster_rate', 'torque'), start=1):
+            columns[name] = np.interp(poses[:, 0], actuators[:, 0], actuators[:, k])
+        return MeasuredRobot(poses[:, 0] - start, columns)
+
+
+class RobotsScene(Scene):
+    """One planner, and a plant and a tracker for every robot, below the namespace `robots`."""
+
+    namespace = '/robots'
+    longest = 50.0
+
+    def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
+        super().__init__(parameters, file)
+        self.problem = RobotFormation.from_parameters(self.parameters)
+        task = self.problem.task
+        self.goals = {
+            name: np.array([*task.goal[k], task.goal_yaw[k]]) for k, name in enumerate(task.names)
+        }
+        self.view = FormationView.of(self.problem)
+        self.robots = {name: _Robot(name) for name in task.names}
+        self.answer: dict[str, Any] = {}
+
+    def nodes(self) -> list[NodeCommand]:
+        """Plants, trackers, planner."""
+        commands = []
+        for node in robot_nodes({'planner': {'ros__parameters': self.parameters}}):
+            space = f'{self.namespace}/{node.robot}' if node.robot else self.namespace
+            name = f'{node.executable}_{node.robot}' if node.robot else node.executable
+            command = self.command(name, _MODULES[node.executable], space)
+            settings = dict(node.parameters)
+            if node.executable == 'tracker':
+                settings['plant'] = 'robot'
+            for key, value in settings.items():
+                command[2].extend(['-p', f'{key}:={value}'])
+            commands.append(command)
+        return sorted(commands, key=lambda command: command[0] == 'planner')
+
+    def listen(self, node: Node) -> None:
+        """Subscribe to state and plan of every robot."""
+        for name, robot in self.robots.items():
+            node.create_subscription(
+                Odometry,
+                f'{name}/odom',
+                lambda message, robot=robot: self._moved(robot, message),
+                qos_profile_sensor_data,
+            )
+            node.create_subscription(
+                JointState,
+                f'{name}/joint_states',
+                lambda message, robot=robot: self._acted(robot, message),
+                qos_profile_sensor_data,
+            )
+            node.create_subscription(
+                MultiDOFJointTrajectory,
+                f'{name}/trajectory',
+                lambda message, robot=robot: self._planned(robot, motion=message),
+                LATCHED,
+            )
+            node.create_subscription(
+                JointTrajectory,
+                f'{name}/controls',
+                lambda message, robot=robot: self._planned(robot, controls=message),
+                LATCHED,
+            )
+
+    def _moved(self, robot: _Robot, message: Odometry) -> None:
+        at = seconds(message.header.stamp)
+        robot.poses.append([at, *odometry_state(message).tolist()])
+        here = MeasuredRobot(
+            np.array([at]),
+            dict(zip(('x', 'y', 'u', 'v', 'yaw'), np.array(robot.poses[-1][1:6])[:, None],
+                     strict=True)),
+        )  # fmt: skip
+        distance, turn = place_errors(here, self.goals[robot.name])
+        if not (distance[0] < POSITION_TOLERANCE and turn[0] < YAW_TOLERANCE):
+            robot.in_place_since = math.inf
+        elif math.isinf(robot.in_place_since):
+            robot.in_place_since = at
+
+    def _acted(self, robot: _Robot, message: JointState) -> None:
+        thruster, wheel = (list(message.name).index(j) for j in ('thruster', 'reaction_wheel'))
+        robot.actuators.append(
+            [
+                seconds(message.header.stamp),
+                message.effort[thruster],
+                message.velocity[thruster],
+                message.effort[wheel],
+            ]
+        )
+
+    def _planned(
+        self,
+        robot: _Robot,
+        motion: MultiDOFJointTrajectory | None = None,
+        controls: JointTrajectory | None = None,
+    ) -> None:
+        robot.motion = motion or robot.motion
+        robot.controls = controls or robot.controls
+        robot.pair_up()
+
+    @property
+    def starts_at(self) -> float:
+        """Instant [s] at which the motion starts."""
+        motions = [robot.motion for robot in self.robots.values() if robot.motion is not None]
+        return seconds(motions[0].header.stamp) if motions else math.inf
+
+    def complete(self, node: Node) -> bool:
+        """Whether every plant publishes and every tracker listens."""
+        return not self._silent_plants() and not self._deaf_trackers(node)
+
+    def _silent_plants(self) -> list[str]:
+        return [n for n, robot in self.robots.items() if not (robot.poses and robot.actuators)]
+
+    def _deaf_trackers(self, node: Node) -> list[str]:
+        # this process and the tracker
+        return [
+            name
+            for name in self.robots
+            if node.count_subscribers(f'{self.namespace}/{name}/trajectory') < 2
+        ]
+
+    def missing(self, node: Node, client: Client) -> str:
+        """Name the nodes that are not up."""
+        found = [f'robot_plant of {name}' for name in self._silent_plants()]
+        found += [f'tracker of {name}' for name in self._deaf_trackers(node)]
+        return ', '.join(found + ([] if client.service_is_ready() else ['planner']))
+
+    def answered(self, answer: Mapping[str, Any]) -> None:
+        """Keep the planner's figures."""
+        self.answer = dict(answer)
+
+    @property
+    def planned(self) -> bool:
+        """Whether every robot's plan has been received."""
+        return all(robot.plan is not None for robot in self.robots.values())
+
+    @property
+    def plans(self) -> dict[str, Trajectory]:
+        """Every robot's plan."""
+        return {name: robot.plan for name, robot in self.robots.items() if robot.plan is not None}
+
+    @property
+    def over(self) -> bool:
+        """Whether all hold their places long enough, or it is too late for it."""
+        if not self.planned:
+            return False
+        now = min(robot.poses[-1][0] for robot in self.robots.values())
+        end = self.starts_at + max(plan.duration for plan in self.plans.values())
+        if now > end + LONGEST_SETTLING + HOLD_TIME + 0.5:
+            return True
+        latest = max(robot.in_place_since for robot in self.robots.values())
+        return now - max(latest, end) > HOLD_TIME + 0.2
+
+    def status(self) -> str:
+        """Return time, and distance from the goal of every robot."""
+        parts = []
+        for name, robot in self.robots.items():
+            if robot.poses:
+                x, y = robot.poses[-1][1:3]
+                away = math.hypot(x - self.goals[name][0], y - self.goals[name][1])
+                parts.append(f'{name} {away:5.2f} m')
+        if not parts:
+            return 'waiting for the plants'
+        clock = ''
+        if self.planned:
+            now = min(robot.poses[-1][0] for robot in self.robots.values())
+            clock = f't = {now - self.starts_at:+6.2f} s   '
+        return clock + 'to go: ' + '   '.join(parts)
+
+    @property
+    def measured(self) -> dict[str, MeasuredRobot]:
+        """Everything measured, by robot."""
+        return {name: robot.measured(self.starts_at) for name, robot in self.robots.items()}
+
+    def judge(self) -> Verdict:
+        """Judge the measured motions."""
+        solve_time = float(self.answer['solve_time'])
+        return judge_formation(self.view, self.plans, self.goals, self.measured, solve_time)
+
+    def plan(self) -> dict[str, Any]:
+        """Return the published plans and the planner's figures, replayed and checked here."""
+        figures = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+        head = {
+            'problem': self.problem.name,
+            **{name: self.answer[name] for name in figures},
+        }
+        weights = np.array(self.problem.weights.penalty)
+        check = verify_formation(self.problem.task, self.plans, weights)
+        return {
+            **head,
+            'robots': {
+                name: {
+                    **head,
+                    'duration': plan.duration,
+                    **plan.to_dict(),
+                    'verification': check.robots[name].to_dict(),
+                }
+                for name, plan in self.plans.items()
+            },
+            'verification': check.overall.to_dict(),
+        }
+
+    def draw(self, path: Path) -> None:
+        """Draw arena, controls and distances, planned and measured."""
+        figure = plot_formation(self.view, self.plans, self.measured, str(self.answer['summary']))
+        figure.savefig(path, dpi=100)

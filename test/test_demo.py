@@ -1,0 +1,87 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The demo as users run it: real processes, real DDS, a bag that others can read."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from mcap_ros2.reader import read_ros2_messages
+import numpy as np
+import pytest
+from ros_harness import reserved_domain, ros_environment
+
+from tdm_planner.plan_files import load_plan
+from tdm_planner.trajectory import Trajectory
+
+
+def run_demo(folder, *arguments):
+    with reserved_domain() as domain:
+        return subprocess.run(
+            [sys.executable, '-m', 'tdm_planner.cli', 'demo', *arguments],
+            cwd=folder,
+            env=os.environ | ros_environment(domain, folder),
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+
+
+def topics(folder):
+    (bag,) = Path(folder, 'bag').glob('*.mcap')
+    counts = {}
+    for message in read_ros2_messages(bag):
+        counts[message.channel.topic] = counts.get(message.channel.topic, 0) + 1
+    return counts
+
+
+def test_pendulum(tmp_path):
+    done = run_demo(tmp_path, 'pendulum')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'goal reached and held' in done.stdout
+    folder = tmp_path / 'pendulum'
+    plan = load_plan(folder / 'plan.json')
+    assert plan['verification']['ok'] is True
+    assert 1.0 < Trajectory.from_dict(plan).duration < 2.0
+    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    counts = topics(folder)
+    assert counts['/pendulum/trajectory'] == 1
+    assert counts['/pendulum/joint_states'] > 500
+    assert counts['/pendulum/joint_command'] > 500
+    # the same verdict, from the bag alone
+    (bag,) = Path(folder, 'bag').glob('*.mcap')
+    theta = [
+        m.ros_msg.position[list(m.ros_msg.name).index('pendulum')]
+        for m in read_ros2_messages(bag, topics=['/pendulum/joint_states'])
+    ]
+    last = np.array(theta[-900:])  # 4.5 s at 200 Hz
+    upright = 2 * np.pi * np.round(last / (2 * np.pi))
+    assert np.abs(last - upright).max() < 0.05
+
+
+def test_a_goal_that_cannot_be_planned_is_no_success(tmp_path):
+    parameters = tmp_path / 'p.yaml'
+    parameters.write_text(
+        '/**/planner:\n  ros__parameters:\n    limits: {torque: 0.0001}\n'
+        '    solver: {deadline: 0.3}\n'
+    )
+    done = run_demo(tmp_path, 'pendulum', '--params', parameters, '--quiet', '-o', 'out')
+    assert done.returncode != 0
+    assert 'no plan' in done.stderr
+    assert 'Traceback' not in done.stderr + done.stdout
+
+
+@pytest.mark.parametrize('content', ['file', 'foreign'])
+def test_a_folder_with_other_things_is_left_alone(tmp_path, content):
+    target = tmp_path / 'out'
+    if content == 'file':
+        target.write_text('mine')
+    else:
+        target.mkdir()
+        (target / 'thesis.tex').write_text('mine')
+    done = run_demo(tmp_path, 'pendulum', '-o', 'out')
+    assert done.returncode == 2
+    assert 'out' in done.stderr
+    kept = target if content == 'file' else target / 'thesis.tex'
+    assert kept.read_text() == 'mine'
