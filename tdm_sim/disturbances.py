@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -19,7 +20,9 @@ class Disturbances:
 
     def __init__(self, seed: int = 0) -> None:
         # Independent streams: how often one is drawn from must not change the other.
-        self._noise, self._loss = np.random.default_rng(seed).spawn(2)
+        self._noise, self._loss, self._direction = (
+            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
+        )
 
     def measured(self, state: Array, deviation: Array) -> Array:
         """`state` (nx,) with white Gaussian noise of standard `deviation` (nx,)."""
@@ -28,6 +31,10 @@ class Disturbances:
     def loses_command(self, probability: float) -> bool:
         """Whether the command that has just arrived is lost."""
         return bool(self._loss.random() < probability)
+
+    def direction(self) -> float:
+        """Return an angle [rad], all directions being equally likely."""
+        return float(self._direction.uniform(-math.pi, math.pi))
 
 
 def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
@@ -42,3 +49,14 @@ def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
     j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
     determinant = k.pendulum * j - b**2
     return state + impulse / determinant * np.array([0.0, 0.0, j, -b])
+
+
+def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: float) -> Array:
+    """State (nx,) after an impulse [N s] at the robot's centre of mass.
+
+    `direction` [rad] is an angle in the arena's frame; the state begins with x, y, u, v.
+    """
+    pushed = state.copy()
+    pushed[2] += impulse / plant.mass * math.cos(direction)
+    pushed[3] += impulse / plant.mass * math.sin(direction)
+    return pushed

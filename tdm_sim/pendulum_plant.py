@@ -149,14 +149,14 @@ class PendulumPlant(PlantNode):
             f'pushed the pendulum with {impulse:g} N m s',
         )
 
-    def conditions(self) -> tuple[list[str], dict[str, str]]:
+    def conditions(self) -> tuple[list[str], dict[str, Any]]:
         """Report the disk's angle beyond its limit since the last report."""
         largest, limit = self._largest_disk_angle, self.parameters.limits.disk_angle
         self._largest_disk_angle = 0.0
         warnings = []
         if largest > limit:
             warnings.append(f'disk at {largest:.3f} rad, beyond limits.disk_angle = {limit:g} rad')
-        return warnings, {'largest disk angle [rad]': f'{largest:.3f}'}
+        return warnings, {'largest disk angle [rad]': largest}
 
 
 def main(args: Sequence[str] | None = None) -> int:

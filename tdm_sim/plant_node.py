@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import JumpThreshold
@@ -22,6 +21,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -38,7 +38,6 @@ from tdm_sim.simulation import PlantSetup, SimulatedPlant
 Array = NDArray[np.float64]
 
 LONGEST_CATCH_UP = 0.1  # s; what a process stalled for longer leaves out, so that it can recover
-DIAGNOSTICS_PERIOD = 1.0  # s
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 _SHARE = Range(0.0, 1.0, upper_open=True)
@@ -105,7 +104,7 @@ class PlantNode(ParameterNode):
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
         self.make_publishers()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = Diagnostics(self, 'simulation', self._report)
         self.create_subscription(JointState, 'joint_command', self._on_command, 10)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
@@ -116,7 +115,6 @@ class PlantNode(ParameterNode):
             post_callback=self._on_clock_jump,
         )
         self.create_timer(1.0 / self.parameters.rate, self._on_timer)
-        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics)
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:
@@ -139,7 +137,7 @@ class PlantNode(ParameterNode):
         """Return what one push of `disturbance.impulse` does to a state, and a description."""
 
     @abstractmethod
-    def conditions(self) -> tuple[list[str], dict[str, str]]:
+    def conditions(self) -> tuple[list[str], dict[str, Any]]:
         """Return warnings about the plant's state, and figures for the diagnostics."""
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -209,32 +207,26 @@ class PlantNode(ParameterNode):
         # The motion goes on from the clock's new time as if nothing had happened.
         self._last = self.get_clock().now()
 
-    def _publish_diagnostics(self) -> None:
+    def _report(self) -> Report:
         warnings, figures = self.conditions()
-        if self._left_out > 0.0:
-            warnings.append(f'{self._left_out:.3g} s left out: the process was stalled')
         errors = list(self.invalid_overrides.values())
-        level, message = DiagnosticStatus.OK, 'driven' if self.simulation.commanded else 'free'
-        if warnings or errors:
-            level = DiagnosticStatus.ERROR if errors else DiagnosticStatus.WARN
-            message = '; '.join(errors + warnings)
-        figures = {
-            'simulated time [s]': f'{self.simulation.time:.3f}',
-            'time left out [s]': f'{self._left_out:.3f}',
-            'states published': str(self._published),
-            'commands accepted': str(self._accepted),
-            'commands refused': str(self._refused),
-            'command time-outs': str(self.simulation.timeouts),
-            'pushes': str(self._pushes),
-            **figures,
-        }
-        status = DiagnosticStatus(
-            level=level,
-            name=f'{self.get_fully_qualified_name()}: simulation',
-            message=message,
-            hardware_id=self.get_fully_qualified_name(),
-            values=[KeyValue(key=key, value=value) for key, value in figures.items()],
+        if self._left_out > 0.0:
+            warnings = [*warnings, f'{self._left_out:.3g} s left out: the process was stalled']
+        level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
+        if errors or warnings:
+            level = Level.ERROR if errors else Level.WARN
+            message = '; '.join([*errors, *warnings])
+        return Report(
+            level,
+            message,
+            {
+                'simulated time [s]': self.simulation.time,
+                'time left out [s]': self._left_out,
+                'states published': self._published,
+                'commands accepted': self._accepted,
+                'commands refused': self._refused,
+                'command time-outs': self.simulation.timeouts,
+                'pushes': self._pushes,
+                **figures,
+            },
         )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)

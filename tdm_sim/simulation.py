@@ -75,7 +75,7 @@ class SimulatedPlant:
         self._state = setup.initial
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
-        self._disturbances = Disturbances(seed)
+        self.disturbances = Disturbances(seed)
 
     @property
     def state(self) -> Array:
@@ -100,7 +100,7 @@ class SimulatedPlant:
         values = np.array(control, dtype=float)
         if values.shape != self._command.shape or not np.isfinite(values).all():
             raise ValueError(f'a command must be {self._command.size} finite numbers')
-        if self._disturbances.loses_command(self.setup.command_loss):
+        if self.disturbances.loses_command(self.setup.command_loss):
             return
         self._command = values
         self._expiry = self.time + self.setup.command_timeout
@@ -115,7 +115,7 @@ class SimulatedPlant:
 
     def measure(self) -> Array:
         """State (nx,) as the sensors see it."""
-        return self._disturbances.measured(self._state, self.setup.noise)
+        return self.disturbances.measured(self._state, self.setup.noise)
 
     def push(self, effect: Callable[[Array], Array]) -> None:
         """Change the state at once by `effect` (state before -> state after)."""
