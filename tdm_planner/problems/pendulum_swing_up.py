@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
@@ -91,8 +93,9 @@ class PendulumSwingUp(Problem, Validated):
     goal: PendulumGoal = group(PendulumGoal)
     method: str = parameter(
         'switching',
-        'switching: quickest, torque jumps between its extremes',
-        choices=('switching',),
+        'switching: quickest, the torque jumps between its extremes; smooth: the torque is '
+        'continuous, for strong motors that cannot switch',
+        choices=('switching', 'smooth'),
     )
     switching_arcs: int = parameter(
         8, 'most arcs of constant torque in a plan', allowed=Range(4, 32)
@@ -124,7 +127,10 @@ class PendulumSwingUp(Problem, Validated):
 
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
-        compile_kernels(self.plant)
+        if self.method == 'smooth':
+            compile_kernel(self.plant)
+        else:
+            compile_kernels(self.plant)
 
     def solve(
         self,
@@ -136,22 +142,22 @@ class PendulumSwingUp(Problem, Validated):
         self.prepare()
         budget = Budget(self.solver.deadline if deadline is None else deadline)
         rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        plan = self.task.hold()
-        if plan is None:
-            plan = SwitchingMethod(
-                self.task,
-                budget,
-                rng,
-                self.switching_arcs,
-                self.solver.tolerance,
-                previous_arcs(warm_start),
-            ).solve()
+        task = self.task
+        plan = task.hold()
+        if plan is None and self.method == 'smooth':
+            plan = SmoothMethod(task, budget, rng, self.solver.tolerance).solve()
+        elif plan is None:
+            arcs, tolerance = self.switching_arcs, self.solver.tolerance
+            previous = previous_arcs(warm_start)
+            plan = SwitchingMethod(task, budget, rng, arcs, tolerance, previous).solve()
         return self._solution(plan, budget)
 
     def _solution(self, plan: SwingUpPlan, budget: Budget) -> Solution:
         motion = plan.trajectory
-        torques = motion.control('torque')[:-1]
-        switches = int(np.count_nonzero(np.diff(torques)))
+        torques = motion.control('torque')
+        kind = 'a smooth torque'
+        if motion.interpolation == 'zero_order_hold':
+            kind = f'{np.count_nonzero(np.diff(torques[:-1]))} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
         return Solution(
             problem=self.name,
@@ -164,7 +170,7 @@ class PendulumSwingUp(Problem, Validated):
             verification=plan.verification,
             summary=(
                 f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
-                f'{switches} switches of at most {np.abs(torques).max():.3g} N m, |psi| at most '
+                f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
                 f'{np.abs(motion.state("psi")).max():.2f} rad'
             ),
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
 
 Array = NDArray[np.float64]
@@ -55,6 +55,12 @@ class SwingUpTask:
         """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
         k = self.plant.coefficients
         return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+
+    @property
+    def disk_acceleration(self) -> float:
+        """Acceleration that the torque gives the disk with the pendulum upright [rad/s^2]."""
+        k = self.plant.coefficients
+        return self.torque * k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm**2)
 
     @property
     def quickest(self) -> float:
@@ -103,8 +109,14 @@ class SwingUpTask:
         check = self.verify(motion)
         return SwingUpPlan(motion, check, np.zeros(0), 0.0) if check.ok else None
 
-    def trajectory(self, times: Array, states: Array, controls: Array) -> Trajectory:
-        """Return a trajectory of held torques with names, units and rates."""
+    def trajectory(
+        self,
+        times: Array,
+        states: Array,
+        controls: Array,
+        interpolation: Interpolation = 'zero_order_hold',
+    ) -> Trajectory:
+        """Return a trajectory with names, units and rates."""
         plant = self.plant
         return Trajectory(
             times=times,
@@ -112,6 +124,7 @@ class SwingUpTask:
             controls=controls,
             state_names=plant.state_names,
             control_names=plant.control_names,
+            interpolation=interpolation,
             state_units=plant.state_units,
             control_units=plant.control_units,
         ).with_rates(plant.derivative)

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 # Starts of the first rounds, and candidates polished: without a compiler a start costs ten times
 # as much.
-_ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 68), 4)
+_ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 48), 3)
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_program import SwitchingProgram
@@ -22,7 +23,7 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 Array = NDArray[np.float64]
 
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
-FINE_STEPS = 96  # and for the final polish
+FINE_STEPS = 96 if COMPILED else 48  # and for the final polish
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
 _SAMPLE_TIME = 5e-3  # [s]
