@@ -190,6 +190,8 @@ class Ros:
         assert self.spin_until(lambda: publisher.get_subscription_count() > 0), (
             f'nobody listens to {topic}'
         )
+        # The other side may match a little later; until then it misses best-effort messages.
+        self.spin_for(0.3)
         return publisher
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:

@@ -115,7 +115,7 @@ class Planner(ParameterNode):
         def reply(outcome: Plan | Failure) -> None:
             response.success = isinstance(outcome, Plan)
             response.message = (
-                plan_answer(outcome, self._plan_id)
+                plan_answer(outcome, self._plan_id, self._warnings())
                 if isinstance(outcome, Plan)
                 else outcome.to_json()
             )
@@ -126,6 +126,13 @@ class Planner(ParameterNode):
             reply(Failure.of(Busy('a request is being solved: ask again when it is answered')))
             return
         self._solve(self.parameter_values, reply)
+
+    def _warnings(self) -> list[str]:
+        """Name, and log, what will not carry the plan out."""
+        found = [] if self._adapter is None else self._adapter.warnings()
+        for sentence in found:
+            self.get_logger().warning(sentence)
+        return found
 
     def _replan(self) -> None:
         """Plan anew from the measured state while the plan in force runs."""
@@ -166,9 +173,11 @@ class Planner(ParameterNode):
         if isinstance(outcome, Failure):
             self._failure = outcome
             self._failures += 1
-            log = self.get_logger()
-            say = log.error if outcome.internal else log.warning
-            say(f'no plan: {outcome.code}: {outcome.reason}')
+            # Two calls: rclpy does not let a place in the code change its severity.
+            if outcome.internal:
+                self.get_logger().error(f'no plan: {outcome.code}: {outcome.reason}')
+            else:
+                self.get_logger().warning(f'no plan: {outcome.code}: {outcome.reason}')
         self._diagnostics.update()
         return outcome
 

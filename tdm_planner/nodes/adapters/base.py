@@ -44,6 +44,10 @@ class Adapter(ABC):
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish a plan whose motion starts at the instant `start` [ns]."""
 
+    def warnings(self) -> list[str]:
+        """Return a sentence for every plant or tracker that is not connected."""
+        return []
+
     @abstractmethod
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of every measured state [s] by name; None where none was received."""

@@ -65,6 +65,9 @@ class FormationAdapter(Adapter):
             node.create_publisher(Path, f'{name}/path', LATCHED),
         )
 
+    def values_changed(self, values: Mapping[str, Any]) -> None:
+        """Nothing to follow: the robots' names are fixed while the node runs."""
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate every robot's newest state, drifting, to the instant the motion starts."""
         found: dict[str, Any] = {}
