@@ -92,7 +92,7 @@ def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
 def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory:
     """Controls of one robot and the states that follow from them by forward integration."""
     task, goal = model.task, model.task.goal[robot]
-    aim = wanted(model, motion, robot)
+    aim = _turnable(task, robot, wanted(model, motion, robot))
     direction = ThrustDirection(
         aim.times,
         aim.acceleration,
@@ -127,6 +127,37 @@ def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory
     return accepted
 
 
+def _effects(times: Array, shapes: Array) -> Array:
+    """What accelerations `shapes` (N, m) add to the final position and to the velocity (2, m)."""
+    left = (times[-1] - times)[:, None]
+    return np.stack([trapezoid(left * shapes, times, axis=0), trapezoid(shapes, times, axis=0)])
+
+
+def _turnable(task: FormationTask, robot: int, aim: Wanted) -> Wanted:
+    """Return what is wanted with the attitude that torques linear between samples really give.
+
+    The torque is limited, and corrected where it has room so that the attitude ends at its goal.
+    """
+    torque = np.clip(aim.yaw_acceleration, -task.torque, task.torque)
+    left = aim.times[-1] - aim.times
+    steps = np.diff(aim.times)
+
+    def integrate(torque: Array) -> tuple[Array, Array]:
+        gain = steps * (torque[:-1] + torque[1:]) / 2
+        rate = task.yaw_rate[robot] + np.concatenate([[0.0], np.cumsum(gain)])
+        turned = steps * (rate[:-1] + steps * (2 * torque[:-1] + torque[1:]) / 6)
+        return task.yaw[robot] + np.concatenate([[0.0], np.cumsum(turned)]), rate
+
+    room = np.where(torque == 0.0, 0.0, 1.0 - np.abs(torque) / task.torque)
+    shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
+    for _ in range(3 if room.any() else 0):
+        yaw, rate = integrate(torque)
+        error = np.array([yaw[-1] - task.goal_yaw[robot], rate[-1]])
+        change = shapes @ np.linalg.lstsq(_effects(aim.times, shapes), -error, rcond=None)[0]
+        torque = np.clip(torque + change, -task.torque, task.torque)
+    return Wanted(aim.times, aim.acceleration, integrate(torque)[0], torque)
+
+
 def _room(acceleration: Array, thrust: float) -> Array:
     """Where a correction goes (N,): thrust on, so that its direction is well held, and room."""
     force = np.hypot(acceleration[:, 0], acceleration[:, 1]) / thrust
@@ -142,13 +173,7 @@ def _corrections(times: Array, room: Array) -> tuple[Array, Array]:
     """
     left = times[-1] - times
     shapes = room[:, None] * np.stack([left / left[0], 1.0 - left / left[0]], axis=1)
-    effects = np.stack(
-        [
-            trapezoid(left[:, None] * shapes, times, axis=0),
-            trapezoid(shapes, times, axis=0),
-        ]
-    )
-    effects = effects / _AIM[:2, None]
+    effects = _effects(times, shapes) / _AIM[:2, None]
     scale = np.abs(effects).max(axis=0)
     both = np.zeros((4, 4))
     both[:2, :2] = both[2:, 2:] = effects / scale
@@ -167,7 +192,6 @@ def _fly(
     plant, heading = task.plant, alpha + aim.yaw
     along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
     push = np.clip(along, 0.0, task.thrust)
-    turn = np.clip(aim.yaw_acceleration, -task.torque, task.torque)
     states = np.zeros((aim.times.size, 7))
     states[0] = [
         *task.start[robot],
@@ -179,7 +203,7 @@ def _fly(
     draft = Trajectory(
         times=aim.times,
         states=states,
-        controls=np.stack([plant.mass * push, rate, plant.inertia * turn], axis=1),
+        controls=np.stack([plant.mass * push, rate, plant.inertia * aim.yaw_acceleration], axis=1),
         state_names=plant.state_names,
         control_names=plant.control_names,
         interpolation='linear',

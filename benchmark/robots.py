@@ -1,0 +1,170 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast and how good plans of robot formations are, on random crossings.
+
+    python -m benchmark.robots [--scenarios 100] [--variants] [--no-teams]
+
+Times are process CPU times on one core. J_ref: see `robots_reference`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+import itertools
+import json
+import os
+import resource
+import time
+from typing import Any, TypeAlias
+
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
+
+from benchmark.robots_reference import DATA
+from benchmark.scenarios import crossing
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import TdmError
+from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation_search import FormationSearch
+
+Figures: TypeAlias = dict[str, Any]
+
+MARGIN = 0.004  # arena.tracking_margin: as much as the reference leaves out
+TEAMS = {2: 50, 5: 30, 8: 20, 12: 15, 20: 10}
+VARIANTS: dict[str, dict[str, Any]] = {
+    'order 7, ends varied (default)': {},
+    'order 7, ends given, yaw varied: the 21 parameters of the paper': {
+        'end_accelerations': 'given',
+        'yaw_order': 7,
+    },
+    'order 9, ends given': {'end_accelerations': 'given', 'polynomial_order': 9},
+    'order 11, ends given': {'end_accelerations': 'given', 'polynomial_order': 11},
+    'order 9, ends varied': {'polynomial_order': 9},
+    'order 7, ends given, speed factor of degree 2': {
+        'end_accelerations': 'given',
+        'speed_factor_order': 2,
+    },
+    'order 7, ends varied, speed factor of degree 2': {'speed_factor_order': 2},
+}
+
+
+def references() -> dict[int, float]:
+    """Costs J_ref of the three-robot crossings by seed."""
+    costs = json.loads(DATA.read_text())['costs']
+    return {int(seed): cost for seed, cost in costs.items() if cost is not None}
+
+
+def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
+    """Plan the crossings `seeds` of `n` robots with changed parameters.
+
+    Returns counts, quantiles of the time [ms], of J / J_ref (three robots) and the largest end
+    errors [m], [rad].
+    """
+    known = references() if n == 3 else {}
+    times, ratios, ends, turns, failures = [], [], [], [], []
+    settings = {'solver.deadline': 8.0, 'arena.tracking_margin': MARGIN, **changes}
+    seeds = list(seeds)
+    for seed in seeds:
+        problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**settings))
+        began = time.process_time()
+        try:
+            solution = problem.solve()
+        except TdmError as error:
+            failures.append(f'{seed}: {error}')
+            continue
+        times.append(1e3 * (time.process_time() - began))
+        if seed in known:
+            ratios.append(solution.cost / known[seed])
+        error = solution.verification.terminal_error.reshape(n, 7)
+        ends.append(float(np.hypot(error[:, 0], error[:, 1]).max()))
+        turns.append(float(np.abs(error[:, 4]).max()))
+    return {
+        'robots': n,
+        'scenarios': len(seeds),
+        'verified': len(times),
+        'time_median_ms': _quantile(times, 0.5),
+        'time_p95_ms': _quantile(times, 0.95),
+        'ratio_median': _quantile(ratios, 0.5),
+        'ratio_p95': _quantile(ratios, 0.95),
+        'ratio_max': _quantile(ratios, 1.0),
+        'end_error_max_m': _quantile(ends, 1.0),
+        'end_error_max_rad': _quantile(turns, 1.0),
+        'failures': failures,
+    }
+
+
+def measure_starts(scenarios: int, starts: int = 4) -> Figures:
+    """Time of the minimiser from one first guess [ms], and how many guesses lead to a minimum."""
+    times, found = [], 0
+    for seed in range(scenarios):
+        changes = {'arena.tracking_margin': MARGIN}
+        problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
+        rng = np.random.default_rng(0)
+        search = FormationSearch(problem.task, problem.form, rng, Budget(60.0))
+        for _ in itertools.repeat(None, starts):
+            began = time.process_time()
+            found += bool(search.minima(1))
+            times.append(1e3 * (time.process_time() - began))
+    return {
+        'starts': len(times),
+        'feasible': found,
+        'time_median_ms': _quantile(times, 0.5),
+        'time_p95_ms': _quantile(times, 0.95),
+    }
+
+
+def _quantile(values: list[float], share: float) -> float:
+    return float(np.quantile(values, share)) if values else float('nan')
+
+
+def _row(label: str, figures: Figures) -> str:
+    return (
+        f'{label:64s} {figures["verified"]:4d}/{figures["scenarios"]:<4d}'
+        f' {figures["time_median_ms"]:7.1f} {figures["time_p95_ms"]:7.1f}'
+        f' {figures["ratio_median"]:7.3f} {figures["ratio_p95"]:7.3f} {figures["ratio_max"]:7.3f}'
+        f' {1e3 * figures["end_error_max_m"]:7.2f} {figures["end_error_max_rad"]:8.1e}'
+    )
+
+
+def run(scenarios: int = 100, teams: bool = True, variants: bool = False) -> Figures:
+    """Measure everything, print the tables, return the figures."""
+    columns = 'verified   ms med     p95   J/Jref     p95     max  end mm  end rad'
+    print(f'{"":64s} {columns}')
+    found: Figures = {'three': measure(range(scenarios))}
+    print(_row('3 robots', found['three']), flush=True)
+    if teams:
+        for n, count in TEAMS.items():
+            found[f'team {n}'] = measure(range(min(count, scenarios)), n)
+            print(_row(f'{n} robots', found[f'team {n}']), flush=True)
+    if variants:
+        for label, changes in VARIANTS.items():
+            found[label] = measure(range(min(30, scenarios)), **changes)
+            print(_row(label, found[label]), flush=True)
+    found['starts'] = measure_starts(min(30, scenarios))
+    print('one start: {feasible}/{starts} feasible, median {time_median_ms:.1f} ms, '
+          'p95 {time_p95_ms:.1f} ms'.format(**found['starts']))  # fmt: skip
+    found['memory_MB'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f'memory: {found["memory_MB"]:.0f} MB')
+    for label, figures in found.items():
+        for failure in (
+            figures['failures'] if isinstance(figures, dict) and label != 'starts' else []
+        ):
+            print(f'{label}: {failure}')
+    return found
+
+
+def main() -> None:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument('--scenarios', type=int, default=100, help='three-robot crossings')
+    parser.add_argument('--variants', action='store_true', help='also the variants of the method')
+    parser.add_argument('--no-teams', action='store_true', help='three robots only')
+    arguments = parser.parse_args()
+    run(arguments.scenarios, not arguments.no_teams, arguments.variants)
+
+
+if __name__ == '__main__':
+    main()
