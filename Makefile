@@ -37,7 +37,7 @@ ifeq ($(ROS),native)
 else
   CONSTRAINTS := constraints.txt
   EXTRAS := jazzy,demo
-  WHAT := ROS 2 Jazzy wheels and this package (about 500 MB)
+  WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
 
 .PHONY: help setup demo test lint benchmark config clean

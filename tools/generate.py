@@ -14,6 +14,7 @@ import difflib
 from pathlib import Path
 import re
 import sys
+from types import MappingProxyType
 from typing import Any
 
 from tdm_planner.nodes.tracker import tracker_specifications
@@ -27,6 +28,8 @@ from tdm_sim.robot_plant import RobotPlantParameters
 ROOT = Path(__file__).resolve().parents[1]
 
 Specifications = Mapping[str, ParameterSpec]
+Values = Mapping[str, Any]
+NO_VALUES: Values = MappingProxyType({})
 
 PENDULUM_TITLE = """Rotary pendulum: planner, tracker and simulated plant, in any namespace.
 Written by `make config` from the declarations in the code: the values are the defaults.
@@ -35,6 +38,9 @@ The planner's plant and limits are what it believes, the plant node's what is si
 ROBOTS_TITLE = """Robots: one planner, tracker and simulated plant of each robot, in any namespace.
 Written by `make config` from the declarations in the code: the values are the defaults.
 The simulated robots stand at <robot>.start to begin with."""
+
+AIR_BEARING_TITLE = """Robots on an air-bearing floor, with cold-gas thrusters: slow, 30 s to 40 s.
+F_max = 0.03 m/s^2, T_max = 0.03 rad/s^2. Written by `make config`."""
 
 
 def pendulum_planner() -> Specifications:
@@ -47,7 +53,7 @@ def pendulum_planner() -> Specifications:
 
 def pendulum_file() -> str:
     """Return config/pendulum.yaml."""
-    nodes: dict[str, tuple[Specifications, Mapping[str, Any]]] = {
+    nodes: dict[str, tuple[Specifications, Values]] = {
         'planner': (pendulum_planner(), {}),
         'tracker': (tracker_specifications('pendulum'), {}),
         'pendulum_plant': (specifications(PendulumPlantParameters), {}),
@@ -63,13 +69,31 @@ def robots_planner() -> Specifications:
     }
 
 
-def robots_file() -> str:
-    """Return config/robots.yaml."""
-    nodes: dict[str, tuple[Specifications, Mapping[str, Any]]] = {
-        'planner': (robots_planner(), {'problem': RobotFormation.name}),
-        'robot_plant': (robot_plant(), {}),
+def robots_file(
+    title: str = ROBOTS_TITLE, planner: Values = NO_VALUES, plant: Values = NO_VALUES
+) -> str:
+    """Return a parameter file for the robots, with values that differ from the defaults."""
+    nodes: dict[str, tuple[Specifications, Values]] = {
+        'planner': (robots_planner(), {'problem': RobotFormation.name, **planner}),
+        'robot_plant': (robot_plant(), plant),
     }
-    return parameter_file(nodes, ROBOTS_TITLE)
+    return parameter_file(nodes, title)
+
+
+def air_bearing_file() -> str:
+    """Return config/robots_air_bearing.yaml."""
+    limits: Values = {
+        'limits.thrust': 0.315,
+        'limits.torque': 0.00189,
+        'limits.thruster_rate': 0.5,
+    }
+    manoeuvre: Values = {
+        'arrival_interval': 4.0,
+        'weights.time': 0.015,
+        'weights.sequence': 0.015,
+        'weights.gas': 0.97,
+    }
+    return robots_file(AIR_BEARING_TITLE, {**limits, **manoeuvre}, limits)
 
 
 def robot_plant() -> Specifications:
@@ -107,6 +131,7 @@ def generated() -> dict[Path, str]:
     return {
         ROOT / 'config' / 'pendulum.yaml': pendulum_file(),
         ROOT / 'config' / 'robots.yaml': robots_file(),
+        ROOT / 'config' / 'robots_air_bearing.yaml': air_bearing_file(),
         readme: with_tables(readme.read_text(encoding='utf-8')),
     }
 
