@@ -70,7 +70,9 @@ def plot_formation(
     """Draw plans of several robots, and what was measured along them."""
     measured = measured or {}
     figure = Figure(figsize=(14, 9), layout='constrained')
-    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1.15, 1]))
+    halves = figure.subfigures(1, 2, width_ratios=[1.15, 1])
+    assert isinstance(halves, np.ndarray)
+    left, right = halves
     arena = left.subplots()
     _draw_arena(arena, view)
     names = list(plans)

@@ -69,11 +69,12 @@ class Planner(ParameterNode):
         name = self.parameter_values['problem']
         try:
             self._problem_class = load_problem(name)
+            self._declare_problem()
         except InvalidProblem as error:
+            self._problem_class = None
             self._fault = str(error)
             self.get_logger().error(self._fault)
             return
-        self._declare_problem()
         self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
 
     def _declare_problem(self) -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 from typing import Any
@@ -89,9 +89,13 @@ def _measured_start(
         raise
 
 
-def plan_answer(plan: Plan, plan_id: int) -> str:
-    """Return the answer of the `plan` service to a request that was met, one line of JSON."""
+def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:
+    """Return the answer of the `plan` service to a request that was met, one line of JSON.
+
+    `warnings`, where there are any, are added: sentences about what is not connected.
+    """
     solution = plan.solution
+    added = {'warnings': list(warnings)} if warnings else {}
     return json.dumps(
         {
             'plan_id': plan_id,
@@ -101,6 +105,7 @@ def plan_answer(plan: Plan, plan_id: int) -> str:
             'solve_time': solution.solve_time,
             'evaluations': solution.evaluations,
             'summary': ' '.join(solution.summary.split()),
+            **added,
         }
     )
 

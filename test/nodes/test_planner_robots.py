@@ -1,0 +1,175 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The planner node for robots over real DDS."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry, Path
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
+from tdm_planner.nodes.robot_messages import robot_trajectory, to_quaternion
+from tdm_planner.problems import RobotFormation
+
+MODULE = 'tdm_planner.nodes.planner'
+ROBOTS = ['robot1', 'robot2', 'robot3']
+SPACE = '/robots'
+
+
+@pytest.fixture(scope='module')
+def planner(ros):
+    return ros.start(
+        MODULE,
+        {'problem': 'robot_formation', 'start.source': 'parameters', 'solver.deadline': 3.0},
+        namespace=SPACE,
+    )
+
+
+def latched(ros, robot):
+    """The plan in force of one robot, received by late subscribers."""
+    motion = ros.subscribe(f'{SPACE}/{robot}/trajectory', MultiDOFJointTrajectory, LATCHED)
+    controls = ros.subscribe(f'{SPACE}/{robot}/controls', JointTrajectory, LATCHED)
+    path = ros.subscribe(f'{SPACE}/{robot}/path', Path, LATCHED)
+    assert ros.spin_until(lambda: motion and controls and path)
+    return motion[-1], controls[-1], path[-1]
+
+
+def test_a_plan_for_every_robot_is_published(ros, planner):
+    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
+    assert success, answer
+    assert set(answer) >= {
+        'plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary',
+    }  # fmt: skip
+    task = RobotFormation().task
+    starts = set()
+    for k, name in enumerate(ROBOTS):
+        motion, controls, path = latched(ros, name)
+        plan = robot_trajectory(motion, controls, name)
+        np.testing.assert_allclose(plan.states[-1, :2], task.goal[k], atol=5e-3)
+        np.testing.assert_allclose(plan.states[0, :2], task.start[k], atol=1e-12)
+        assert math.remainder(plan.states[-1, 4] - task.goal_yaw[k], 2 * math.pi) == (
+            pytest.approx(0, abs=0.01)
+        )
+        assert path.header.frame_id == motion.header.frame_id == 'arena'
+        assert len(path.poses) == plan.times.size
+        starts.add(nanoseconds_of(motion.header.stamp))
+    assert len(starts) == 1
+    markers = ros.subscribe(f'{SPACE}/markers', MarkerArray, LATCHED)
+    assert ros.spin_until(lambda: markers)
+    assert {m.ns for m in markers[-1].markers} >= {'arena', 'planned_path', 'goal'}
+
+
+def test_trackers_and_plants_that_are_missing_are_named(ros, planner):
+    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
+    assert success
+    text = ' '.join(answer['warnings'])
+    assert all(f"'{name}'" in text for name in ROBOTS)
+
+
+def test_the_measured_state_of_every_robot_is_needed(ros, planner):
+    assert ros.set_parameters(f'{SPACE}/planner', start__source='measured') == ['']
+    try:
+        success, answer = ros.trigger(f'{SPACE}/plan')
+        assert not success
+        assert answer['code'] == 'NO_STATE'
+        assert all(name in answer['reason'] for name in ROBOTS)
+        publish_states(ros, ROBOTS[:2])
+        success, answer = ros.trigger(f'{SPACE}/plan')
+        assert not success
+        assert 'robot3' in answer['reason']
+        assert 'robot1' not in answer['reason']
+        publish_states(ros, ROBOTS)
+        success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
+        assert success, answer
+        motion, _, _ = latched(ros, 'robot2')
+        assert motion.points[0].transforms[0].translation.x == pytest.approx(2.0)
+    finally:
+        ros.set_parameters(f'{SPACE}/planner', start__source='parameters')
+
+
+def publish_states(ros, names):
+    """Robots at rest in a row, y = 0.5 m, x = 1, 2, 3 m."""
+    publishers = {}
+    for name in names:
+        publishers[name] = (
+            ros.publisher(f'{SPACE}/{name}/odom', Odometry),
+            ros.publisher(f'{SPACE}/{name}/joint_states', JointState),
+        )
+    ages = ros.subscribe('/diagnostics', DiagnosticArray)
+    assert ages is not None
+    for k, name in enumerate(names):
+        odom, joints = publishers[name]
+        stamp = ros.node.get_clock().now().to_msg()
+        message = Odometry()
+        message.header.stamp, message.header.frame_id = stamp, 'arena'
+        message.pose.pose.position.x, message.pose.pose.position.y = 1.0 + k, 0.5
+        message.pose.pose.orientation = to_quaternion(0.3)
+        odom.publish(message)
+        state = JointState(name=['thruster', 'reaction_wheel'], position=[0.0, 0.0])
+        state.velocity = state.effort = [0.0, 0.0]
+        state.header.stamp = stamp
+        joints.publish(state)
+    ros.spin_for(0.1)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'robot1.start.x': -0.5}, ['robot1', '-0.5']),
+        ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, ['robot1', 'robot2']),
+        ({'formation.robot1': [9.0, 0.0, 0.0]}, ['robot1']),
+        ({'formation.robot1': [-0.2, 0.39, 0.0]}, ['robot1', 'robot2']),
+        ({'arena.length': 0.3}, ['arena.length', '0.3']),
+        ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, ['weights']),
+    ],
+)
+def test_contradictions_are_named_and_the_node_keeps_serving(ros, planner, changes, words):
+    node = f'{SPACE}/planner'
+    before = RobotFormation.parameter_specifications({})
+    assert set(ros.set_parameter_mapping(node, changes)) == {''}
+    try:
+        success, answer = ros.trigger(f'{SPACE}/plan')
+        assert not success
+        assert answer['code'] == 'INVALID_PROBLEM'
+        assert all(word in answer['reason'] for word in words), answer
+    finally:
+        ros.set_parameter_mapping(node, {name: before[name].default for name in changes})
+    assert ros.trigger(f'{SPACE}/plan', timeout=30.0)[0]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'words'),
+    [
+        ('arrival_interval', -1.0, ['arrival_interval', '-1', '[0, inf) s']),
+        ('weights.gas', -0.1, ['weights.gas', '-0.1']),
+        ('arena.minimum_separation', math.nan, ['arena.minimum_separation', 'nan']),
+        ('limits.thrust', 0.0, ['limits.thrust', '(0, inf) N']),
+        ('robots', ['robot1', 'robot1'], ['robots']),
+        ('robot9.start.x', 1.0, ['robot9.start.x', 'unknown']),
+    ],
+)
+def test_values_that_are_not_allowed_are_refused_when_set(ros, planner, name, value, words):
+    (reason,) = ros.set_parameter_mapping(f'{SPACE}/planner', {name: value})
+    assert all(word in reason for word in words), reason
+
+
+@pytest.mark.parametrize('robots', ['[]', '[a, a]', '[1st]', '[limits]'])
+def test_wrong_names_at_the_start_are_answered(ros, robots):
+    node = ros.start(
+        MODULE,
+        {'problem': 'robot_formation', 'start.source': 'parameters'},
+        namespace='/wrong',
+        arguments=['-p', f'robots:={robots}'],
+    )
+    success, answer = ros.trigger('/wrong/plan')
+    assert not success
+    assert answer['code'] == 'INVALID_PROBLEM'
+    assert 'robots' in answer['reason']
+    ros.set_parameters('/wrong/planner', solver__deadline=1.0)
+    assert not ros.trigger('/wrong/plan')[0]
+    node.end_cleanly()
