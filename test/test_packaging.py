@@ -105,8 +105,8 @@ def wheel(copy: Path) -> zipfile.ZipFile:
         'import os, sys; from setuptools import build_meta; '
         f'os.chdir({str(copy)!r}); build_meta.build_wheel({str(folder)!r})'
     )
-    if importlib.util.find_spec('setuptools') is None:
-        pytest.skip('setuptools is not installed')
+    if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
+        pytest.skip('setuptools 70.1 or newer is not installed')
     folder.mkdir()
     run(sys.executable, '-c', code, cwd=copy)
     (path,) = folder.glob('*.whl')
