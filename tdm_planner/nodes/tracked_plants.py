@@ -5,28 +5,40 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
+from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
     joint_motion,
     LATCHED,
+    nanoseconds_of,
     PENDULUM_JOINTS,
     pendulum_trajectory,
 )
+from tdm_planner.nodes.robot_messages import (
+    odometry_state,
+    ROBOT_JOINTS,
+    robot_trajectory,
+    thruster_angle,
+)
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.tracker import Action, TrackerParameters, TrajectoryTracker
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 
 QUEUE = 10
+LONGEST_APART = 200_000_000  # ns between the newest joint_states and odom of one state
 
 
 class Intake(Protocol):
@@ -81,6 +93,7 @@ class TrackedPendulum(TrackedPlant):
                 message.header.stamp, lambda: pendulum_trajectory(message)
             ),
             LATCHED,
+            nanoseconds_of,
         )
         node.create_subscription(
             JointState,
@@ -103,3 +116,90 @@ class TrackedPendulum(TrackedPlant):
             velocity=action.error[2:].tolist(),
             effort=[0.0, float(action.feedback[0])],
         )
+
+
+class TrackedRobot(TrackedPlant):
+    """A floating robot: `trajectory` and `controls`, `odom` and `joint_states` -> its actuators.
+
+    The two halves of a plan carry the same stamp; the half that comes first waits for the other.
+    """
+
+    parameters = RobotTrackerParameters
+
+    def __init__(self) -> None:
+        self._motion: MultiDOFJointTrajectory | None = None
+        self._controls: JointTrajectory | None = None
+        self._joints: JointState | None = None
+
+    def make_tracker(self, parameters: RobotTrackerParameters) -> TrajectoryTracker:
+        """Return the robot's feedback law."""
+        return RobotTracker(parameters)
+
+    def subscribe(self, node: Node, intake: Intake) -> None:
+        """Subscribe to `trajectory`, `controls`, `odom` and `joint_states`."""
+        given = str(node.get_parameter('robot_name').value)
+        robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
+
+        def on_motion(message: MultiDOFJointTrajectory) -> None:
+            self._motion = message
+            intake.on_trajectory(message.header.stamp, lambda: self._plan(robot))
+
+        def on_controls(message: JointTrajectory) -> None:
+            self._controls = message
+            intake.on_trajectory(message.header.stamp, lambda: self._plan(robot))
+
+        def on_joints(message: JointState) -> None:
+            self._joints = message
+
+        node.create_subscription(MultiDOFJointTrajectory, 'trajectory', on_motion, LATCHED)
+        node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED)
+        node.create_subscription(JointState, 'joint_states', on_joints, QUEUE)
+        node.create_subscription(
+            Odometry,
+            'odom',
+            lambda message: intake.on_state(message.header.stamp, lambda: self._state(message)),
+            QUEUE,
+        )
+
+    def _plan(self, robot: str | None) -> Trajectory | None:
+        motion, controls = self._motion, self._controls
+        if motion is None or controls is None or motion.header.stamp != controls.header.stamp:
+            return None
+        self._motion = self._controls = None
+        return robot_trajectory(motion, controls, robot)
+
+    def _state(self, odometry: Odometry) -> Array | None:
+        joints = self._joints
+        if joints is None:
+            return None
+        apart = nanoseconds_of(odometry.header.stamp) - nanoseconds_of(joints.header.stamp)
+        if abs(apart) > LONGEST_APART:
+            raise InvalidProblem(
+                f'odom and the newest joint_states are {abs(apart) * NANOSECOND:.3g} s apart, '
+                f'more than {LONGEST_APART * NANOSECOND:g} s'
+            )
+        return np.append(odometry_state(odometry), thruster_angle(joints))
+
+    def command_message(self, control: Array) -> JointState:
+        """Return rate and thrust of the thruster, torque of the wheel."""
+        thrust, rate, torque = control.tolist()
+        return JointState(name=ROBOT_JOINTS, velocity=[rate, 0.0], effort=[thrust, torque])
+
+    def error_message(self, action: Action) -> JointState:
+        """Return the errors of x, y, yaw and their rates, and the feedback of the actuators.
+
+        Efforts: thrust and torque beyond what is planned, as those of thruster and wheel.
+        """
+        x, y, u, v, yaw, omega, alpha = action.error.tolist()
+        thrust, _, torque = action.feedback.tolist()
+        return JointState(
+            name=['x', 'y', 'yaw', *ROBOT_JOINTS],
+            position=[x, y, yaw, alpha, 0.0],
+            velocity=[u, v, omega, 0.0, 0.0],
+            effort=[0.0, 0.0, 0.0, thrust, torque],
+        )
+
+
+PLANTS: Mapping[str, type[TrackedPlant]] = MappingProxyType(
+    {'pendulum': TrackedPendulum, 'robot': TrackedRobot}
+)

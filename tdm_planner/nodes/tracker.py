@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import sys
 import time
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.tracked_plants import QUEUE, TrackedPendulum, TrackedPlant
+from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import Command, Phase, TrajectoryRefused, TrajectoryTracker
 from tdm_planner.trajectory import NANOSECOND, Trajectory
@@ -35,7 +34,6 @@ Array = NDArray[np.float64]
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
 
-PLANTS: Mapping[str, type[TrackedPlant]] = MappingProxyType({'pendulum': TrackedPendulum})
 _PLANT = ParameterSpec(
     name='plant',
     kind=str,

@@ -72,12 +72,14 @@ class EstimatorNoise:
     `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
     error of the plant's rates, of which `rate_floor` (nx,) is the least magnitude assumed.
     `driven` (nx,) marks the states whose rates carry that error (velocities, not positions).
+    `prior` (nx,), by default `measurement`, are the standard deviations after the first sample.
     """
 
     measurement: Array
     model: float
     rate_floor: Array
     driven: NDArray[np.bool_]
+    prior: Array | None = None
 
 
 class StateEstimator:
@@ -103,9 +105,11 @@ class StateEstimator:
         self._history = history
         self._longest_gap = longest_gap
         self._measurement_covariance = np.diag(noise.measurement**2)
+        prior = noise.measurement if noise.prior is None else noise.prior
+        self._prior_covariance = np.diag(prior**2)
         self.stamp: float | None = None
         self._state = np.zeros(angles.size)
-        self._covariance = self._measurement_covariance
+        self._covariance = self._prior_covariance
 
     def reset(self) -> None:
         """Forget every sample."""
@@ -114,7 +118,7 @@ class StateEstimator:
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]; older ones are left out."""
         if self.stamp is None or stamp - self.stamp > self._longest_gap:
-            self._state, self._covariance = state.copy(), self._measurement_covariance
+            self._state, self._covariance = state.copy(), self._prior_covariance
         elif stamp <= self.stamp:
             return
         else:
@@ -151,7 +155,7 @@ class StateEstimator:
         total = self._covariance + self._measurement_covariance
         if innovation @ np.linalg.solve(total, innovation) > _LARGEST_SURPRISE**2:
             self._state = self._state + innovation
-            self._covariance = self._measurement_covariance
+            self._covariance = self._prior_covariance
             return
         gain = np.linalg.solve(total, self._covariance).T
         self._state = self._state + gain @ innovation

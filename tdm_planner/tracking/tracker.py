@@ -204,8 +204,8 @@ class TrajectoryTracker(ABC):
         """Whether `hold` may take over from `track`."""
         return time >= motion.end
 
-    def stopped_control(self, state: Array | None) -> Array:
-        """Return the control where no law is at work: zero."""
+    def wait(self, motion: Motion, state: Array) -> Array:
+        """Return the controls (nu,) before the start of `motion`: nothing that moves the plant."""
         return np.zeros(len(self.control_names))
 
     # What all have in common.
@@ -284,12 +284,17 @@ class TrajectoryTracker(ABC):
         acts_at = now + self.parameters.command_delay
         state = self.estimator.predict(acts_at)
         action = self._act(acts_at, state)
-        control = self.stopped_control(state) if action is None else action.control
+        control = self._idle(state) if action is None else action.control
         self.history.add(acts_at, control)
         return Command(control, self.phase, action, self.reason)
 
+    def _idle(self, state: Array) -> Array:
+        if self.phase is Phase.WAITING and self.current is not None:
+            return self.wait(self.current, state)
+        return np.zeros(len(self.control_names))
+
     def _without_state(self, now: float, age: float) -> Command:
-        control = self.stopped_control(None)
+        control = np.zeros(len(self.control_names))
         self.history.add(now + self.parameters.command_delay, control)
         problem = (
             'no state has been received yet'

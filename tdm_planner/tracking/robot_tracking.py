@@ -1,0 +1,388 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tracking of a floating robot whose one thruster turns slowly, and station-keeping.
+
+The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
+thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
+projection of the wanted acceleration on the direction held, and none while that direction is off
+by more than a set angle. The attitude is independent: planned torque plus feedback.
+
+How well the thruster and the wheel work (true over assumed acceleration) is estimated on the way,
+and the commands are divided by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.tracker import (
+    Action,
+    Motion,
+    Tolerances,
+    TrackerParameters,
+    TrajectoryTracker,
+    wrapped,
+)
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_X, _U, _YAW, _OMEGA, _ALPHA, _THRUST_GAIN, _WHEEL_GAIN = 0, 2, 4, 5, 6, 7, 8
+_GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
+_GAIN_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
+_GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
+_SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
+_LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
+_ANY_DIRECTION = 50.0  # rad
+_REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
+
+
+class EstimatedRobot:
+    """The floating robot with two more states: what thruster and wheel deliver per command."""
+
+    def __init__(self, robot: FloatingRobot) -> None:
+        self.robot = robot
+        self.state_names = (*robot.state_names, 'thrust_gain', 'torque_gain')
+        self.state_units = (*robot.state_units, '', '')
+        self.control_names = robot.control_names
+        self.control_units = robot.control_units
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        """Time derivative of the states: (9,), (3,) -> (9,)."""
+        gains = np.array([state[_THRUST_GAIN], 1.0, state[_WHEEL_GAIN]])
+        motion = self.robot.derivative(state[:7], gains * control)
+        return np.concatenate([motion, np.zeros(2)])
+
+    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """Return df/dx (9, 9) and df/du (9, 3)."""
+        thrust, torque = control[0] / self.robot.mass, control[2] / self.robot.inertia
+        heading = state[_YAW] + state[_ALPHA]
+        along = np.array([math.cos(heading), math.sin(heading)])
+        across = np.array([-along[1], along[0]])
+        by_state, by_control = np.zeros((9, 9)), np.zeros((9, 3))
+        by_state[0, 2] = by_state[1, 3] = by_state[_YAW, _OMEGA] = 1.0
+        by_state[2:4, _YAW] = by_state[2:4, _ALPHA] = state[_THRUST_GAIN] * thrust * across
+        by_state[2:4, _THRUST_GAIN] = thrust * along
+        by_state[_OMEGA, _WHEEL_GAIN] = torque
+        by_control[2:4, 0] = state[_THRUST_GAIN] / self.robot.mass * along
+        by_control[_OMEGA, 2] = state[_WHEEL_GAIN] / self.robot.inertia
+        by_control[_ALPHA, 1] = 1.0
+        return by_state, by_control
+
+
+@dataclass(frozen=True)
+class RobotTolerances(Tolerances):
+    """How far the robot may be from the trajectory."""
+
+    start: float = parameter(
+        0.1,
+        'largest distance from the start for a trajectory to be accepted',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        0.3, 'distance on the way at which the motion is given up', unit='m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotActuatorLimits(Validated):
+    """What the actuators can do."""
+
+    thrust: float = parameter(1.05, 'largest thrust', unit='N', allowed=POSITIVE)
+    torque: float = parameter(
+        0.02, "largest torque of the wheel's motor, either way", unit='N m', allowed=POSITIVE
+    )
+    thruster_rate: float = parameter(
+        2.0,
+        'largest rate at which the thruster turns, either way',
+        unit='rad/s',
+        allowed=POSITIVE,
+    )
+
+
+@dataclass(frozen=True)
+class RobotFeedback(Validated):
+    """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
+
+    position: float = parameter(
+        0.1,
+        'error of the position that is worth all the thrust: less is stiffer',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    yaw: float = parameter(
+        0.1,
+        'error of the attitude that is worth all the torque: less is stiffer',
+        unit='rad',
+        allowed=POSITIVE,
+    )
+    deadband: float = parameter(
+        0.03,
+        'share of limits.thrust below which the thruster is not turned for the feedback, and when '
+        'keeping station not fired',
+        allowed=Range(0.0, 0.5),
+    )
+    misalignment: float = parameter(
+        1.0,
+        'angle between wanted acceleration and thruster beyond which there is no thrust',
+        unit='rad',
+        allowed=Range(0.0, math.pi / 2, lower_open=True),
+    )
+
+
+@dataclass(frozen=True)
+class RobotEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    position_noise: float = parameter(
+        0.002, 'standard deviation of x and of y', unit='m', allowed=POSITIVE
+    )
+    velocity_noise: float = parameter(
+        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=POSITIVE
+    )
+    angle_noise: float = parameter(
+        0.005,
+        'standard deviation of the attitude and its rate',
+        unit='rad, rad/s',
+        allowed=POSITIVE,
+    )
+    thruster_noise: float = parameter(
+        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=POSITIVE
+    )
+    model_error: float = parameter(
+        0.03, "error of the model's accelerations relative to the largest", allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotTrackerParameters(TrackerParameters):
+    """Parameters of a robot's tracker."""
+
+    planner_service: str = parameter(
+        '/robots/plan', "name of the planner's service", read_only=True
+    )
+    tolerance: RobotTolerances = group(RobotTolerances)
+    robot_name: str = parameter(
+        '',
+        "name of the robot in trajectories; empty: the last part of the node's namespace",
+        read_only=True,
+    )
+    plant: FloatingRobot = group(FloatingRobot)
+    limits: RobotActuatorLimits = group(RobotActuatorLimits)
+    feedback: RobotFeedback = group(RobotFeedback)
+    estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)
+
+
+class Reach(NamedTuple):
+    """Angles of the thruster from which it can be in time where the plan needs it [rad]."""
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLaw:
+    """What is prepared before the start: `lower` and `upper` hold the reach every `step` s."""
+
+    feedforward: Feedforward
+    lower: Array = field(repr=False)
+    upper: Array = field(repr=False)
+    step: float = _REACH_STEP
+
+    def reach(self, elapsed: float) -> Reach:
+        """Return the range of the thruster's angle at `elapsed` s after the start."""
+        k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
+        return Reach(float(self.lower[k]), float(self.upper[k]))
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What the robot should do now, from plan and feedback.
+
+    `acceleration` (2,) m/s^2 and `torque` N m are wanted of a perfect robot; `alpha` is where the
+    thruster rests when nothing much is wanted, `reach` where it may be.
+    """
+
+    acceleration: Array
+    torque: float
+    alpha: float
+    reach: Reach
+
+
+class RobotTracker(TrajectoryTracker):
+    """Tracker of one floating robot; states and controls are those of `FloatingRobot`."""
+
+    parameters: RobotTrackerParameters
+    _FREE: ClassVar[Reach] = Reach(-math.inf, math.inf)
+
+    def __init__(self, parameters: RobotTrackerParameters) -> None:
+        history = CommandHistory(3)
+        super().__init__(parameters, _estimator(parameters, history), history)
+        plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
+        self._largest = limits.thrust / plant.mass
+        self._firing = False
+        # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.
+        self._stiffness = self._largest / feedback.position
+        self._damping = math.sqrt(2.0 * self._stiffness)
+        # When keeping station the thruster must turn half round to brake: approach so slowly
+        # that there is time for it.
+        self._station_stiffness = min(
+            self._stiffness, self._damping * limits.thruster_rate / (2.0 * math.pi)
+        )
+        spin = limits.torque / plant.inertia
+        self._yaw_stiffness = spin / feedback.yaw
+        self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the plant's states."""
+        return FloatingRobot.state_names
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the plant's controls."""
+        return FloatingRobot.control_names
+
+    def observe(self, state: Array, stamp: float) -> None:
+        """Take a measured state (7,) of the instant `stamp` [s]."""
+        super().observe(np.concatenate([state, np.ones(2)]), stamp)
+
+    def prepare(self, trajectory: Trajectory) -> RobotLaw:
+        """Tabulate from where the thruster can reach the planned directions in time."""
+        steps = max(1, math.ceil(trajectory.duration / _REACH_STEP))
+        t = _REACH_STEP * np.arange(steps + 1)
+        sample = trajectory.sample(trajectory.times[0] + t)
+        alpha, thrust = sample.state[:, _ALPHA], sample.control[:, 0]
+        lateral = _LATERAL * self.parameters.limits.thrust
+        allowed = np.minimum(lateral / np.maximum(thrust, 1e-9), _ANY_DIRECTION)
+        turned = self.parameters.limits.thruster_rate * t
+        upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
+        lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
+        return RobotLaw(Feedforward(trajectory), lower, upper)
+
+    def error(self, state: Array, reference: Array) -> Array:
+        """State minus reference (7,); angles the shorter way round."""
+        error = state[:7] - reference[:7]
+        error[[_YAW, _ALPHA]] = wrapped(error[[_YAW, _ALPHA]])
+        return error
+
+    def deviation(self, error: Array) -> float:
+        """Return the distance from the planned position [m]."""
+        return math.hypot(error[0], error[1])
+
+    def wait(self, motion: Motion, state: Array) -> Array:
+        """Turn the thruster to where the motion begins."""
+        target = float(motion.trajectory.states[0, _ALPHA])
+        angle = float(wrapped(np.asarray(target - state[_ALPHA])))
+        return np.array([0.0, self._servo(angle), 0.0])
+
+    def track(self, motion: Motion, time: float, state: Array) -> Action:
+        """Planned acceleration and torque plus feedback."""
+        law: RobotLaw = motion.law
+        elapsed = time - motion.start
+        at = motion.trajectory.times[0] + elapsed
+        interval = self.parameters.interval
+        reference = motion.trajectory.sample(at).state
+        thrust, _, torque = law.feedforward.mean(at, at + interval)
+        alpha, yaw = motion.trajectory.sample(at + 0.5 * interval).state[[_ALPHA, _YAW]]
+        push = thrust / self.parameters.plant.mass
+        planned = push * np.array([math.cos(yaw + alpha), math.sin(yaw + alpha)])
+        error = self.error(state, reference)
+        feedback = -self._stiffness * error[:2] - self._damping * error[2:4]
+        near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
+        reach = law.reach(elapsed + interval)
+        wish = Wish(
+            acceleration=planned + feedback,
+            torque=torque + self._yaw_feedback(error),
+            alpha=alpha + near,
+            reach=Reach(reach.lower + near, reach.upper + near),
+        )
+        control = self._drive(state, wish, deadband=0.0)
+        return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
+
+    def hold(self, motion: Motion, time: float, state: Array) -> Action:
+        """Keep station at the end of the trajectory."""
+        goal = motion.trajectory.states[-1].copy()
+        goal[[2, 3, _OMEGA]] = 0.0
+        goal[_ALPHA] = state[_ALPHA]
+        error = self.error(state, goal)
+        wish = Wish(
+            acceleration=-self._station_stiffness * error[:2] - self._damping * error[2:4],
+            torque=self._yaw_feedback(error),
+            alpha=float(state[_ALPHA]),
+            reach=self._FREE,
+        )
+        control = self._drive(state, wish, deadband=self.parameters.feedback.deadband)
+        return self._action(control, np.zeros(3), error, goal)
+
+    def _yaw_feedback(self, error: Array) -> float:
+        turn = self._yaw_stiffness * error[_YAW] + self._yaw_damping * error[_OMEGA]
+        return float(-self.parameters.plant.inertia * turn)
+
+    def _servo(self, angle: float) -> float:
+        """Rate of the thruster that takes away an error `angle` [rad]."""
+        limit = self.parameters.limits.thruster_rate
+        return min(max(_SERVO_SHARE * angle / self.parameters.interval, -limit), limit)
+
+    def _drive(self, state: Array, wish: Wish, deadband: float) -> Array:
+        """Controls (3,) that come nearest to the wish; `deadband` is that of the thrust."""
+        limits, plant = self.parameters.limits, self.parameters.plant
+        wanted = math.hypot(wish.acceleration[0], wish.acceleration[1])
+        alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
+        off = math.atan2(wish.acceleration[1], wish.acceleration[0]) - heading
+        off = float(wrapped(np.asarray(off)))
+        quiet = self.parameters.feedback.deadband * self._largest
+        target = wish.alpha if wanted < quiet else alpha + off
+        if wish.reach.lower <= wish.reach.upper:
+            target = min(max(target, wish.reach.lower), wish.reach.upper)
+        rate = self._servo(target - alpha)
+        # Between firing and not there is a factor of two, lest noise makes the thruster chatter.
+        level = (0.5 if self._firing else 1.0) * deadband * self._largest
+        self._firing = wanted > level
+        thrust = 0.0
+        if self._firing and abs(off) < self.parameters.feedback.misalignment:
+            thrust = plant.mass * wanted * math.cos(off) / _gain(state[_THRUST_GAIN])
+        torque = wish.torque / _gain(state[_WHEEL_GAIN])
+        return np.array(
+            [
+                min(thrust, limits.thrust),
+                rate,
+                min(max(torque, -limits.torque), limits.torque),
+            ]
+        )
+
+    def _action(self, control: Array, planned: Array, error: Array, reference: Array) -> Action:
+        return Action(control, control - planned, error, reference)
+
+
+def _gain(estimate: float) -> float:
+    return float(min(max(estimate, _GAIN_RANGE[0]), _GAIN_RANGE[1]))
+
+
+def _estimator(parameters: RobotTrackerParameters, history: CommandHistory) -> StateEstimator:
+    assumed, limits, plant = parameters.estimator, parameters.limits, parameters.plant
+    push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
+    measured = [assumed.position_noise] * 2 + [assumed.velocity_noise] * 2
+    measured += [assumed.angle_noise] * 2 + [assumed.thruster_noise]
+    noise = EstimatorNoise(
+        measurement=np.array(measured + [_GAIN_UNKNOWN] * 2),
+        model=assumed.model_error,
+        rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
+        driven=np.array([False, False, True, True, False, True, False, False, False]),
+        prior=np.array(measured + [_GAIN_SPREAD] * 2),
+    )
+    angles = np.zeros(9, dtype=bool)
+    angles[[_YAW, _ALPHA]] = True
+    return StateEstimator(
+        EstimatedRobot(plant), noise, angles, history, longest_gap=parameters.state_timeout
+    )
