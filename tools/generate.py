@@ -73,12 +73,13 @@ def robots_planner() -> Specifications:
 
 
 def robots_file(
-    title: str = ROBOTS_TITLE, planner: Values = NO_VALUES, plant: Values = NO_VALUES
+    title: str = ROBOTS_TITLE, planner: Values = NO_VALUES, actuators: Values = NO_VALUES
 ) -> str:
     """Return a parameter file for the robots, with values that differ from the defaults."""
     nodes: dict[str, tuple[Specifications, Values]] = {
         'planner': (robots_planner(), {'problem': RobotFormation.name, **planner}),
-        'robot_plant': (robot_plant(), plant),
+        'tracker': (robot_tracker(), {'plant': 'robot', **actuators}),
+        'robot_plant': (robot_plant(), actuators),
     }
     return parameter_file(nodes, title)
 
@@ -106,12 +107,19 @@ def robot_plant() -> Specifications:
     return {name: spec for name, spec in found.items() if not name.startswith(own)}
 
 
+def robot_tracker() -> Specifications:
+    """Parameters of a robot's tracker that do not differ from robot to robot."""
+    found = tracker_specifications('robot')
+    return {name: spec for name, spec in found.items() if name != 'robot_name'}
+
+
 def tables() -> dict[str, str]:
     """Return the README's tables by the name in their markers."""
     return {
         'planner pendulum': parameter_table(pendulum_planner()),
         'planner robots': parameter_table(robots_planner()),
-        'tracker': parameter_table(tracker_specifications('pendulum')),
+        'tracker pendulum': parameter_table(tracker_specifications('pendulum')),
+        'tracker robot': parameter_table(tracker_specifications('robot')),
         'pendulum_plant': parameter_table(specifications(PendulumPlantParameters)),
         'robot_plant': parameter_table(specifications(RobotPlantParameters)),
     }
