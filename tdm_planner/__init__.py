@@ -2,4 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Near-optimal trajectories in real time by Taranenko's direct method."""
 
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    TdmError,
+    VerificationFailed,
+)
+
 __version__ = '0.1.0'
+
+__all__ = [
+    'DeadlineExceeded',
+    'Infeasible',
+    'InvalidProblem',
+    'TdmError',
+    'VerificationFailed',
+    '__version__',
+]
