@@ -93,7 +93,6 @@ class TrackedPendulum(TrackedPlant):
                 message.header.stamp, lambda: pendulum_trajectory(message)
             ),
             LATCHED,
-            nanoseconds_of,
         )
         node.create_subscription(
             JointState,
