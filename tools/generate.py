@@ -39,7 +39,7 @@ ROBOTS_TITLE = """Robots: one planner, tracker and simulated plant of each robot
 Written by `make config` from the declarations in the code: the values are the defaults.
 The simulated robots stand at <robot>.start to begin with."""
 
-AIR_BEARING_TITLE = """Robots of 10.5 kg on an air-bearing floor, driven by cold gas: 40 s a manoeuvre.
+AIR_BEARING_TITLE = """Robots of 10.5 kg on an air-bearing floor, driven by cold gas (slow).
 Bevilacqua et al., Int. J. Aerospace Eng. 2011, 308245.
   tdm plan robots --params config/robots_air_bearing.yaml -o plan.json
   ros2 launch tdm_planner robots.launch.py params_file:=config/robots_air_bearing.yaml
