@@ -17,7 +17,7 @@ from rclpy.node import Node
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
 
 
-def make_executor() -> Executor:
+def make_executor(context: rclpy.Context | None = None) -> Executor:
     """Return the executor of the nodes: event-driven where this rclpy has it.
 
     EventsExecutor serves timers and round trips at 500 Hz with less load than the
@@ -26,8 +26,8 @@ def make_executor() -> Executor:
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def spin(node: Node) -> None:
