@@ -142,7 +142,8 @@ class ThrustDirection:
             envelopes = self.envelopes(wanted, direction, error)
         lower, upper = envelopes.lower.tolist(), envelopes.upper.tolist()
         wished, steps = direction.tolist(), np.diff(self.reach).tolist()
-        angle = min(max(wished[0], lower[0]), upper[0])
+        # Where no direction will do, the thruster still starts where it stands.
+        angle = min(max(wished[0], lower[0]), upper[0]) if np.isnan(self.alpha) else self.alpha
         angles = [angle]
         for k, step in enumerate(steps, start=1):
             least, most = max(lower[k], angle - step), min(upper[k], angle + step)

@@ -1,0 +1,245 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+import itertools
+
+import numpy as np
+import pytest
+
+from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation_program import clenshaw_curtis, FormationProgram
+from tdm_planner.problems.formation_seeds import BowSeeds
+from tdm_planner.problems.reference_motion import ReferenceMotion
+
+FORMS = {
+    'default': (7, 5, 0, True),
+    'paper': (7, 7, 0, False),
+    'speed factor': (7, 5, 2, False),
+    'both': (9, 7, 1, True),
+}
+
+
+def crowded_task(moving):
+    task = RobotFormation().task
+    zones = np.array([[2.0, 1.5, 0.2]])
+    if not moving:
+        return replace(task, obstacles=zones, separation=0.8)
+    rng = np.random.default_rng(4)
+    return replace(
+        task,
+        obstacles=zones,
+        separation=0.8,
+        velocity=rng.normal(0, 0.05, (3, 2)),
+        acceleration=rng.normal(0, 0.02, (3, 2)),
+        yaw_rate=rng.normal(0, 0.05, 3),
+        coast=np.array([0.5, 0.0, 0.3]),
+    )
+
+
+def program_and_point(form, moving=False, task=None, seed=0):
+    model = ReferenceMotion(task or crowded_task(moving), *FORMS[form])
+    program = FormationProgram(model, limit_thruster_rate=True)
+    rng = np.random.default_rng(seed)
+    xi = program.reduce(next(iter(BowSeeds(model, rng))))
+    return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
+
+
+def central(function, xi, step=1e-6):
+    columns = []
+    for k in range(xi.size):
+        change = np.zeros(xi.size)
+        change[k] = step
+        columns.append((function(xi + change) - function(xi - change)) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_gradient_of_the_performance_index(form, moving):
+    program, xi = program_and_point(form, moving)
+    at = program.linearise(program.evaluate(xi), None)
+    gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
+    numeric = central(lambda x: np.array(program.evaluate(x).cost), xi)
+    assert gradient == pytest.approx(numeric, abs=1e-6)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
+    program, xi = program_and_point(form, moving)
+    point = program.evaluate(xi)
+    at = program.linearise(point, None)
+    values = point.cache[0]
+    near = [
+        values.thrust_rows < 0.35,
+        values.torque_rows < 0.5,
+        values.wall_rows < 1.0,
+    ]
+    assert all(mask.any() for mask in near[::2])
+
+    def margins(x):
+        here = program.evaluate(x).cache[0]
+        rows = (here.thrust_rows, here.torque_rows, here.wall_rows)
+        return np.concatenate([row[mask] for row, mask in zip(rows, near, strict=True)])
+
+    count = margins(xi).size
+    assert at.inequalities[:count] == pytest.approx(margins(xi))
+    assert at.inequality_jacobian[:count] == pytest.approx(central(margins, xi), abs=1e-5)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_separations_at_fixed_instants(form, moving):
+    program, xi = program_and_point(form, moving)
+    pairs, circles = program.pairs, program.circles
+    pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
+    robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
+    motion = program.motion(xi)
+    near_pairs = pairs.rows(motion, pair, t, *pairs.values(motion, pair, t))
+    assert near_pairs.jacobian[:3].any(axis=(1, 2)).all()
+    assert near_pairs.jacobian[3] == pytest.approx(0.0, abs=1e-9), 'both have arrived'
+    numeric = central(lambda x: pairs.values(program.motion(x), pair, t)[0], xi)
+    jacobian = near_pairs.jacobian.reshape(4, -1)[:, program.free]
+    assert jacobian == pytest.approx(numeric, abs=1e-5)
+    near = circles.rows(motion, robot, circle, s, *circles.values(motion, robot, circle, s))
+    numeric = central(lambda x: circles.values(program.motion(x), robot, circle, s)[0], xi)
+    assert near.jacobian.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_nearest_approaches_are_those_of_a_dense_sampling(form):
+    program, xi = program_and_point(form)
+    motion = program.motion(xi)
+    pair, t = program.pairs.nearest(motion)
+    found = program.pairs.values(motion, pair, t)[0]
+    dense = program.model.position_at(motion, np.linspace(0.0, 60.0, 6001))
+    for k, (i, j) in enumerate(itertools.combinations(range(3), 2)):
+        distance = np.linalg.norm(dense[i] - dense[j], axis=0).min()
+        margin = distance / program.pairs.clearances[k] - 1.0
+        if margin < 0.5:
+            assert found[pair == k].min() == pytest.approx(margin, abs=5e-3)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_the_thruster_rows_at_fixed_arcs(form, moving):
+    program, xi = program_and_point(form, moving)
+    rows = program.thruster
+    robots = np.array([0, 0, 1, 2])
+    arcs = np.array([0.1, 0.4, 0.7, 0.95])
+
+    def margins(x):
+        return rows._margins(program.motion(x), robots, arcs, linearise=False)[0].ravel()
+
+    slopes = rows._margins(program.motion(xi), robots, arcs, linearise=True)[1]
+    jacobian = np.zeros((2, 4, 3, program.model.size))
+    jacobian[:, np.arange(4), robots] = slopes
+    jacobian = jacobian.reshape(8, -1)[:, program.free]
+    numeric = central(margins, xi)
+    assert jacobian == pytest.approx(numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max())
+
+
+@pytest.mark.parametrize('with_multipliers', [False, True])
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
+    """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
+    program, xi = program_and_point(form, moving)
+    point = program.evaluate(xi)
+    at = program.linearise(point, None)
+    robots, nodes = at.tags
+    dual = np.zeros(at.inequalities.size)
+    if with_multipliers:
+        dual[: robots.size] = np.random.default_rng(0).uniform(0, 1, robots.size)
+    multipliers = Multipliers(np.zeros(0), dual, at.tags)
+    hessian = program.linearise(point, multipliers).hessian
+
+    def gradient(x):
+        here = program.evaluate(x)
+        near = program.linearise(here, None)
+        values = here.cache[0]
+        slopes = program._slopes(values)[2]
+        all_rows = program._rows(replace_active(values), slopes)[0][0]
+        count = program.nodes.size
+        rows = all_rows.reshape(-1, 3 * program.model.size)[robots * count + nodes]
+        return near.gradient - dual[: robots.size] @ rows[:, program.free]
+
+    def replace_active(values):
+        """The same values with every thrust row near active."""
+        shifted = replace(values, thrust_rows=np.minimum(values.thrust_rows, 0.3))
+        object.__setattr__(shifted, 'thrust_rows', Shifted(values.thrust_rows))
+        return shifted
+
+    numeric = central(gradient, xi, 1e-5)
+    blocks = np.zeros((3 * program.model.size,) * 2)
+    blocks[np.ix_(program.free, program.free)] = 0.5 * (numeric + numeric.T)
+    size = program.model.size
+    per_robot = np.stack(
+        [blocks[i * size : (i + 1) * size, i * size : (i + 1) * size] for i in range(3)]
+    )
+    expected = program._definite(per_robot)
+    assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
+
+
+class Shifted(np.ndarray):
+    """Thrust rows that all compare as near active, with their true values."""
+
+    def __new__(cls, values):
+        return np.asarray(values).view(cls)
+
+    def __lt__(self, other):
+        return np.ones(self.shape, dtype=bool)
+
+
+def test_quadrature_is_exact_for_polynomials():
+    nodes, weights = clenshaw_curtis(9)
+    for power in range(9):
+        assert weights @ nodes**power == pytest.approx(1 / (power + 1))
+
+
+def test_gas_is_that_of_a_dense_sum():
+    program, xi = program_and_point('speed factor', True)
+    motion = program.motion(xi)
+    dense = FormationProgram(program.model, nodes=401)
+    gas = program._values(motion).gas
+    assert gas == pytest.approx(dense._values(motion).gas, rel=2e-2)
+
+
+@pytest.mark.parametrize('backend', ['daqp', 'nnls'])
+def test_minimiser_reaches_a_feasible_minimum_with_either_library(backend):
+    if backend == 'daqp':
+        pytest.importorskip('daqp')
+    task = RobotFormation().task
+    program = FormationProgram(ReferenceMotion(task))
+    seeds = BowSeeds(program.model, np.random.default_rng(0))
+    options = TrustRegionOptions(radius=0.15, backend=backend)
+    costs = []
+    for guess in itertools.islice(seeds, 2):
+        minimum = minimise(program, program.reduce(guess), options)
+        assert minimum.converged
+        assert minimum.point.violation < 2e-3
+        costs.append(minimum.point.cost * program.scale)
+    assert min(costs) == pytest.approx(1.86, rel=0.05)
+
+
+def test_staying_robots_have_only_their_times_varied():
+    task = RobotFormation().task
+    task = replace(task, goal=np.concatenate([task.start[:1], task.goal[1:]]))
+    model = ReferenceMotion(task)
+    program = FormationProgram(model)
+    assert program.free.size == 1 + 2 * model.size
+    motion = program.motion(program.reduce(next(iter(BowSeeds(model, np.random.default_rng(0))))))
+    places = model.position_at(motion, np.linspace(0, 30, 50))
+    assert places[0] == pytest.approx(np.tile(task.start[0][:, None], (1, 50)))
+
+
+def test_names_the_constraint_that_is_violated_most():
+    task = replace(RobotFormation().task, torque=1e-5)
+    program, xi = program_and_point('default', task=task)
+    assert 'limits.torque' in program.binding(program.evaluate(xi))
+    task = replace(RobotFormation().task, separation=2.5)
+    program, xi = program_and_point('default', task=task)
+    words = program.binding(program.evaluate(xi))
+    assert 'arena.minimum_separation' in words or 'walls' in words
