@@ -78,7 +78,7 @@ def test_is_vectorised(state, control):
 @settings(deadline=None, max_examples=30, derandomize=True)
 def test_whole_turns_of_the_thruster_change_nothing(alpha, turns):
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.1, alpha])
-    turned = state + [0, 0, 0, 0, 0, 0, 2 * math.pi * turns]
+    turned = state + np.array([0, 0, 0, 0, 0, 0, 2 * math.pi * turns])
     control = np.array([3.0, 0.1, 0.01])
     assert ROBOT.derivative(turned, control) == pytest.approx(
         ROBOT.derivative(state, control), abs=1e-12

@@ -289,7 +289,7 @@ def test_names_the_binding_constraint_where_there_is_no_plan():
         robots=['only'], **IN_PLACE, **pose('only', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)),
         **{'solver.longest': 11.0, 'solver.starts': 2},
     )  # fmt: skip
-    with pytest.raises(Infeasible, match="limits.thrust of 'only'"):
+    with pytest.raises(Infeasible, match=r"limits\.thrust of 'only'"):
         problem.solve()
 
 
