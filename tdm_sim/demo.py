@@ -20,7 +20,7 @@ from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
 
-from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.exceptions import InvalidProblem, NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import save_plan
@@ -36,6 +36,7 @@ SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsSce
 
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 20.0  # s for the planner to answer
+_RETRY = 0.2  # s between requests while states are on their way
 _OWN_FILES = ('bag', 'log', 'plan.json', 'plan.png')
 
 
@@ -144,14 +145,19 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
 
 
 def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
-    future = client.call_async(Trigger.Request())
-    if not wait(future.done, _ANSWER_LIMIT):
-        raise DemoFailed(f'the planner did not answer within {_ANSWER_LIMIT:g} s')
-    response = future.result()
-    answer: dict[str, Any] = json.loads(response.message)
-    if not response.success:
-        raise DemoFailed(f'no plan: {answer["code"]}: {answer["reason"]}')
-    return answer
+    """Request a plan; again where the planner has not heard of every plant yet."""
+    end = time.monotonic() + _START_LIMIT
+    while True:
+        future = client.call_async(Trigger.Request())
+        if not wait(future.done, _ANSWER_LIMIT):
+            raise DemoFailed(f'the planner did not answer within {_ANSWER_LIMIT:g} s')
+        response = future.result()
+        answer: dict[str, Any] = json.loads(response.message)
+        if response.success:
+            return answer
+        if answer['code'] != NoState.code or time.monotonic() > end:
+            raise DemoFailed(f'no plan: {answer["code"]}: {answer["reason"]}')
+        wait(lambda: False, _RETRY)
 
 
 def _table(verdict: Verdict) -> Table:

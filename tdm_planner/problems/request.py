@@ -22,8 +22,9 @@ class StartParameters(Validated):
         0.5, 'oldest measured state that may be planned from', unit='s', allowed=POSITIVE
     )
     delay: float = parameter(
-        0.5,
-        "time from the answer's request to the start of the motion",
+        1.0,
+        'time from the request to the start of the motion; more than solver.deadline, or a plan '
+        'may come late',
         unit='s',
         allowed=NON_NEGATIVE,
     )
