@@ -164,24 +164,71 @@ def _roll_sensitivities(
 
 @compiled
 def _residual(
-    states: Array, last: int, turn: float, psi_max: float, w0: float, residual: Array
-) -> int:
-    """Fill the distance from upright at rest and the excess of |psi|; return the peak's node.
+    states: Array,
+    steps: int,
+    turn: float,
+    psi_max: float,
+    w0: float,
+    residual: Array,
+    peaks: NDArray[np.intp],
+) -> float:
+    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
 
-    `turn` is the goal's number of turns, NaN for the nearest.
+    `turn` is the goal's number of turns, NaN for the nearest; `peaks` (K,) receives the nodes of
+    the arcs' largest |psi|, `residual` has 4 + K elements.
     """
+    arcs = peaks.size
+    last = arcs * steps
     if math.isnan(turn):
         turn = math.floor(states[last, 0] / (2.0 * math.pi) + 0.5)
-    peak, at = 0.0, 0
-    for node in range(last + 1):
-        if abs(states[node, 1]) > peak:
-            peak, at = abs(states[node, 1]), node
     residual[0] = states[last, 0] - 2.0 * math.pi * turn
     residual[1] = states[last, 1]
     residual[2] = states[last, 2] / w0
     residual[3] = states[last, 3] / w0
-    residual[4] = max(peak - psi_max, 0.0)
-    return at
+    total = 0.0
+    for m in range(4):
+        total += residual[m] * residual[m]
+    for arc in range(arcs):
+        height = 0.0
+        for node in range(arc * steps + 1, (arc + 1) * steps + 1):
+            if abs(states[node, 1]) > height:
+                height = abs(states[node, 1])
+                peaks[arc] = node
+        residual[4 + arc] = max(height - psi_max, 0.0)
+        total += residual[4 + arc] * residual[4 + arc]
+    return total
+
+
+@compiled
+def _normal_equations(
+    states: Array,
+    sensitivities: Array,
+    w0: float,
+    residual: Array,
+    peaks: NDArray[np.intp],
+    row: Array,
+    normal: Array,
+    gradient: Array,
+) -> None:
+    """Fill J'J (its lower half) and J'r from the sensitivities; `row` is a scratch array."""
+    arcs = peaks.size
+    last = states.shape[0] - 1
+    normal[:, :] = 0.0
+    gradient[:] = 0.0
+    for m in range(residual.size):
+        if m >= 4 and not residual[m] > 0.0:
+            continue
+        node, scale, component = last, 1.0, m
+        if m >= 4:
+            node, component = peaks[m - 4], 1
+            scale = 1.0 if states[node, 1] > 0.0 else -1.0
+        elif m >= 2:
+            scale = 1.0 / w0
+        for p in range(arcs):
+            row[p] = scale * sensitivities[node, component, p]
+            gradient[p] += row[p] * residual[m]
+            for q in range(p + 1):
+                normal[p, q] += row[p] * row[q]
 
 
 @compiled
@@ -243,7 +290,7 @@ def _steer_one(
     last = arcs * steps
     states, sensitivities = np.empty((last + 1, 4)), np.empty((last + 1, 4, arcs))
     trial_states, trial = np.empty((last + 1, 4)), np.empty(arcs)
-    residual, jacobian = np.empty(5), np.empty((5, arcs))
+    residual, peaks, row = np.empty(4 + arcs), np.ones(arcs, np.intp), np.empty(arcs)
     normal, factor = np.empty((arcs, arcs)), np.empty((arcs, arcs))
     gradient, step, fixed = np.empty(arcs), np.empty(arcs), np.zeros(arcs, np.bool_)
     longest = 0.2 * durations.sum() + 0.2 / w0
@@ -252,32 +299,14 @@ def _steer_one(
     for iteration in range(iterations):
         roll_arcs(k, start, durations, torques, steps, states, sensitivities, True)
         rollouts += 1
-        peak = _residual(states, last, turn, psi_max, w0, residual)
-        cost = (residual * residual).sum()
+        cost = _residual(states, steps, turn, psi_max, w0, residual, peaks)
         if not cost < 1e12 or cost < target:
             break
         if (iteration >= EARLY and cost > EARLY_COST) or (iteration >= LATE and cost > LATE_COST):
             break
-        excess = 0.0
-        if residual[4] > 0.0:
-            excess = 1.0 if states[peak, 1] > 0.0 else -1.0
+        _normal_equations(states, sensitivities, w0, residual, peaks, row, normal, gradient)
         for p in range(arcs):
-            jacobian[0, p] = sensitivities[last, 0, p]
-            jacobian[1, p] = sensitivities[last, 1, p]
-            jacobian[2, p] = sensitivities[last, 2, p] / w0
-            jacobian[3, p] = sensitivities[last, 3, p] / w0
-            jacobian[4, p] = excess * sensitivities[peak, 1, p]
-        for p in range(arcs):
-            total = 0.0
-            for m in range(5):
-                total += jacobian[m, p] * residual[m]
-            gradient[p] = total
-            fixed[p] = durations[p] <= 0.0 and total > 0.0
-            for q in range(p + 1):
-                total = 0.0
-                for m in range(5):
-                    total += jacobian[m, p] * jacobian[m, q]
-                normal[p, q] = total
+            fixed[p] = durations[p] <= 0.0 and gradient[p] > 0.0
         accepted = False
         for _ in range(TRIES):
             if _damped_step(normal, gradient, damping, floor, fixed, factor, step):
@@ -288,9 +317,10 @@ def _steer_one(
                         trial[p] = max(durations[p] + scale * step[p], 0.0)
                     roll_arcs(k, start, trial, torques, steps, trial_states, sensitivities, False)
                     rollouts += 1
-                    _residual(trial_states, last, turn, psi_max, w0, residual)
-                    if (residual * residual).sum() < cost:
-                        accepted = True
+                    accepted = (
+                        _residual(trial_states, steps, turn, psi_max, w0, residual, peaks) < cost
+                    )
+                    if accepted:
                         break
             damping *= 6.0
         if not accepted:
@@ -320,7 +350,8 @@ def steer_arcs(
     Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
     under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns, NaN for the nearest
     one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi, theta'/w0, psi'/w0,
-    excess of |psi|); below `target` a start has arrived. Returns the number of integrations.
+    excess of |psi| in every arc); below `target` a start has arrived. Returns the number of
+    integrations.
     """
     rollouts = 0
     for b in range(durations.shape[0]):

@@ -190,23 +190,26 @@ def _residuals(
     psi_max: float,
     steps: int,
 ) -> tuple[Array, Array]:
-    """Distance from upright at rest and excess of |psi|, (B, 5), with derivatives (B, 5, K)."""
+    """Distance from upright at rest, excess of |psi| in the arcs: (B, 4 + K), (B, 4 + K, K)."""
     w0 = plant.natural_frequency
     states, sensitivities = roll_batch(plant, start, durations, torques, steps)
     scale = np.array([1.0, 1.0, 1.0 / w0, 1.0 / w0])
     nearest = np.round(states[:, -1, 0] / (2 * np.pi))
     turn = np.where(np.isnan(turns), nearest, turns)
-    residual = np.zeros((len(states), 5))
+    residual = np.zeros((len(states), 4 + durations.shape[1]))
     residual[:, :4] = states[:, -1] * scale
     residual[:, 0] -= 2 * np.pi * turn
-    rows = np.arange(len(states))
-    peak = np.abs(states[:, :, 1]).argmax(axis=1)
-    psi = states[rows, peak, 1]
-    residual[:, 4] = np.maximum(np.abs(psi) - psi_max, 0.0)
-    jacobian = np.zeros((len(states), 5, durations.shape[1]))
+    # Every arc's largest |psi|, its first node left to the arc before.
+    batch, arcs = durations.shape
+    rows = np.arange(batch)[:, None]
+    heights = np.abs(states[:, 1:, 1]).reshape(batch, arcs, steps)
+    peaks = 1 + steps * np.arange(arcs) + heights.argmax(axis=2)
+    psi = states[rows, peaks, 1]
+    residual[:, 4:] = np.maximum(np.abs(psi) - psi_max, 0.0)
+    jacobian = np.zeros((batch, 4 + arcs, arcs))
     jacobian[:, :4] = sensitivities[:, -1] * scale[:, None]
-    excess = np.where(residual[:, 4] > 0, np.sign(psi), 0.0)
-    jacobian[:, 4] = excess[:, None] * sensitivities[rows, peak, 1]
+    excess = np.where(residual[:, 4:] > 0, np.sign(psi), 0.0)
+    jacobian[:, 4:] = excess[:, :, None] * sensitivities[rows, peaks, 1]
     return residual, jacobian
 
 

@@ -85,7 +85,9 @@ class SmoothMethod:
             self._closest = min(self._closest, minimum.point.violation)
             if minimum.point.violation <= 1e-5:
                 found.append((program, minimum))
-        return sorted(found, key=lambda item: item[1].point.cost)
+        found.sort(key=lambda item: item[1].point.cost)
+        costs = np.array([minimum.point.cost for _, minimum in found])
+        return [found[i] for i in range(len(found)) if i == 0 or costs[i] > 1.002 * costs[i - 1]]
 
     def _random_start(self) -> Array:
         """Random t_f and small random end derivatives of the disk's angle."""
@@ -112,6 +114,9 @@ class SmoothMethod:
         """Polish with finer steps, write the trajectory, check it."""
         program = SmoothProgram(self._task, turns, _FINE_STEPS)
         minimum = self._minimise(program, coarse.point.xi, self._budget)
+        if minimum.point.violation > 1e-5:
+            self._rejected = f'a limit is violated by {minimum.point.violation:.2g} of its value'
+            return None
         motion = self._trajectory(minimum.point.xi)
         check = self._task.verify(motion)
         if not check.ok:

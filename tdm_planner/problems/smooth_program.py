@@ -79,7 +79,7 @@ class SmoothProgram(NonlinearProgram):
     """
 
     def __init__(
-        self, task: SwingUpTask, turns: int, steps: int, torque_share: float = 0.995
+        self, task: SwingUpTask, turns: int, steps: int, torque_share: float = 0.99
     ) -> None:
         self.task = task
         self.turns = turns
