@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import sys
 import threading
 from typing import Any
@@ -55,6 +55,11 @@ class Planner(ParameterNode):
         self._set_replan_timer()
         Worker(self).submit(self._prepare, self._on_prepared)
         self._service = DeferredService(self, Trigger, 'plan', self._on_request)
+
+    def check_values(self, values: Mapping[str, Any]) -> None:
+        """Refuse values for which the problem cannot say which parameters it has."""
+        if self._problem_class is not None:
+            self._problem_class.parameter_specifications(values)
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Let changed parameters act from the next request on."""
