@@ -11,6 +11,7 @@ from tdm_planner.tracking.linear_quadratic import (
     TimeVaryingRegulator,
 )
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
 from tdm_planner.tracking.tracker import (
     Action,
     Command,
@@ -27,6 +28,8 @@ __all__ = [
     'PendulumTrackerParameters',
     'Phase',
     'Regulator',
+    'RobotTracker',
+    'RobotTrackerParameters',
     'TimeVaryingRegulator',
     'TrackerParameters',
     'TrajectoryRefused',
