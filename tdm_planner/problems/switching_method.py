@@ -94,7 +94,7 @@ class SwitchingMethod:
         rounds = 0
         while budget.elapsed < _STEERED * budget.seconds:
             size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
-            batch = starts(self._task, self._rng, size, self._arcs)
+            batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
             if self._starts == 0:
                 batch = with_arcs(self._task, batch, self._previous)
             found += steered(self._task, batch, budget, _STEERED * budget.seconds)

@@ -21,16 +21,26 @@ Integers = NDArray[np.intp]
 
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
+_WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
 
 
-def starts(task: SwingUpTask, rng: np.random.Generator, count: int, most: int) -> ArcBatch:
-    """Return `count` sequences of up to `most` arcs; half of them pump where torque is weak."""
+def starts(
+    task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
+) -> ArcBatch:
+    """Return `count` sequences of up to `most` arcs; half of them pump where torque is weak.
+
+    With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
+    arcs leave no room.
+    """
     durations, arcs = random_durations(task, rng, count, most)
     if task.drive < 1.0:
         pumped = slice(0, count, 2)
         durations[pumped], arcs[pumped] = pumping_durations(task, rng, arcs[pumped].size, most)
     first = np.where(rng.uniform(size=count) < 0.5, 1.0, -1.0)
+    if weaken:
+        share = np.exp(rng.uniform(math.log(_WEAKEST), 0.0, size=count))
+        first *= np.where(rng.uniform(size=count) < 0.5, share, 1.0)
     torques = task.torque * first[:, None] * (-1.0) ** np.arange(most)
     turns = np.full(count, math.nan if task.turns is None else float(task.turns))
     return ArcBatch(durations, arcs, torques, turns, np.full(count, np.inf))

@@ -116,11 +116,13 @@ def test_the_reserve_is_left_to_the_feedback():
     assert solution.cost > problem(0.09).solve(ENOUGH).cost
 
 
-def test_a_narrow_disk_is_respected():
-    limits = PendulumLimits(torque=0.09, disk_angle=0.6)
+@pytest.mark.parametrize('disk_angle', [0.7, 0.55])
+def test_a_narrow_disk_is_respected(disk_angle):
+    limits = PendulumLimits(torque=0.09, disk_angle=disk_angle)
     made = PendulumSwingUp(limits=limits, torque_reserve=0.0)
     solution = made.solve(ENOUGH)
     assert solution.verification.worst['disk_angle'] >= 0.0
+    assert np.abs(solution.trajectory.state('psi')).max() <= disk_angle
     assert_upright(replay_end(made, solution))
     assert solution.cost > problem(0.09).solve(ENOUGH).cost
 

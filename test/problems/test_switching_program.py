@@ -90,36 +90,31 @@ def test_motions_that_run_away_are_infinitely_bad():
     assert point.violation == np.inf
 
 
-def quickest_arcs() -> tuple[np.ndarray, np.ndarray]:
-    """Durations and torques of a good swing-up from START."""
-    rng = np.random.default_rng(0)
-    task = SwingUpTask(PLANT, START, 0.09, 0.09, 2.0, 0)
-    batch = starts(task, rng, 100, 6)
-    steer(PLANT, START, batch, 2.0, 12, lambda: False)
+@pytest.mark.parametrize('disk_angle', [2.0, 0.9])
+def test_minimum_is_feasible_and_no_slower(disk_angle):
+    task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
+    batch = starts(task, np.random.default_rng(0), 200, 6)
+    steer(PLANT, START, batch, disk_angle, 12, lambda: False)
     totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
-    best = int(np.argmin(totals))
-    return batch.durations[best], batch.torques[best]
-
-
-def test_minimum_keeps_the_limit_that_binds():
-    durations, torques = quickest_arcs()
     options = TrustRegionOptions(
         penalties=(30.0, 30.0),
         radius=0.5,
-        iterations=100,
+        iterations=60,
         cost_tolerance=1e-6,
         feasibility=(1e-8, 1e-8),
         corrections=4,
     )
-    free = minimise(SwitchingProgram(PLANT, START, torques, 0, 2.0, 12), durations * W0, options)
-    assert free.converged
-    assert free.point.cost <= durations.sum() * W0 * (1 + 1e-6)
-    states, _ = roll(PLANT, START, free.point.xi / W0, torques, 200)
-    limit = 0.95 * np.abs(states[:, 1]).max()
-    narrow = SwitchingProgram(PLANT, START, torques, 0, limit, 12)
-    assert narrow.evaluate(free.point.xi).violation > 0.01
-    limited = minimise(narrow, free.point.xi, options)
-    assert limited.converged
-    states, _ = roll(PLANT, START, limited.point.xi / W0, torques, 200)
-    assert np.abs(states[:, 1]).max() <= limit + 1e-3
-    assert limited.point.cost > free.point.cost
+    converged = 0
+    for index in np.argsort(totals)[:5]:
+        durations, torques = batch.durations[index], batch.torques[index]
+        made = SwitchingProgram(PLANT, START, torques, 0, disk_angle, 12)
+        found = minimise(made, durations * W0, options)
+        if not found.converged:
+            continue
+        converged += 1
+        assert found.point.cost <= totals[index] * W0 * (1 + 1e-6)
+        states, _ = roll(PLANT, START, found.point.xi / W0, torques, 12)
+        assert np.abs(states[-1] - [0.0, 0.0, 0.0, 0.0]).max() < 1e-6
+        fine, _ = roll(PLANT, START, found.point.xi / W0, torques, 200)
+        assert np.abs(fine[:, 1]).max() <= disk_angle + 1e-3
+    assert converged >= 3
