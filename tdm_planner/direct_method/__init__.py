@@ -10,9 +10,25 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.direct_method.polynomial import PolynomialBasis, PolynomialReference
+from tdm_planner.direct_method.reference_function import ReferenceBasis, ReferenceFunction
+from tdm_planner.direct_method.shapes import (
+    power_products,
+    PowerProducts,
+    Shapes,
+    SineSeries,
+    symmetric_powers,
+)
+from tdm_planner.direct_method.speed_factor import ArcTime, SpeedFactor, TimeFactor
+from tdm_planner.direct_method.taranenko import TaranenkoBasis, TaranenkoReference
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
+from tdm_planner.direct_method.virtual_domain import (
+    arc_derivatives,
+    path_speed,
+    time_derivatives,
+)
 
 __all__ = [
+    'ArcTime',
     'Budget',
     'Linearisation',
     'Minimum',
@@ -21,6 +37,20 @@ __all__ = [
     'Point',
     'PolynomialBasis',
     'PolynomialReference',
+    'PowerProducts',
+    'ReferenceBasis',
+    'ReferenceFunction',
+    'Shapes',
+    'SineSeries',
+    'SpeedFactor',
+    'TaranenkoBasis',
+    'TaranenkoReference',
+    'TimeFactor',
     'TrustRegionOptions',
+    'arc_derivatives',
     'minimise',
+    'path_speed',
+    'power_products',
+    'symmetric_powers',
+    'time_derivatives',
 ]

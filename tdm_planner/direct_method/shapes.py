@@ -1,0 +1,139 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Taranenko's shapes Phi of section 2 of Yakimenko (2006): functions that vanish at both ends."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+
+
+class Shapes(ABC):
+    """Functions phi_k(s) on the unit interval with phi_k(0) = phi_k(1) = 0; Phi = sum A_k phi_k.
+
+    Families can be combined: `SineSeries(3) + symmetric_powers(2)`.
+    """
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of shapes m."""
+
+    @abstractmethod
+    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the `derivative`-th derivative of every shape at s (...), (..., m)."""
+
+    def __add__(self, other: Shapes) -> Shapes:
+        """Return the shapes of both families."""
+        return CombinedShapes((self, other))
+
+
+@dataclass(frozen=True)
+class CombinedShapes(Shapes):
+    """The shapes of several families, one after the other."""
+
+    families: tuple[Shapes, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of shapes."""
+        return sum(family.size for family in self.families)
+
+    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the derivatives of all shapes, (..., m)."""
+        return np.concatenate([f.values(s, derivative) for f in self.families], axis=-1)
+
+
+@dataclass(frozen=True)
+class SineSeries(Shapes):
+    """sin(k pi s), k = 1..`terms`. All even derivatives vanish at the ends."""
+
+    terms: int
+
+    def __post_init__(self) -> None:
+        """Check the number of terms."""
+        if self.terms < 1:
+            raise InvalidProblem(f'a sine series needs at least one term, not {self.terms}')
+
+    @property
+    def size(self) -> int:
+        """Number of shapes."""
+        return self.terms
+
+    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the derivatives of all shapes, (..., m)."""
+        k = np.arange(1, self.terms + 1)
+        at = np.asarray(s, dtype=float)[..., None]
+        # From the nearer end, so that the values at both ends are exact.
+        beyond = at > 0.5
+        angle = k * np.pi * np.where(beyond, 1.0 - at, at)
+        parity = np.where(beyond, (-1.0) ** k, 1.0)
+        wave = np.cos(angle) if derivative % 2 else np.where(beyond, -np.sin(angle), np.sin(angle))
+        sign = -1.0 if derivative % 4 in (2, 3) else 1.0
+        return np.asarray(sign * (k * np.pi) ** derivative * parity * wave)
+
+
+@dataclass(frozen=True)
+class PowerProducts(Shapes):
+    """s^m1 (s - 1)^m2 for every pair (m1, m2) of `exponents`, both at least 1.
+
+    In the paper's argument these are (tau - tau_0)^m1 (tau - tau_f)^m2; their coefficients here
+    are the paper's times (tau_f - tau_0)^(m1 + m2), in the unit of x.
+    """
+
+    exponents: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        """Check the exponents."""
+        if not self.exponents:
+            raise InvalidProblem('a family of power products needs at least one pair of exponents')
+        for pair in self.exponents:
+            if min(pair) < 1:
+                raise InvalidProblem(
+                    f'exponents {pair} are not allowed: both must be at least 1, for the product '
+                    'to vanish at both ends'
+                )
+        if len(set(self.exponents)) != len(self.exponents):
+            raise InvalidProblem(f'the exponents {self.exponents} must be distinct')
+
+    @property
+    def size(self) -> int:
+        """Number of shapes."""
+        return len(self.exponents)
+
+    def values(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""
+        at = np.asarray(s, dtype=float)
+        shapes = [self._product(at, *pair, derivative) for pair in self.exponents]
+        return np.stack(shapes, axis=-1)
+
+    @staticmethod
+    def _product(s: Array, first: int, second: int, derivative: int) -> Array:
+        total = np.zeros_like(s)
+        for j in range(max(0, derivative - second), min(derivative, first) + 1):
+            factor = (
+                math.comb(derivative, j) * math.perm(first, j) * math.perm(second, derivative - j)
+            )
+            total = total + factor * s ** (first - j) * (s - 1.0) ** (second - derivative + j)
+        return total
+
+
+def symmetric_powers(terms: int) -> PowerProducts:
+    """Return s^k (s - 1)^k, k = 1..`terms`: symmetric about the middle of the arc."""
+    if terms < 1:
+        raise InvalidProblem(f'a series of powers needs at least one term, not {terms}')
+    return PowerProducts(tuple((k, k) for k in range(1, terms + 1)))
+
+
+def power_products(exponents: Sequence[tuple[int, int]]) -> PowerProducts:
+    """Return s^m1 (s - 1)^m2 for every pair (m1, m2)."""
+    return PowerProducts(tuple((int(a), int(b)) for a, b in exponents))

@@ -1,0 +1,98 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Derivatives by time from derivatives along the virtual arc, and back, exactly.
+
+With the speed factor lambda = dtau/dt, d/dt = lambda d/dtau, so that
+
+    x. = lambda x',   x.. = lambda^2 x'' + lambda lambda' x',   and so on to any order.
+
+Yakimenko (2006) has only the first terms ((20)-(22) leave out lambda'). The maps are linear in
+the derivatives of x and triangular, which is what makes the way back exact. All functions accept
+arrays of any (common) shape, complex ones included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tdm_planner.exceptions import InvalidProblem
+
+# Derivatives may be complex, where a caller differentiates by complex step.
+Values = NDArray[Any]
+
+
+def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> list[Values]:
+    """Return x, x., x.., ... from x, x', x'', ... and lambda, lambda', ...
+
+    As many as `derivatives` has; one element less of `speed` is needed.
+
+    Raises
+    ------
+    InvalidProblem
+        If `speed` has too few derivatives.
+    """
+    jet = [np.asarray(value) for value in derivatives]
+    factor = _speed_jet(speed, len(jet) - 1)
+    found = jet[:1]
+    while len(jet) > 1:
+        jet = _product(factor, jet[1:])
+        found.append(jet[0])
+    return found
+
+
+def arc_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> list[Values]:
+    """Return x, x', x'', ... from x, x., x.., ... and lambda, lambda', ...: the way back.
+
+    Raises
+    ------
+    InvalidProblem
+        If `speed` has too few derivatives.
+    """
+    wanted = [np.asarray(value) for value in derivatives]
+    factor = _speed_jet(speed, len(wanted) - 1)
+    found = wanted[:1]
+    for order in range(1, len(wanted)):
+        lower = time_derivatives([*found, np.zeros_like(found[0])], factor[:order])[-1]
+        found.append((wanted[order] - lower) / factor[0] ** order)
+    return found
+
+
+def reciprocal(derivatives: Sequence[ArrayLike]) -> list[Values]:
+    """Return 1/f and its derivatives from f and its derivatives: lambda from dt/dtau."""
+    jet = [np.asarray(value) for value in derivatives]
+    found = [1.0 / jet[0]]
+    for order in range(1, len(jet)):
+        terms: Any = sum(
+            math.comb(order, j) * jet[j] * found[order - j] for j in range(1, order + 1)
+        )
+        found.append(-terms / jet[0])
+    return found
+
+
+def path_speed(derivatives: Sequence[ArrayLike], speed_factor: ArrayLike) -> Values:
+    """Return V = lambda |x'|, (5), from the x'_i of all coordinates."""
+    total: Any = sum(np.asarray(value) ** 2 for value in derivatives)
+    return np.asarray(np.asarray(speed_factor) * np.sqrt(total))
+
+
+def _speed_jet(speed: Sequence[ArrayLike], size: int) -> list[Values]:
+    if len(speed) < size:
+        raise InvalidProblem(
+            f'{size} time derivatives need the speed factor and {size - 1} of its derivatives, '
+            f'but only {len(speed)} are given'
+        )
+    return [np.asarray(value) for value in speed[:size]]
+
+
+def _product(first: list[Values], second: list[Values]) -> list[Values]:
+    """Derivatives of a product, as many as the shorter factor has (Leibniz' rule)."""
+    count = min(len(first), len(second))
+    return [
+        np.asarray(sum(math.comb(n, j) * first[j] * second[n - j] for j in range(n + 1)))
+        for n in range(count)
+    ]
