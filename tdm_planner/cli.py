@@ -25,6 +25,13 @@ SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
 EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 
+# What a plain installation does without, and how to get it.
+OPTIONAL_PACKAGES = {
+    'rclpy': 'source a ROS 2 installation, or run make setup in the source tree',
+    'matplotlib': 'pip install matplotlib',
+    'rich': 'pip install rich',
+}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
@@ -38,8 +45,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except TdmError as error:
         _say(f'{error.code}: {error}')
         return EXIT_USAGE
+    except ImportError as error:
+        _say(_what_is_missing(error))
+        return EXIT_USAGE
     except KeyboardInterrupt:
         return 130
+
+
+def _what_is_missing(error: ImportError) -> str:
+    """Say how to get a package that is not installed; others' errors are passed on."""
+    if not isinstance(error, ModuleNotFoundError):
+        return str(error)  # ROS 2 is there twice, see tdm_planner.nodes.installation
+    package = (error.name or '').partition('.')[0]
+    if package not in OPTIONAL_PACKAGES:
+        raise error
+    return f"this needs '{package}', which is not installed: {OPTIONAL_PACKAGES[package]}"
 
 
 def _say(text: str) -> None:

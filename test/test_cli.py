@@ -32,7 +32,7 @@ def tdm(*arguments, cwd):
 def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(tmp_path):
     done = tdm('plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert 'swing-up in' in done.stdout
+    assert 'upright' in done.stdout
     plan = json.loads((tmp_path / 'plan.json').read_text())
     assert plan['interpolation'] == 'zero_order_hold'
     assert list(plan['states']) == ['theta', 'psi', 'theta_dot', 'psi_dot']
@@ -118,3 +118,28 @@ def test_usage_and_version(tmp_path):
     assert tdm(cwd=tmp_path).returncode == 2
     assert tdm('plan', 'pendulum', cwd=tmp_path).returncode == 2
     assert tdm('--version', cwd=tmp_path).stdout.startswith('tdm_planner 0.')
+
+
+@pytest.mark.parametrize(
+    ('package', 'arguments'),
+    [
+        ('rclpy', ['demo', 'pendulum']),
+        ('matplotlib', ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png']),
+    ],
+)
+def test_a_package_that_is_not_installed_is_named(tmp_path, package, arguments):
+    code = (
+        f'import sys; sys.modules[{package!r}] = None; '
+        f'from tdm_planner.cli import main; sys.exit(main({arguments!r}))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': str(SOURCE), 'ROS_LOG_DIR': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2
+    assert f"this needs '{package}', which is not installed" in done.stderr
+    assert 'Traceback' not in done.stderr
