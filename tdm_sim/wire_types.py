@@ -88,7 +88,7 @@ def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
     on_wire = str(wire_hash) if getattr(wire_hash, 'version', 0) > 0 else ''
     store = _standard_types()
     if type_name not in store.fielddefs or on_wire not in ('', store.hash_rihs01(type_name)):
-        store = _installed_types(type_name)
+        store = installed_types(type_name)
     definition, _ = store.generate_msgdef(type_name, ros_version=2)
     return definition, on_wire or store.hash_rihs01(type_name)
 
@@ -100,7 +100,7 @@ def _standard_types() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _installed_types(type_name: str) -> Any:
+def installed_types(type_name: str) -> Any:
     """Types read from the .msg files of the installed packages: `type_name` and its members."""
     from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
