@@ -250,7 +250,8 @@ def test_slow_motion(ros: Ros) -> None:
     assert rig.until(lambda s: abs(s.velocity[0]) > 0.1)
     assert ros.spin_until(lambda: len(rig.states) > 50)
     moving = [s for s in rig.states if abs(s.velocity[0]) > 0.1]
-    times, angles = (np.array(v) for v in zip(*((stamp(s), s.position[0]) for s in moving)))
+    times = np.array([stamp(s) for s in moving])
+    angles = np.array([s.position[0] for s in moving])
     velocities = np.array([s.velocity[0] for s in moving])
     means = 0.5 * (velocities[1:] + velocities[:-1])
     # The median: a stalled process leaves time out.

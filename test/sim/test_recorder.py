@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 import signal
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -77,7 +78,7 @@ def test_every_message_is_in_the_bag(
     states = ros.publisher(names[1], JointState)
     for k in range(300):
         states.publish(JointState(name=['disk'], position=[0.5 * k], effort=[-1.0 * k]))
-        ros.spin_for(0.002)
+        time.sleep(0.002)
     late = ros.publisher(names[2], String)
     late.publish(String(data='a late topic'))
     hasty = ros.publisher(names[3], String, BEST_EFFORT)
