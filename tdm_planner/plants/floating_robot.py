@@ -16,13 +16,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import ClassVar
+from typing import ClassVar, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.parameters import parameter, POSITIVE, Validated
-from tdm_planner.trajectory import Trajectory
+
+if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need
+    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
