@@ -3,9 +3,7 @@
 """The nonlinear program of section 4.2: performance index (28) under the limits of (17)-(19).
 
 Varied parameters: of every robot the time (or speed factor) and the shapes of its reference
-functions, see `ReferenceMotion`. With Y = (X_ss - X_s mu_s / mu) / mu, so that X'' = Y / mu along
-the arc, a robot's gas is the integral of |Y_xy| ds, by Clenshaw-Curtis quadrature on Chebyshev
-nodes, and its limits there are |Y_xy| <= F_max mu and |Y_yaw| <= T_max mu.
+functions, see `ReferenceMotion`; thrust, torque and gas by `InverseDynamics` at Chebyshev nodes.
 """
 
 from __future__ import annotations
@@ -21,53 +19,40 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
+from tdm_planner.problems.formation_cost import GasAndThrust
+from tdm_planner.problems.inverse_dynamics import clenshaw_curtis, InverseDynamics, NodeValues
 from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
-from tdm_planner.problems.separation import CircleSeparation, PairSeparation
-from tdm_planner.problems.thruster_rows import ThrusterRows
+from tdm_planner.problems.separation import (
+    CircleApproaches,
+    CircleSeparation,
+    PairApproaches,
+    PairSeparation,
+)
+from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-_GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
-_THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
 _CURVATURE_FLOOR = 1e-3  # smallest eigenvalue of a robot's Hessian, relative to its largest
 _NEAR = 0.6  # approaches within this share beyond the clearance become rows
 _ACTIVE_THRUST, _ACTIVE_TORQUE, _ACTIVE_WALL = 0.35, 0.5, 1.0
 
 
-def clenshaw_curtis(count: int) -> tuple[Array, Array]:
-    """Chebyshev-Lobatto nodes on [0, 1] and the weights of Clenshaw-Curtis quadrature."""
-    last = count - 1
-    angle = np.pi * np.arange(count) / last
-    moments = np.zeros(count)
-    even = np.arange(0, count, 2)
-    moments[even] = 2.0 / (1.0 - even**2)
-    cosines = np.cos(np.outer(np.arange(count), angle))
-    cosines[[0, -1]] *= 0.5
-    weights = (moments @ cosines) * 2.0 / last
-    weights[[0, -1]] *= 0.5
-    return 0.5 * (1.0 - np.cos(angle)), weights / 2.0
-
-
 @dataclass(frozen=True)
-class _Values:
-    """What `evaluate` found and `linearise` needs; K nodes, Y (n, 3, K) of x, y, yaw."""
+class FormationValues:
+    """What is known at one Xi; margins are relative to their limits, negative if violated.
+
+    `thrust`, `torque` (n, K) at the nodes, `walls` (n, 2, 2, W) [robot, side, axis, arc].
+    """
 
     motion: Motion
-    mu: Array
-    mu_slope: Array
-    first: Array
-    second: Array
-    y: Array
-    force: Array
-    smooth: Array
-    gas: Array
-    thrust_rows: Array
-    torque_rows: Array
-    wall_rows: Array
-    pairs: tuple[NDArray[np.intp], Array]
-    pair_values: tuple[Array, Array]
-    circles: tuple[NDArray[np.intp], NDArray[np.intp], Array]
-    circle_values: tuple[Array, Array]
+    nodes: NodeValues
+    thrust: Array
+    torque: Array
+    walls: Array
+    pairs: PairApproaches
+    circles: CircleApproaches
+    hodograph: HodographValues | None
 
 
 class FormationProgram(NonlinearProgram):
@@ -75,7 +60,7 @@ class FormationProgram(NonlinearProgram):
 
     Staying robots have only their times (and attitudes) varied. Constraints that are violated
     count relative to their limits. Group 0 holds all but the thruster's rate; with
-    `limit_thruster_rate` group 1 holds that.
+    `limit_thruster_rate` group 1 holds that. `scale` is a typical J, by which the cost is divided.
     """
 
     def __init__(
@@ -85,28 +70,22 @@ class FormationProgram(NonlinearProgram):
         common_instants: int = 32,
         limit_thruster_rate: bool = False,
     ) -> None:
-        self.model, task = model, model.task
-        n = task.n
-        count = nodes or max(21, 5 * model.order - 14)
-        s, self.weights = clenshaw_curtis(count)
-        self.nodes = s
-        self.basis = [powers(s, d, model.order) for d in range(3)]
-        self.yaw_basis = [powers(s, d, model.yaw_order) for d in range(3)]
-        self.speed = [model.speed_basis(s, d) for d in range(2)]
+        self.model = model
+        s, weights = clenshaw_curtis(nodes or max(21, 5 * model.order - 14))
+        self.dynamics = InverseDynamics(model, s)
+        self.gas = GasAndThrust(self.dynamics, weights)
         wall_count = 2 * model.order - 1
         self.wall_arcs = np.arange(1, wall_count + 1) / (wall_count + 1)
         self.wall_basis = powers(self.wall_arcs, 0, model.order)
-        self.wall_clearances = task.wall_clearances()
+        self.wall_clearances = model.task.wall_clearances()
         interval = 1.5 * model.time_scale / common_instants
         self.pairs = PairSeparation(model, interval, _NEAR)
         self.circles = CircleSeparation(model, common_instants, _NEAR)
         self.thruster = ThrusterRows(model, s) if limit_thruster_rate else None
-        self.evaluations = 0
         self.groups = 2 if limit_thruster_rate else 1
-        self.rest = _GAS_SMOOTHING * task.thrust
+        self.evaluations = 0
         self.scale = self._typical_cost()
-        self._fixed_jacobian = self._shape_jacobian()
-        self._set_bounds(n)
+        self._set_bounds()
 
     def _typical_cost(self) -> float:
         task, time = self.model.task, 1.5 * self.model.time_scale
@@ -115,17 +94,18 @@ class FormationProgram(NonlinearProgram):
         w = task.weights
         return float(max(w[0] * time + w[2] * gas + 0.1 * w[1] * time, 1e-9))
 
-    def _set_bounds(self, n: int) -> None:
+    def _set_bounds(self) -> None:
         model, task = self.model, self.model.task
-        free = np.ones((n, model.size), dtype=bool)
-        free[task.staying, model.nb : model.nb + 2 * model.nf] = False
+        shape, nb = (task.n, model.size), model.nb
+        free = np.ones(shape, dtype=bool)
+        free[task.staying, nb : nb + 2 * model.nf] = False
         self.free = np.flatnonzero(free.ravel())
-        lower, upper = np.full((n, model.size), -np.inf), np.full((n, model.size), np.inf)
-        shortest = 0.05 if model.degree == 0 else 0.4
-        lower[:, : model.nb] = shortest
-        lower[task.staying, : model.nb] = 0.02
+        lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
+        # The speed factor's coefficients must stay positive, and well so.
+        lower[:, :nb] = 0.05 if model.degree == 0 else 0.4
+        lower[task.staying, :nb] = 0.02
         latest = np.maximum(task.longest - task.coast, 0.1) / model.time_scale
-        upper[:, : model.nb] = latest[:, None]
+        upper[:, :nb] = latest[:, None]
         lower = np.minimum(lower, 0.9 * upper)
         self.lower, self.upper = lower.ravel()[self.free], upper.ravel()[self.free]
 
@@ -147,152 +127,65 @@ class FormationProgram(NonlinearProgram):
         """Performance index, relative to a typical one, and violations; see the base class."""
         task = self.model.task
         self.evaluations += 1
-        motion = self.model.unpack(self.full(xi))
-        values = self._values(motion)
-        arrivals = task.coast + motion.durations
-        cost = sum(task.cost_terms(arrivals, values.gas).values()) / self.scale
-        worst = max(
-            0.0,
-            -values.thrust_rows.min(),
-            -values.torque_rows.min(),
-            -values.wall_rows.min(),
-            -values.pair_values[0].min(initial=0.0),
-            -values.circle_values[0].min(initial=0.0),
+        values = self.values(xi)
+        gas = self.gas.gas(values.nodes)
+        terms = task.cost_terms(task.coast + values.motion.durations, gas)
+        worst = min(
+            values.thrust.min(),
+            values.torque.min(),
+            values.walls.min(),
+            values.pairs.margins.min(initial=0.0),
+            values.circles.margins.min(initial=0.0),
         )
-        violations = [worst]
-        rate_cache = None
-        if self.thruster is not None:
-            rate_cache = self.thruster.values(motion)
-            violations.append(max(0.0, -rate_cache.margins.min()))
-        return Point(np.asarray(xi), cost, np.array(violations), (values, rate_cache))
-
-    def binding(self, point: Point) -> str:
-        """Name the constraint that is violated most at `point`, in words."""
-        values: _Values = point.cache[0]
-        names = self.model.task.names
-
-        def robot(rows: Array) -> str:
-            return f"'{names[int(np.argmin(rows.reshape(len(names), -1).min(axis=1)))]}'"
-
-        def pair() -> str:
-            worst = values.pairs[0][int(np.argmin(values.pair_values[0]))]
-            first, second = self.pairs.first[worst], self.pairs.second[worst]
-            return f"'{names[first]}' and '{names[second]}'"
-
-        margins = {
-            f'limits.thrust of {robot(values.thrust_rows)}': values.thrust_rows.min(),
-            f'limits.torque of {robot(values.torque_rows)}': values.torque_rows.min(),
-            f'the distance of {robot(values.wall_rows)} from the walls': values.wall_rows.min(),
-        }
-        if values.pair_values[0].size:
-            label = f'arena.minimum_separation of {pair()}'
-            margins[label] = values.pair_values[0].min()
-        if values.circle_values[0].size:
-            worst = names[values.circles[0][int(np.argmin(values.circle_values[0]))]]
-            label = f"the distance of '{worst}' from keep-out zones or staying robots"
-            margins[label] = values.circle_values[0].min()
-        return min(margins, key=lambda label: float(margins[label]))
-
-    def _values(self, motion: Motion) -> _Values:
-        task = self.model.task
-        mu = motion.rates @ self.speed[0].T
-        mu_slope = motion.rates @ self.speed[1].T
-        first = np.concatenate(
-            [motion.position @ self.basis[1].T, (motion.yaw @ self.yaw_basis[1].T)[:, None]],
-            axis=1,
+        violations = [max(0.0, -worst)]
+        if values.hodograph is not None:
+            violations.append(max(0.0, -values.hodograph.margins.min()))
+        return Point(
+            np.asarray(xi), sum(terms.values()) / self.scale, np.array(violations), values
         )
-        second = np.concatenate(
-            [motion.position @ self.basis[2].T, (motion.yaw @ self.yaw_basis[2].T)[:, None]],
-            axis=1,
-        )
-        y = (second - first * (mu_slope / mu)[:, None]) / mu[:, None]
-        force = np.sqrt(y[:, 0] ** 2 + y[:, 1] ** 2)
-        smooth = np.sqrt(force**2 + (self.rest * mu) ** 2)
-        at_walls = motion.position @ self.wall_basis.T
-        low = at_walls - self.wall_clearances[:, :, 0, None]
-        high = task.sides[:, None] - self.wall_clearances[:, :, 1, None] - at_walls
-        near = self.pairs.nearest(motion)
-        circles = self.circles.nearest(motion)
-        return _Values(
+
+    def values(self, xi: Array) -> FormationValues:
+        """Motions and margins at Xi."""
+        task, motion = self.model.task, self.motion(xi)
+        nodes = self.dynamics.at(motion)
+        places = motion.position @ self.wall_basis.T
+        low = places - self.wall_clearances[:, :, 0, None]
+        high = task.sides[:, None] - self.wall_clearances[:, :, 1, None] - places
+        return FormationValues(
             motion=motion,
-            mu=mu,
-            mu_slope=mu_slope,
-            first=first,
-            second=second,
-            y=y,
-            force=force,
-            smooth=smooth,
-            gas=smooth @ self.weights,
-            thrust_rows=1.0 - force / (_THRUST_SHARE * task.thrust * mu),
-            torque_rows=1.0 - np.abs(y[:, 2]) / (task.torque * mu),
-            wall_rows=np.stack([low, high], axis=1) / task.separation,
-            pairs=near,
-            pair_values=self.pairs.values(motion, *near),
-            circles=circles,
-            circle_values=self.circles.values(motion, *circles),
+            nodes=nodes,
+            thrust=self.gas.margins(nodes),
+            torque=1.0 - np.abs(nodes.y[:, 2]) / (task.torque * nodes.mu),
+            walls=np.stack([low, high], axis=1) / task.separation,
+            pairs=self.pairs.nearest(motion),
+            circles=self.circles.nearest(motion),
+            hodograph=None if self.thruster is None else self.thruster.values(motion),
         )
-
-    def _shape_jacobian(self) -> tuple[Array, Array]:
-        """X_s and X_ss differentiated with respect to the scaled shapes: (3, K, P) each."""
-        model, count = self.model, self.nodes.size
-        slopes = []
-        for derivative in (1, 2):
-            slope = np.zeros((3, count, model.size))
-            shapes = self.basis[derivative] @ model.basis.free * model.length_scale
-            for axis in range(2):
-                begin = model.nb + axis * model.nf
-                slope[axis, :, begin : begin + model.nf] = shapes
-            if model.ny:
-                yaw = self.yaw_basis[derivative] @ model.yaw_basis.free * model.yaw_scale
-                slope[2, :, model.nb + 2 * model.nf :] = yaw
-            slopes.append(slope)
-        return slopes[0], slopes[1]
-
-    def _slopes(self, values: _Values) -> tuple[Array, Array, Array]:
-        """X_s, X_ss (n, 3, K, P) and Y (n, 3, K, P) differentiated with respect to Z."""
-        model, motion = self.model, values.motion
-        n, nb = model.task.n, model.nb
-        first = np.broadcast_to(
-            self._fixed_jacobian[0], (n, *self._fixed_jacobian[0].shape)
-        ).copy()
-        second = np.broadcast_to(self._fixed_jacobian[1], first.shape).copy()
-        for target, d in ((first, 1), (second, 2)):
-            if model.moving_start:
-                slope = motion.position_slope @ self.basis[d].T * model.time_scale
-                target[:, :2, :, :nb] = np.swapaxes(slope, 2, 3)
-            slope = motion.yaw_slope @ self.yaw_basis[d].T * model.time_scale
-            target[:, 2, :, :nb] = np.swapaxes(slope, 1, 2)
-        mu, ratio = values.mu[:, None, :, None], (values.mu_slope / values.mu)[:, None, :, None]
-        y = (second - first * ratio) / mu if model.degree else second / mu
-        by_mu = -(values.y - values.first * (values.mu_slope / values.mu**2)[:, None])
-        by_mu = by_mu / values.mu[:, None]
-        y[..., :nb] += by_mu[..., None] * self.speed[0] * model.time_scale
-        if model.degree:
-            by_slope = -values.first / values.mu[:, None] ** 2
-            y[..., :nb] += by_slope[..., None] * self.speed[1] * model.time_scale
-        return first, second, y
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of gas and thrust rows, see the base class."""
-        values: _Values = point.cache[0]
+        values: FormationValues = point.cache
         task, model = self.model.task, self.model
         n, size = task.n, model.size
-        first, second, y_slope = self._slopes(values)
-        rows, numbers, groups = self._rows(values, y_slope)
-        if self.thruster is not None:
-            margins, jacobian = self.thruster.rows(values.motion, point.cache[1])
-            rows.append(jacobian)
-            numbers.append(margins)
-            groups.append(np.ones(margins.size, dtype=np.intp))
+        slopes = self.dynamics.slopes(values.motion, values.nodes)
+        gradient, hessian = self.gas.derivatives(
+            values.nodes, slopes, task.weights[2] / self.scale, self._thrust_dual(multipliers)
+        )
         durations = np.zeros((n, n, size))
         durations[np.arange(n), np.arange(n), : model.nb] = model.time_scale / model.nb
         durations = durations.reshape(n, -1)[:, self.free]
-        gradient, hessian = self._cost_derivatives(values, first, second, y_slope, multipliers)
-        gradient = gradient + task.weights[0] / self.scale * durations[0]
+        first = task.weights[0] / self.scale * durations[0]
         late = np.diff(task.coast + values.motion.durations) - task.interval
+        numbers, rows = self._rows(values, slopes.y)
+        groups = [np.zeros(len(number), dtype=np.intp) for number in numbers]
+        if self.thruster is not None and values.hodograph is not None:
+            margins, jacobian = self.thruster.rows(values.motion, values.hodograph)
+            numbers.append(margins)
+            rows.append(jacobian)
+            groups.append(np.ones(margins.size, dtype=np.intp))
         return Linearisation(
-            gradient=gradient,
-            hessian=hessian,
+            gradient=gradient.ravel()[self.free] + first,
+            hessian=self.definite(hessian),
             equalities=np.zeros(0),
             equality_jacobian=np.zeros((0, self.free.size)),
             inequalities=np.concatenate(numbers),
@@ -301,129 +194,56 @@ class FormationProgram(NonlinearProgram):
             terms=late / model.time_scale,
             terms_jacobian=np.diff(durations, axis=0) / model.time_scale,
             term_weights=np.full(n - 1, task.weights[1] * model.time_scale / self.scale),
-            tags=np.nonzero(values.thrust_rows < _ACTIVE_THRUST),
+            tags=np.nonzero(values.thrust < _ACTIVE_THRUST),
         )
 
-    def _rows(
-        self, values: _Values, y_slope: Array
-    ) -> tuple[list[Array], list[Array], list[NDArray[np.intp]]]:
-        """Rows near active, as (r, n, P), with their values and groups; thrust rows first."""
-        task, model, nb = self.model.task, self.model, self.model.nb
-        rows, numbers = [], []
-        mu_slope = self.speed[0] * model.time_scale
+    def _rows(self, values: FormationValues, y_slope: Array) -> tuple[list[Array], list[Array]]:
+        """Margins near active and their slopes (r, n, P), thrust first."""
+        task, model, nodes = self.model.task, self.model, values.nodes
+        numbers, rows = [], []
 
-        def add(robots: NDArray[np.intp], number: Array, jacobian: Array) -> None:
+        def add(robots: Indices, margins: Array, slopes: Array) -> None:
             row = np.zeros((robots.size, task.n, model.size))
-            row[np.arange(robots.size), robots] = jacobian
+            row[np.arange(robots.size), robots] = slopes
+            numbers.append(margins)
             rows.append(row)
-            numbers.append(number)
 
-        i, k = np.nonzero(values.thrust_rows < _ACTIVE_THRUST)
-        limit = _THRUST_SHARE * task.thrust * values.mu[i, k]
-        unit = values.y[i, :2, k] / np.maximum(values.force[i, k], 1e-9)[:, None]
-        jacobian = -np.einsum('rd,rdp->rp', unit, y_slope[i, :2, k]) / limit[:, None]
-        share = (1.0 - values.thrust_rows[i, k]) / values.mu[i, k]
-        jacobian[:, :nb] += share[:, None] * mu_slope[k]
-        add(i, values.thrust_rows[i, k], jacobian)
+        i, k = np.nonzero(values.thrust < _ACTIVE_THRUST)
+        add(i, values.thrust[i, k], self.gas.margin_rows(nodes, y_slope, i, k))
 
-        i, k = np.nonzero(values.torque_rows < _ACTIVE_TORQUE)
-        sign = np.sign(values.y[i, 2, k]) / (task.torque * values.mu[i, k])
-        jacobian = -sign[:, None] * y_slope[i, 2, k]
-        share = (1.0 - values.torque_rows[i, k]) / values.mu[i, k]
-        jacobian[:, :nb] += share[:, None] * mu_slope[k]
-        add(i, values.torque_rows[i, k], jacobian)
+        i, k = np.nonzero(values.torque < _ACTIVE_TORQUE)
+        sign = np.sign(nodes.y[i, 2, k]) / (task.torque * nodes.mu[i, k])
+        share = (1.0 - values.torque[i, k]) / nodes.mu[i, k]
+        slopes = share[:, None] * self.dynamics.mu_jacobian[k] - sign[:, None] * y_slope[i, 2, k]
+        add(i, values.torque[i, k], slopes)
 
-        i, side, axis, k = np.nonzero(values.wall_rows < _ACTIVE_WALL)
+        i, side, axis, k = np.nonzero(values.walls < _ACTIVE_WALL)
         sign = np.where(side == 0, 1.0, -1.0) / task.separation
-        _, slope = model.points(values.motion, i, self.wall_arcs[k], at_fixed_time=False)
-        add(i, values.wall_rows[i, side, axis, k], sign[:, None] * slope[np.arange(i.size), axis])
+        _, places = model.points(values.motion, i, self.wall_arcs[k], at_fixed_time=False)
+        slopes = sign[:, None] * places[np.arange(i.size), axis]
+        add(i, values.walls[i, side, axis, k], slopes)
 
-        for near in (
-            self.pairs.rows(values.motion, *values.pairs, *values.pair_values),
-            self.circles.rows(values.motion, *values.circles, *values.circle_values),
-        ):
-            rows.append(near.jacobian)
-            numbers.append(near.values)
-        return rows, numbers, [np.zeros(len(number), dtype=np.intp) for number in numbers]
+        numbers += [values.pairs.margins, values.circles.margins]
+        rows += [
+            self.pairs.rows(values.motion, values.pairs),
+            self.circles.rows(values.motion, values.circles),
+        ]
+        return numbers, rows
 
-    def _cost_derivatives(
-        self,
-        values: _Values,
-        first: Array,
-        second: Array,
-        y_slope: Array,
-        multipliers: Multipliers | None,
-    ) -> tuple[Array, Array]:
-        """Gradient of the gas and Hessian of gas plus multipliers times thrust rows."""
-        task, model, nb = self.model.task, self.model, self.model.nb
-        n, size, mu = task.n, model.size, values.mu
-        weight = task.weights[2] / self.scale * self.weights
-        scaled = np.zeros((n, 3, self.nodes.size, size))
-        scaled[:, :2] = y_slope[:, :2]
-        mu_slope = np.zeros((self.nodes.size, size))
-        mu_slope[:, :nb] = self.speed[0] * model.time_scale
-        scaled[:, 2] = self.rest * mu_slope
-        unit = np.stack([values.y[:, 0], values.y[:, 1], self.rest * mu], axis=1)
-        unit = unit / values.smooth[:, None]
-        along = np.einsum('ndk,ndkp->nkp', unit, scaled)
-        gradient = np.einsum('k,nkp->np', weight, along)
-        hessian = _norm_hessian(scaled, along, weight / values.smooth)
-        pull = weight * unit[:, :2]
-        dual = self._thrust_multipliers(multipliers)
-        if dual is not None:
-            force = np.maximum(values.force, 1e-6 * task.thrust * mu)
-            unit2 = values.y[:, :2] / force[:, None]
-            along2 = np.einsum('ndk,ndkp->nkp', unit2, y_slope[:, :2])
-            factor = dual / (_THRUST_SHARE * task.thrust * mu)
-            hessian += _norm_hessian(y_slope[:, :2], along2, factor / force)
-            cross = np.einsum('nk,nkp,kr->npr', factor / mu, along2, mu_slope)
-            hessian -= cross + np.swapaxes(cross, 1, 2)
-            twice = np.einsum('nk,kp,kr->npr', 2 * factor * force / mu**2, mu_slope, mu_slope)
-            hessian += twice
-            pull = pull + factor[:, None] * unit2
-        hessian += self._curvature_of_y(values, first, second, pull, mu_slope)
-        return gradient.ravel()[self.free], self._definite(hessian)
-
-    def _curvature_of_y(
-        self, values: _Values, first: Array, second: Array, pull: Array, mu_slope: Array
-    ) -> Array:
-        """Sum of `pull` (n, 2, K) times the second derivatives of Y_x and Y_y (n, P, P)."""
-        model, mu = self.model, values.mu[:, None]
-        by_second = np.einsum('ndk,ndkp->nkp', pull / mu**2, second[:, :2])
-        half = -np.einsum('nkp,kr->npr', by_second, mu_slope)
-        whole = 2 * (pull * values.second[:, :2] / mu**3).sum(axis=1)
-        if model.degree:
-            slope_slope = np.zeros_like(mu_slope)
-            slope_slope[:, : model.nb] = self.speed[1] * model.time_scale
-            ratio = values.mu_slope[:, None] / mu
-            by_first = np.einsum('ndk,ndkp->nkp', pull / mu**2, first[:, :2])
-            half -= np.einsum('nkp,kr->npr', by_first, slope_slope)
-            by_first = np.einsum('ndk,ndkp->nkp', 2 * pull * ratio / mu**2, first[:, :2])
-            half += np.einsum('nkp,kr->npr', by_first, mu_slope)
-            mixed = 2 * (pull * values.first[:, :2] / mu**3).sum(axis=1)
-            half += np.einsum('nk,kp,kr->npr', mixed, slope_slope, mu_slope)
-            whole -= 6 * (pull * values.first[:, :2] * ratio / mu**3).sum(axis=1)
-        total = half + np.swapaxes(half, 1, 2)
-        total += np.einsum('nk,kp,kr->npr', whole, mu_slope, mu_slope)
-        if model.moving_start and not model.vary_ends:
-            bend = self.basis[2] - 0.0
-            if model.degree:
-                bend = bend[None] - self.basis[1] * (values.mu_slope / values.mu)[..., None]
-            given = bend @ model.basis.given[:, 2] / values.mu
-            twice = 2 * model.task.acceleration[..., None] * given[:, None]
-            total[:, 0, 0] += model.time_scale**2 * (pull * twice).sum(axis=(1, 2))
-        return np.asarray(total)
-
-    def _thrust_multipliers(self, multipliers: Multipliers | None) -> Array | None:
+    def _thrust_dual(self, multipliers: Multipliers | None) -> Array | None:
+        """Multipliers of the thrust rows at every node (n, K)."""
         if multipliers is None:
             return None
         robots, nodes = multipliers.tags
-        dual = np.zeros((self.model.task.n, self.nodes.size))
+        dual = np.zeros((self.model.task.n, self.dynamics.nodes.size))
         dual[robots, nodes] = multipliers.inequalities[: robots.size]
         return dual if dual.any() else None
 
-    def _definite(self, blocks: Array) -> Array:
-        """Block-diagonal Hessian of the free parameters, with eigenvalues lifted above zero."""
+    def definite(self, blocks: Array) -> Array:
+        """Hessian (m, m) of the free parameters from the robots' blocks (n, P, P).
+
+        Their eigenvalues are lifted above zero.
+        """
         n, size = self.model.task.n, self.model.size
         values, vectors = np.linalg.eigh(blocks)
         floor = _CURVATURE_FLOOR * np.maximum(1e-3, values[:, -1:])
@@ -432,11 +252,27 @@ class FormationProgram(NonlinearProgram):
         hessian[np.arange(n), :, np.arange(n), :] = lifted
         return hessian.reshape(n * size, n * size)[np.ix_(self.free, self.free)]
 
+    def binding(self, point: Point) -> str:
+        """Name the constraint that is violated most at `point`, in words."""
+        values: FormationValues = point.cache
+        names = self.model.task.names
 
-def _norm_hessian(slope: Array, along: Array, weight: Array) -> Array:
-    """Sum over nodes of weight (S'S - ss'); S: `slope` (n, d, K, P), s: `along` (n, K, P)."""
-    n, d, count, size = slope.shape
-    flat = slope.reshape(n, d * count, size)
-    weighted = (slope * weight[:, None, :, None]).reshape(n, d * count, size)
-    outer = np.swapaxes(along * weight[..., None], 1, 2) @ along
-    return np.asarray(np.swapaxes(weighted, 1, 2) @ flat - outer)
+        def worst(margins: Array) -> str:
+            return f"'{names[int(np.argmin(margins.reshape(len(names), -1).min(axis=1)))]}'"
+
+        found = {
+            f'limits.thrust of {worst(values.thrust)}': values.thrust.min(),
+            f'limits.torque of {worst(values.torque)}': values.torque.min(),
+            f'the distance of {worst(values.walls)} from the walls': values.walls.min(),
+        }
+        if values.pairs.margins.size:
+            first, second = self.pairs.robots(values.pairs)
+            k = int(np.argmin(values.pairs.margins))
+            label = f"arena.minimum_separation of '{names[first[k]]}' and '{names[second[k]]}'"
+            found[label] = values.pairs.margins[k]
+        if values.circles.margins.size:
+            k = int(np.argmin(values.circles.margins))
+            name = names[values.circles.robot[k]]
+            label = f"the distance of '{name}' from keep-out zones or staying robots"
+            found[label] = values.circles.margins[k]
+        return min(found, key=lambda label: float(found[label]))

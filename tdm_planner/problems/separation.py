@@ -19,11 +19,29 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-class Approaches(NamedTuple):
-    """Near approaches: d / clearance - 1 (r,), and its derivative with respect to Z (r, n, P)."""
+class PairApproaches(NamedTuple):
+    """Near approaches of two robots: index of the pair (r,) and instant [s] (r,).
 
-    values: Array
-    jacobian: Array
+    `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the second to the first.
+    """
+
+    pair: Indices
+    time: Array
+    margins: Array
+    unit: Array
+
+
+class CircleApproaches(NamedTuple):
+    """Near approaches of a robot to a circle: robot, circle and arc (r,).
+
+    `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the circle's centre.
+    """
+
+    robot: Indices
+    circle: Indices
+    arc: Array
+    margins: Array
+    unit: Array
 
 
 class PairSeparation:
@@ -39,23 +57,28 @@ class PairSeparation:
         self.first, self.second = moving[first], moving[second]
         self.clearances = model.task.pair_clearances(self.first, self.second)
 
-    def nearest(self, motion: Motion) -> tuple[Indices, Array]:
-        """Pairs (r,) and instants [s] (r,) of their near approaches."""
+    def nearest(self, motion: Motion) -> PairApproaches:
+        """Find the near approaches."""
         if not self.first.size:
-            return np.zeros(0, dtype=np.intp), np.zeros(0)
+            return self.at(motion, np.zeros(0, dtype=np.intp), np.zeros(0))
         last = float((motion.durations + self.model.task.coast).max())
         t: Array = self.interval * np.arange(int(np.ceil(last / self.interval)) + 1.0)
         position = self.model.position_at(motion, t)
         share, distance = _nearest_on_chords(position[self.first] - position[self.second])
         pair, k = np.nonzero(distance < (1.0 + self.near) * self.clearances[:, None])
-        return pair, (k + share[pair, k]) * self.interval
+        return self.at(motion, pair, (k + share[pair, k]) * self.interval)
 
-    def values(self, motion: Motion, pair: Indices, t: Array) -> tuple[Array, Array]:
-        """Distances as d / clearance - 1 (r,), and unit vectors between the two (r, 2)."""
+    def at(self, motion: Motion, pair: Indices, t: Array) -> PairApproaches:
+        """Distances of the pairs (r,) at the instants t (r,) s."""
         apart = self._positions(motion, self.first[pair], t)
         apart = apart - self._positions(motion, self.second[pair], t)
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        return distance / self.clearances[pair] - 1.0, apart / distance[:, None]
+        margins = distance / self.clearances[pair] - 1.0
+        return PairApproaches(pair, t, margins, apart / distance[:, None])
+
+    def robots(self, near: PairApproaches) -> tuple[Indices, Indices]:
+        """Return both robots of every approach."""
+        return self.first[near.pair], self.second[near.pair]
 
     def _arcs(self, motion: Motion, robots: Indices, t: Array) -> Array:
         if self.model.degree:
@@ -70,18 +93,16 @@ class PairSeparation:
         early = np.minimum(t - self.model.task.coast[robots], 0.0)
         return np.asarray(value + self.model.task.velocity[robots] * early[:, None])
 
-    def rows(
-        self, motion: Motion, pair: Indices, t: Array, values: Array, unit: Array
-    ) -> Approaches:
-        """Linearise the near approaches at `values` and `unit` vectors."""
-        count = np.arange(pair.size)
-        jacobian = np.zeros((pair.size, self.model.task.n, self.model.size))
-        direction = unit / self.clearances[pair, None]
-        for sign, robots in ((1.0, self.first[pair]), (-1.0, self.second[pair])):
-            s = self._arcs(motion, robots, t)
+    def rows(self, motion: Motion, near: PairApproaches) -> Array:
+        """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
+        count = np.arange(near.pair.size)
+        jacobian = np.zeros((near.pair.size, self.model.task.n, self.model.size))
+        direction = near.unit / self.clearances[near.pair, None]
+        for sign, robots in zip((1.0, -1.0), self.robots(near), strict=True):
+            s = self._arcs(motion, robots, near.time)
             _, slope = self.model.points(motion, robots, s, at_fixed_time=True)
             jacobian[count, robots] = sign * np.einsum('rd,rdp->rp', direction, slope)
-        return Approaches(values, jacobian)
+        return jacobian
 
 
 class CircleSeparation:
@@ -94,11 +115,11 @@ class CircleSeparation:
         self.arcs = np.linspace(0.0, 1.0, segments + 1)
         self.monomials = self.arcs[:, None] ** np.arange(model.order + 1)
 
-    def nearest(self, motion: Motion) -> tuple[Indices, Indices, Array]:
-        """Robots, circles and arcs (r,) of the near approaches."""
+    def nearest(self, motion: Motion) -> CircleApproaches:
+        """Find the near approaches."""
         if not self.centres.size or not self.moving.size:
             none = np.zeros(0, dtype=np.intp)
-            return none, none, np.zeros(0)
+            return CircleApproaches(none, none, np.zeros(0), np.zeros(0), np.zeros((0, 2)))
         position = motion.position[self.moving] @ self.monomials.T
         apart = position[:, None] - self.centres[None, :, :, None]
         flat = apart.reshape(-1, 2, self.arcs.size)
@@ -107,33 +128,26 @@ class CircleSeparation:
         limit = (1.0 + self.near) * self.clearances[self.moving]
         robot, circle, k = np.nonzero(distance.reshape(shape) < limit[..., None])
         s = (k + share.reshape(shape)[robot, circle, k]) / (self.arcs.size - 1)
-        return self.moving[robot], circle, s
+        return self.at(motion, self.moving[robot], circle, s)
 
-    def values(
-        self, motion: Motion, robot: Indices, circle: Indices, s: Array
-    ) -> tuple[Array, Array]:
-        """Distances as d / clearance - 1 (r,), and unit vectors from the circles (r, 2)."""
+    def at(self, motion: Motion, robot: Indices, circle: Indices, s: Array) -> CircleApproaches:
+        """Distances of robots (r,) from circles (r,) at the arcs s (r,)."""
         monomials = s[:, None] ** np.arange(self.model.order + 1)
         position = (motion.position[robot] @ monomials[..., None])[..., 0]
         apart = position - self.centres[circle]
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        return distance / self.clearances[robot, circle] - 1.0, apart / distance[:, None]
+        margins = distance / self.clearances[robot, circle] - 1.0
+        return CircleApproaches(robot, circle, s, margins, apart / distance[:, None])
 
-    def rows(
-        self,
-        motion: Motion,
-        robot: Indices,
-        circle: Indices,
-        s: Array,
-        values: Array,
-        unit: Array,
-    ) -> Approaches:
-        """Linearise the near approaches at `values` and `unit` vectors."""
-        jacobian = np.zeros((robot.size, self.model.task.n, self.model.size))
-        direction = unit / self.clearances[robot, circle, None]
-        _, slope = self.model.points(motion, robot, s, at_fixed_time=False)
-        jacobian[np.arange(robot.size), robot] = np.einsum('rd,rdp->rp', direction, slope)
-        return Approaches(values, jacobian)
+    def rows(self, motion: Motion, near: CircleApproaches) -> Array:
+        """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
+        jacobian = np.zeros((near.robot.size, self.model.task.n, self.model.size))
+        direction = near.unit / self.clearances[near.robot, near.circle, None]
+        _, slope = self.model.points(motion, near.robot, near.arc, at_fixed_time=False)
+        jacobian[np.arange(near.robot.size), near.robot] = np.einsum(
+            'rd,rdp->rp', direction, slope
+        )
+        return jacobian
 
 
 def _nearest_on_chords(apart: Array) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ class ThrusterRows:
         share = np.clip(along / ((chord * chord).sum(axis=1) + 1e-30), 0.0, 1.0)
         arcs = self.nodes[:-1] + share * np.diff(self.nodes)
         robots = np.repeat(np.arange(n), count)
-        margins, _ = self._margins(motion, robots, arcs.ravel(), linearise=False)
+        margins, _ = self.margins(motion, robots, arcs.ravel(), linearise=False)
         shaped = np.swapaxes(margins.reshape(2, n, count), 0, 1).copy()
         shaped[model.task.staying] = 1.0
         return HodographValues(arcs, shaped)
@@ -66,12 +66,12 @@ class ThrusterRows:
         model = self.model
         near = values.margins.min(axis=1) < _ACTIVE
         robots, k = np.nonzero(near)
-        margins, slopes = self._margins(motion, robots, values.arcs[robots, k], linearise=True)
+        margins, slopes = self.margins(motion, robots, values.arcs[robots, k], linearise=True)
         jacobian = np.zeros((2, robots.size, model.task.n, model.size))
         jacobian[:, np.arange(robots.size), robots] = slopes
         return margins.ravel(), jacobian.reshape(-1, model.task.n, model.size)
 
-    def _margins(
+    def margins(
         self, motion: Motion, robots: NDArray[np.intp], s: Array, linearise: bool
     ) -> tuple[Array, Array]:
         """Margins of delta >= -limit and delta <= limit (2, r), and slopes (2, r, P)."""

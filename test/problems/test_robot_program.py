@@ -9,8 +9,9 @@ import pytest
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_program import clenshaw_curtis, FormationProgram
+from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
+from tdm_planner.problems.inverse_dynamics import clenshaw_curtis
 from tdm_planner.problems.reference_motion import ReferenceMotion
 
 FORMS = {
@@ -71,17 +72,13 @@ def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
     program, xi = program_and_point(form, moving)
     point = program.evaluate(xi)
     at = program.linearise(point, None)
-    values = point.cache[0]
-    near = [
-        values.thrust_rows < 0.35,
-        values.torque_rows < 0.5,
-        values.wall_rows < 1.0,
-    ]
+    values = point.cache
+    near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
     assert all(mask.any() for mask in near[::2])
 
     def margins(x):
-        here = program.evaluate(x).cache[0]
-        rows = (here.thrust_rows, here.torque_rows, here.wall_rows)
+        here = program.values(x)
+        rows = (here.thrust, here.torque, here.walls)
         return np.concatenate([row[mask] for row, mask in zip(rows, near, strict=True)])
 
     count = margins(xi).size
@@ -97,29 +94,27 @@ def test_derivatives_of_separations_at_fixed_instants(form, moving):
     pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
     robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
     motion = program.motion(xi)
-    near_pairs = pairs.rows(motion, pair, t, *pairs.values(motion, pair, t))
-    assert near_pairs.jacobian[:3].any(axis=(1, 2)).all()
-    assert near_pairs.jacobian[3] == pytest.approx(0.0, abs=1e-9), 'both have arrived'
-    numeric = central(lambda x: pairs.values(program.motion(x), pair, t)[0], xi)
-    jacobian = near_pairs.jacobian.reshape(4, -1)[:, program.free]
-    assert jacobian == pytest.approx(numeric, abs=1e-5)
-    near = circles.rows(motion, robot, circle, s, *circles.values(motion, robot, circle, s))
-    numeric = central(lambda x: circles.values(program.motion(x), robot, circle, s)[0], xi)
-    assert near.jacobian.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+    slopes = pairs.rows(motion, pairs.at(motion, pair, t))
+    assert slopes[:3].any(axis=(1, 2)).all()
+    assert slopes[3] == pytest.approx(0.0, abs=1e-9), 'both have arrived'
+    numeric = central(lambda x: pairs.at(program.motion(x), pair, t).margins, xi)
+    assert slopes.reshape(4, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+    slopes = circles.rows(motion, circles.at(motion, robot, circle, s))
+    numeric = central(lambda x: circles.at(program.motion(x), robot, circle, s).margins, xi)
+    assert slopes.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
 
 
 @pytest.mark.parametrize('form', FORMS)
 def test_nearest_approaches_are_those_of_a_dense_sampling(form):
     program, xi = program_and_point(form)
     motion = program.motion(xi)
-    pair, t = program.pairs.nearest(motion)
-    found = program.pairs.values(motion, pair, t)[0]
+    near = program.pairs.nearest(motion)
     dense = program.model.position_at(motion, np.linspace(0.0, 60.0, 6001))
     for k, (i, j) in enumerate(itertools.combinations(range(3), 2)):
         distance = np.linalg.norm(dense[i] - dense[j], axis=0).min()
         margin = distance / program.pairs.clearances[k] - 1.0
         if margin < 0.5:
-            assert found[pair == k].min() == pytest.approx(margin, abs=5e-3)
+            assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
 
 
 @pytest.mark.parametrize('moving', [False, True])
@@ -131,9 +126,9 @@ def test_derivatives_of_the_thruster_rows_at_fixed_arcs(form, moving):
     arcs = np.array([0.1, 0.4, 0.7, 0.95])
 
     def margins(x):
-        return rows._margins(program.motion(x), robots, arcs, linearise=False)[0].ravel()
+        return rows.margins(program.motion(x), robots, arcs, linearise=False)[0].ravel()
 
-    slopes = rows._margins(program.motion(xi), robots, arcs, linearise=True)[1]
+    slopes = rows.margins(program.motion(xi), robots, arcs, linearise=True)[1]
     jacobian = np.zeros((2, 4, 3, program.model.size))
     jacobian[:, np.arange(4), robots] = slopes
     jacobian = jacobian.reshape(8, -1)[:, program.free]
@@ -157,20 +152,14 @@ def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
     hessian = program.linearise(point, multipliers).hessian
 
     def gradient(x):
+        """Of the smooth part of J less the multipliers times the thrust rows."""
         here = program.evaluate(x)
-        near = program.linearise(here, None)
-        values = here.cache[0]
-        slopes = program._slopes(values)[2]
-        all_rows = program._rows(replace_active(values), slopes)[0][0]
-        count = program.nodes.size
-        rows = all_rows.reshape(-1, 3 * program.model.size)[robots * count + nodes]
-        return near.gradient - dual[: robots.size] @ rows[:, program.free]
-
-    def replace_active(values):
-        """The same values with every thrust row near active."""
-        shifted = replace(values, thrust_rows=np.minimum(values.thrust_rows, 0.3))
-        object.__setattr__(shifted, 'thrust_rows', Shifted(values.thrust_rows))
-        return shifted
+        slopes = program.dynamics.slopes(here.cache.motion, here.cache.nodes)
+        own = program.gas.margin_rows(here.cache.nodes, slopes.y, robots, nodes)
+        rows = np.zeros((robots.size, 3, program.model.size))
+        rows[np.arange(robots.size), robots] = own
+        rows = rows.reshape(robots.size, -1)[:, program.free]
+        return program.linearise(here, None).gradient - dual[: robots.size] @ rows
 
     numeric = central(gradient, xi, 1e-5)
     blocks = np.zeros((3 * program.model.size,) * 2)
@@ -179,18 +168,8 @@ def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
     per_robot = np.stack(
         [blocks[i * size : (i + 1) * size, i * size : (i + 1) * size] for i in range(3)]
     )
-    expected = program._definite(per_robot)
+    expected = program.definite(per_robot)
     assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
-
-
-class Shifted(np.ndarray):
-    """Thrust rows that all compare as near active, with their true values."""
-
-    def __new__(cls, values):
-        return np.asarray(values).view(cls)
-
-    def __lt__(self, other):
-        return np.ones(self.shape, dtype=bool)
 
 
 def test_quadrature_is_exact_for_polynomials():
@@ -201,10 +180,9 @@ def test_quadrature_is_exact_for_polynomials():
 
 def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
-    motion = program.motion(xi)
     dense = FormationProgram(program.model, nodes=401)
-    gas = program._values(motion).gas
-    assert gas == pytest.approx(dense._values(motion).gas, rel=2e-2)
+    gas, exact = (p.gas.gas(p.values(xi).nodes) for p in (program, dense))
+    assert gas == pytest.approx(exact, rel=2e-2)
 
 
 @pytest.mark.parametrize('backend', ['daqp', 'nnls'])
