@@ -127,10 +127,8 @@ class PendulumSwingUp(Problem, Validated):
 
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
-        if self.method == 'smooth':
-            compile_kernel(self.plant)
-        else:
-            compile_kernels(self.plant)
+        compile_kernels(self.plant)
+        compile_kernel(self.plant)
 
     def solve(
         self,

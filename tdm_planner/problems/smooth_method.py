@@ -20,8 +20,10 @@ Array = NDArray[np.float64]
 
 _STARTS = 12  # of which the quickest result is taken
 _SEARCH_SHARE = 0.7  # of the deadline, after which the search ends as soon as there is a result
+_POLISH_SHARE = 0.92  # of the deadline, which leaves the rest to the verification
 _COARSE_STEPS, _FINE_STEPS = 60, 240  # RK4 steps while searching, and for the final polish
 _SAMPLE_TIME = 2e-3  # [s], at most; short, as the torque is read by a spline between samples
+_FEWEST_SAMPLES = 250
 _SUBSTEPS = 4  # RK4 steps between two samples
 
 
@@ -76,7 +78,8 @@ class SmoothMethod:
                 break
             xi = self._random_start()
             program = SmoothProgram(self._task, 0, _COARSE_STEPS)
-            end = program.motion(xi).states[-1]
+            with np.errstate(all='ignore'):
+                end = program.motion(xi).states[-1]
             if not np.isfinite(end).all():
                 continue
             program.turns = self._task.turns_nearest(end)
@@ -98,7 +101,7 @@ class SmoothMethod:
 
     def _minimise(self, program: SmoothProgram, xi: Array, budget: Budget) -> Minimum:
         options = TrustRegionOptions(
-            penalties=(10.0, 10.0),
+            penalties=(10.0 / self._task.distance, 10.0),
             radius=0.5,
             iterations=80,
             cost_tolerance=1e-3,
@@ -113,7 +116,8 @@ class SmoothMethod:
     def _verified(self, turns: int, coarse: Minimum) -> SwingUpPlan | None:
         """Polish with finer steps, write the trajectory, check it."""
         program = SmoothProgram(self._task, turns, _FINE_STEPS)
-        minimum = self._minimise(program, coarse.point.xi, self._budget)
+        until = Budget(_POLISH_SHARE * self._budget.seconds - self._budget.elapsed)
+        minimum = self._minimise(program, coarse.point.xi, until)
         if minimum.point.violation > 1e-5:
             self._rejected = f'a limit is violated by {minimum.point.violation:.2g} of its value'
             return None
@@ -125,9 +129,8 @@ class SmoothMethod:
         return SwingUpPlan(motion, check, minimum.point.xi, minimum.point.violation)
 
     def _trajectory(self, xi: Array) -> Trajectory:
-        w0 = self._task.plant.natural_frequency
-        t_f = float(xi[0]) / w0
-        count = max(20, math.ceil(t_f / min(_SAMPLE_TIME, 0.02 / w0)))
+        t_f = float(xi[0]) / self._task.plant.natural_frequency
+        count = max(_FEWEST_SAMPLES, math.ceil(t_f / _SAMPLE_TIME))
         motion: Motion = SmoothProgram(self._task, 0, _SUBSTEPS * count).motion(xi)
         return self._task.trajectory(
             to_nanoseconds(np.linspace(0.0, t_f, count + 1)),

@@ -158,9 +158,10 @@ class SmoothProgram(NonlinearProgram):
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled time; violations of the ends (group 0) and of the limits (group 1)."""
         self.evaluations += 1
-        motion = self.motion(xi)
-        ends = np.abs(self._residual(motion)).max()
-        limits = max(float(-self._margins(motion).min()), 0.0)
+        with np.errstate(all='ignore'):
+            motion = self.motion(xi)
+            ends = np.abs(self._residual(motion)).max()
+            limits = max(float(-self._margins(motion).min()), 0.0)
         violations = np.array([ends, limits])
         if not np.isfinite(violations).all():
             violations = np.full(2, np.inf)

@@ -39,6 +39,7 @@ _ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 48), 3)
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
+_CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
 
@@ -64,6 +65,7 @@ class SwitchingMethod:
         self._arcs = arcs
         self._tolerance = tolerance
         self._previous = previous
+        self._steps = COARSE_STEPS
         self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
         self._arrived = 0
@@ -81,6 +83,9 @@ class SwitchingMethod:
             plan = self._first_verified(self._polished(self._arrivals()))
             if plan is not None:
                 return plan
+            if self._rejected:
+                # The coarse integration has found motions that do not exist.
+                self._steps = min(2 * self._steps, FINE_STEPS)
         if self._rejected:
             raise VerificationFailed(
                 f'swing-ups were found, but none within {self._budget.seconds:g} s that passes '
@@ -97,7 +102,7 @@ class SwitchingMethod:
             batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
             if self._starts == 0:
                 batch = with_arcs(self._task, batch, self._previous)
-            found += steered(self._task, batch, budget, _STEERED * budget.seconds)
+            found += steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
             self._remember_closest(batch)
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
@@ -118,7 +123,7 @@ class SwitchingMethod:
                 done.append(candidate)
                 continue
             better, violation = polish(
-                self._task, candidate, COARSE_STEPS, self._tolerance, until, _CUTOFF * best
+                self._task, candidate, self._steps, self._tolerance, until, _CUTOFF * best
             )
             done.append(better)
             if violation < 1e-6:
@@ -127,12 +132,13 @@ class SwitchingMethod:
         return sorted(done, key=lambda c: c.total)
 
     def _first_verified(self, candidates: list[Candidate]) -> SwingUpPlan | None:
-        for candidate in candidates:
-            for shorter in (without_short_arcs(self._task, candidate), candidate):
+        for candidate in candidates[:_CHECKED]:
+            shorter = without_short_arcs(self._task, candidate)
+            for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
                 if self._budget.spent:
                     return None
                 fine, violation = polish(
-                    self._task, shorter, FINE_STEPS, self._tolerance, self._budget
+                    self._task, arcs, FINE_STEPS, self._tolerance, self._budget
                 )
                 if violation < 1e-6:
                     break

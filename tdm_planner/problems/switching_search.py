@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96 if COMPILED else 48  # and for the final polish
+_PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
 _SAMPLE_TIME = 5e-3  # [s]
@@ -44,21 +45,23 @@ class Candidate:
         return float(self.durations.sum())
 
 
-def steered(task: SwingUpTask, batch: ArcBatch, budget: Budget, until: float) -> list[Candidate]:
+def steered(
+    task: SwingUpTask, batch: ArcBatch, steps: int, budget: Budget, until: float
+) -> list[Candidate]:
     """Steer the batch upright, at most until `until` s of the budget; those that arrived."""
     budget.evaluations += steer(
         task.plant,
         task.start,
         batch,
         task.planned_disk_angle,
-        COARSE_STEPS,
+        steps,
         lambda: budget.elapsed > until,
     )
     found: list[Candidate] = []
     for index in np.flatnonzero(batch.costs < ARRIVED):
         n = batch.arcs[index]
         durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        end = roll_states(task.plant, task.start, durations, torques, COARSE_STEPS)[-1]
+        end = roll_states(task.plant, task.start, durations, torques, steps)[-1]
         found.append(Candidate(durations, torques, task.turns_nearest(end)))
     return found
 
@@ -82,30 +85,33 @@ def polish(
 ) -> tuple[Candidate, float]:
     """Minimise the total time from a candidate; the result and its largest violation.
 
-    A search that does not end feasible gives the candidate back, with its own violation.
+    A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
     program = SwitchingProgram(
         task.plant, task.start, candidate.torques, candidate.turns, task.planned_disk_angle, steps
     )
     feasibility = max(tolerance, 1e-11)
-    options = TrustRegionOptions(
-        penalties=(30.0, 30.0),
-        radius=0.5,
-        iterations=25,
-        cost_tolerance=1e-5,
-        feasibility=(feasibility, feasibility),
-        corrections=4,
-        cutoff=cutoff * w0 if math.isfinite(cutoff) else None,
-    )
     before = program.evaluate(candidate.durations * w0)
-    with np.errstate(all='ignore'):
-        minimum = minimise(program, before.xi, options, budget)
+    best = before
+    for penalty in _PENALTIES:
+        options = TrustRegionOptions(
+            penalties=(penalty / task.distance, penalty / task.distance),
+            radius=0.5,
+            iterations=25,
+            cost_tolerance=1e-5,
+            feasibility=(feasibility, feasibility),
+            corrections=4,
+            cutoff=cutoff * w0 if math.isfinite(cutoff) else None,
+        )
+        with np.errstate(all='ignore'):
+            found = minimise(program, before.xi, options, budget).point
+        if found.violation <= max(feasibility, best.violation):
+            best = found
+        if best.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
+            break
     budget.evaluations += program.evaluations
-    after = minimum.point
-    if after.violation <= max(feasibility, before.violation):
-        return Candidate(after.xi / w0, candidate.torques, candidate.turns), after.violation
-    return candidate, before.violation
+    return Candidate(best.xi / w0, candidate.torques, candidate.turns), best.violation
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
