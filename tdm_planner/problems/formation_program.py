@@ -245,7 +245,10 @@ class FormationProgram(NonlinearProgram):
         Their eigenvalues are lifted above zero.
         """
         n, size = self.model.task.n, self.model.size
-        values, vectors = np.linalg.eigh(blocks)
+        varied = np.zeros(n * size)
+        varied[self.free] = 1.0
+        varied = varied.reshape(n, size)
+        values, vectors = np.linalg.eigh(blocks * varied[:, :, None] * varied[:, None])
         floor = _CURVATURE_FLOOR * np.maximum(1e-3, values[:, -1:])
         lifted = (vectors * np.maximum(values, floor)[:, None]) @ np.swapaxes(vectors, 1, 2)
         hessian = np.zeros((n, size, n, size))

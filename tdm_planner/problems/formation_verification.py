@@ -79,6 +79,20 @@ def verify_formation(
     return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
 
 
+def keeps_reserve(task: FormationTask, verification: FormationVerification) -> bool:
+    """Whether at least half of the distance reserved for tracking is left between all pairs.
+
+    A thruster that turns slowly lets robots deviate from the motions that were planned.
+    """
+    i, j = np.triu_indices(task.n, 1)
+    reserved = np.minimum(task.pair_clearances(i, j) - task.separation, task.margin)
+    left = [
+        verification.overall.worst[f'separation {task.names[a]}-{task.names[b]}']
+        for a, b in zip(i, j, strict=True)
+    ]
+    return bool((np.array(left) >= 0.5 * reserved).all())
+
+
 def common_states(
     task: FormationTask, trajectories: Mapping[str, Trajectory]
 ) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ inverse dynamics.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 import math
 from typing import Any, ClassVar
 
@@ -34,7 +34,11 @@ from tdm_planner.problems.formation_parameters import (
 from tdm_planner.problems.formation_plan import trajectory
 from tdm_planner.problems.formation_search import Candidate, Form, FormationSearch
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import FormationVerification, verify_formation
+from tdm_planner.problems.formation_verification import (
+    FormationVerification,
+    keeps_reserve,
+    verify_formation,
+)
 from tdm_planner.problems.warm_start import warm_parameters
 from tdm_planner.trajectory import Trajectory
 
@@ -209,6 +213,7 @@ class RobotFormation(FormationParameters, Problem):
         if warm_start is not None:
             first = warm_parameters(search.model, search.seeds, warm_start)
         failure: str | None = None
+        second_best: Solution | None = None
         tried = 0
         for _ in range(_ROUNDS):
             guess = None if first is None else search.guess_from(first)
@@ -218,10 +223,16 @@ class RobotFormation(FormationParameters, Problem):
             for candidate in self._improved(search, candidates):
                 plan, check = self._check(task, candidate)
                 if check.ok:
-                    return self._solution(task, candidate, plan, check, budget)
-                failure = check.overall.reasons[0]
+                    solution = self._solution(task, candidate, plan, check, budget)
+                    if keeps_reserve(task, check):
+                        return solution
+                    second_best = second_best or solution
+                else:
+                    failure = check.overall.reasons[0]
                 if budget.spent:
                     break
+            if second_best is not None:
+                return replace(second_best, solve_time=budget.elapsed)
             if budget.spent:
                 break
             first, search = None, search.wider(rng) if candidates else search

@@ -335,3 +335,12 @@ def test_bad_input_gets_one_clear_sentence(changes, words):
 def test_unknown_robots_in_python_arguments():
     with pytest.raises(InvalidProblem, match="robot 'stranger' is not among"):
         RobotFormation(starts={'stranger': RobotStart(x=1.0, y=1.0)})
+
+
+def test_the_reserve_for_tracking_survives_a_slow_thruster():
+    slow = {'limits.thruster_rate': 0.5} | {f'robot{i}.start.alpha': 0.0 for i in (1, 2, 3)}
+    problem = formation(**slow)
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    left = [value for name, value in solution.verification.worst.items() if 'separation' in name]
+    assert min(left) >= 0.5 * problem.arena.tracking_margin
