@@ -27,14 +27,14 @@ def start_nodes(context: LaunchContext) -> list[Node]:
     def argument(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
-    file = argument('params_file')
-    nodes = robot_nodes(yaml.safe_load(Path(file).read_text(encoding='utf-8')))
+    file, namespace = argument('params_file'), argument('namespace').strip('/')
+    nodes = robot_nodes(yaml.safe_load(Path(file).read_text(encoding='utf-8')), namespace)
     simulated = argument('plant') == 'true'
     return [
         Node(
             package='tdm_planner',
             executable=node.executable,
-            namespace='/'.join(part for part in (argument('namespace'), node.robot) if part),
+            namespace='/'.join(part for part in (namespace, node.robot) if part),
             parameters=[file, node.parameters],
             ros_arguments=['--log-level', argument('log_level')],
             output='screen',

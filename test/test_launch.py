@@ -200,6 +200,16 @@ def test_real_robots_need_no_plants(robots_file: str):
         ('tracker', 'left'),
         ('tracker', 'right'),
     ]
+    assert nodes[1].parameters[1]['planner_service'] == '/plan'
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_trackers_of_robots_ask_the_planner_of_their_namespace(robots_file: str):
+    nodes = description('robots.launch.py').nodes(params_file=robots_file, namespace='hall/a')
+    trackers = [n for n in nodes if n.executable == 'tracker']
+    assert [n.namespace for n in trackers] == ['hall/a/left', 'hall/a/right']
+    for node in trackers:
+        assert node.parameters[1] == {'plant': 'robot', 'planner_service': '/hall/a/plan'}
 
 
 @pytest.mark.usefixtures('stand_ins')

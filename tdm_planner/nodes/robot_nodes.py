@@ -25,11 +25,11 @@ class RobotNode:
     parameters: dict[str, Any] = field(default_factory=dict)
 
 
-def robot_nodes(document: Any) -> list[RobotNode]:
+def robot_nodes(document: Any, namespace: str = 'robots') -> list[RobotNode]:
     """Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
     The file's section `planner` names the `robots`. Simulated robots stand at `<robot>.start` to
-    begin with.
+    begin with. `namespace` is the planner's; the trackers ask for new plans there.
 
     Raises
     ------
@@ -38,6 +38,7 @@ def robot_nodes(document: Any) -> list[RobotNode]:
     """
     values = ros_parameters(document, 'planner')
     specifications = formation_specifications(values)
+    tracking = {'plant': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
     nodes = [RobotNode('planner')]
     for robot in values.get('robots', DEFAULT_ROBOTS):
         initial: dict[str, Any] = {}
@@ -46,5 +47,5 @@ def robot_nodes(document: Any) -> list[RobotNode]:
             value = spec.check(values.get(spec.name, spec.default))
             if value is not None:
                 initial[f'initial.{name}'] = value
-        nodes += [RobotNode('robot_plant', robot, initial), RobotNode('tracker', robot)]
+        nodes += [RobotNode('robot_plant', robot, initial), RobotNode('tracker', robot, tracking)]
     return nodes

@@ -1,0 +1,92 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Topics and services of the running nodes against the README's tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+from typing import Any
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1]
+# node, module, parameter file, namespace
+NODES = [
+    ('planner', 'tdm_planner.nodes.planner', 'pendulum', '/pendulum'),
+    ('planner', 'tdm_planner.nodes.planner', 'robots', '/robots'),
+    ('tracker', 'tdm_planner.nodes.tracker', 'pendulum', '/pendulum'),
+    ('tracker', 'tdm_planner.nodes.tracker', 'robots', '/robots/robot1'),
+    ('pendulum_plant', 'tdm_sim.pendulum_plant', 'pendulum', '/pendulum'),
+    ('robot_plant', 'tdm_sim.robot_plant', 'robots', '/robots/robot1'),
+]
+OF_EVERY_NODE = re.compile(
+    r'/(rosout|parameter_events|clock)$|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
+    r'|/get_type_description$'
+)
+
+Interface = tuple[str, str, str]  # name, kind, type
+
+
+def documented(heading: str) -> set[Interface]:
+    """Rows of the tables under a heading of the README."""
+    readme = (SOURCE / 'README.md').read_text(encoding='utf-8')
+    section = re.search(rf'^### {heading}\n(.*?)(?=^##)', readme, re.DOTALL | re.MULTILINE)
+    assert section is not None, heading
+    found = set()
+    for line in section.group(1).splitlines():
+        cells = [cell.strip() for cell in line.strip('|').split('|')]
+        if len(cells) == 4 and cells[1] in ('publishes', 'subscribes', 'service', 'calls'):
+            for kind in re.findall('`(.+?)`', cells[2]):
+                found |= {(name, cells[1], kind) for name in re.findall('`(.+?)`', cells[0])}
+    assert found, heading
+    return found
+
+
+def offered(ros: Any, name: str, namespace: str) -> set[Interface]:
+    """What a running node has, beside what every node has."""
+    node = ros.node
+    found = set()
+    for kind, ask in (
+        ('publishes', node.get_publisher_names_and_types_by_node),
+        ('subscribes', node.get_subscriber_names_and_types_by_node),
+        ('service', node.get_service_names_and_types_by_node),
+        ('calls', node.get_client_names_and_types_by_node),
+    ):
+        for topic, types in ask(name, namespace):
+            if not OF_EVERY_NODE.search(topic):
+                relative = topic.removeprefix(f'{namespace}/')
+                relative = re.sub(r'^robot\d/', '<robot>/', relative)
+                relative = relative.removeprefix('/robots/')  # the planner's, above a robot's
+                found |= {(relative, kind, re.sub('/(msg|srv)/', '/', t)) for t in types}
+    return found
+
+
+@pytest.fixture(scope='module')
+def running(ros: Any) -> Any:
+    for _, module, plant, namespace in NODES:
+        file = str(SOURCE / 'config' / f'{plant}.yaml')
+        ros.start(module, namespace=namespace, arguments=['--params-file', file])
+    wanted = {(name, namespace) for name, _, _, namespace in NODES}
+    assert ros.spin_until(
+        lambda: wanted <= set(ros.node.get_node_names_and_namespaces()), timeout=30.0
+    )
+    return ros
+
+
+@pytest.mark.parametrize('heading', ['planner', 'tracker', 'pendulum_plant, robot_plant'])
+def test_tables_list_exactly_what_the_nodes_have(running: Any, heading: str):
+    names = heading.split(', ')
+    nodes = [(name, namespace) for name, _, _, namespace in NODES if name in names]
+    expected = documented(heading)
+
+    def found() -> set[Interface]:
+        try:
+            return set().union(*(offered(running, *node) for node in nodes))
+        except Exception as error:  # until discovery knows the node's endpoints
+            if type(error).__name__ != 'NodeNameNonExistentError':
+                raise
+            return set()
+
+    running.spin_until(lambda: found() == expected, timeout=15.0)
+    assert sorted(found()) == sorted(expected)
