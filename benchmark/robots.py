@@ -129,31 +129,33 @@ def _row(label: str, figures: Figures) -> str:
     )
 
 
-def run(scenarios: int = 100, teams: bool = True, variants: bool = False) -> Figures:
-    """Measure everything, print the tables, return the figures."""
-    columns = 'verified   ms med     p95   J/Jref     p95     max  end mm  end rad'
-    print(f'{"":64s} {columns}')
-    found: Figures = {'three': measure(range(scenarios))}
-    print(_row('3 robots', found['three']), flush=True)
+def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figures:
+    """Measure everything."""
+    found: Figures = {'3 robots': measure(range(scenarios))}
     if teams:
         for n, count in TEAMS.items():
-            found[f'team {n}'] = measure(range(min(count, scenarios)), n)
-            print(_row(f'{n} robots', found[f'team {n}']), flush=True)
+            found[f'{n} robots'] = measure(range(min(count, scenarios)), n)
     if variants:
         for label, changes in VARIANTS.items():
             found[label] = measure(range(min(30, scenarios)), **changes)
-            print(_row(label, found[label]), flush=True)
     found['starts'] = measure_starts(min(30, scenarios))
-    print('one start: {feasible}/{starts} feasible, median {time_median_ms:.1f} ms, '
-          'p95 {time_p95_ms:.1f} ms'.format(**found['starts']))  # fmt: skip
     found['memory_MB'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f'memory: {found["memory_MB"]:.0f} MB')
-    for label, figures in found.items():
-        for failure in (
-            figures['failures'] if isinstance(figures, dict) and label != 'starts' else []
-        ):
-            print(f'{label}: {failure}')
     return found
+
+
+def table(figures: Figures) -> str:
+    """Return the figures as lines of text."""
+    columns = 'verified   ms med     p95   J/Jref     p95     max  end mm  end rad'
+    rows = {name: f for name, f in figures.items() if isinstance(f, dict) and 'verified' in f}
+    lines = [f'{"":64s} {columns}', *(_row(name, f) for name, f in rows.items())]
+    starts = figures['starts']
+    lines.append(
+        f'one start: {starts["feasible"]}/{starts["starts"]} feasible, median '
+        f'{starts["time_median_ms"]:.1f} ms, p95 {starts["time_p95_ms"]:.1f} ms'
+    )
+    lines.append(f'memory: {figures["memory_MB"]:.0f} MB')
+    lines += [f'{name}: {failure}' for name, f in rows.items() for failure in f['failures']]
+    return '\n'.join(lines)
 
 
 def main() -> None:
@@ -163,7 +165,7 @@ def main() -> None:
     parser.add_argument('--variants', action='store_true', help='also the variants of the method')
     parser.add_argument('--no-teams', action='store_true', help='three robots only')
     arguments = parser.parse_args()
-    run(arguments.scenarios, not arguments.no_teams, arguments.variants)
+    print(table(run(arguments.scenarios, not arguments.no_teams, arguments.variants)))
 
 
 if __name__ == '__main__':
