@@ -146,10 +146,9 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    from tdm_sim.recorder import main as record
+    from tdm_sim.recorder import run
 
-    arguments = [*options.topics, '-o', str(options.output), '--storage', options.storage]
-    return record([*arguments, '--quiet'] if options.quiet else arguments)
+    return run(options.output, options.topics, options.storage, options.quiet)
 
 
 if __name__ == '__main__':

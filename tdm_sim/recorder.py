@@ -8,7 +8,6 @@ offer and the wire's type hashes. One thread subscribes, opens, writes and close
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ from rclpy.node import Node
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
-from tdm_sim.bag_writer import BagWriter, RecordingError, STORAGES
+from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.wire_types import message_class, subscription_profile
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
@@ -189,33 +188,18 @@ class _Lines:
         )
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Record from the command line; returns the exit code of the process."""
-    parser = argparse.ArgumentParser(prog='tdm record', description=__doc__)
-    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all')
-    parser.add_argument('-o', '--output', required=True, type=Path, help='folder of the bag')
-    parser.add_argument('--storage', default='mcap', choices=STORAGES)
-    parser.add_argument('--quiet', action='store_true', help='print nothing but errors')
-    options = parser.parse_args(args)
-    live = sys.stderr.isatty() and not options.quiet
+def run(output: Path, topics: Sequence[str], storage: str, quiet: bool = False) -> int:
+    """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
+    live = sys.stderr.isatty() and not quiet
     try:
-        done = record(
-            options.output,
-            options.topics,
-            options.storage,
-            on_progress=_Lines() if live else None,
-        )
+        done = record(output, topics, storage, on_progress=_Lines() if live else None)
     except RecordingError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
     if live:
         print(file=sys.stderr)
-    if not options.quiet:
-        print(f'{done.messages} messages in {done.elapsed:.1f} s written to {options.output}')
+    if not quiet:
+        print(f'{done.messages} messages in {done.elapsed:.1f} s written to {output}')
         for topic, count in sorted(done.counts.items()):
             print(f'  {count:8d}  {topic}')
     return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

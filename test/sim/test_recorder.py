@@ -21,7 +21,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from tdm_sim.recorder import main, Progress, record, RecordingError
+from tdm_planner.cli import main
+from tdm_sim.recorder import Progress, record, RecordingError
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -32,7 +33,7 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
     """Start the recorder as the process that `tdm record` is."""
     process = NodeProcess(
-        'tdm_sim.recorder', ['-o', str(output), *arguments], ros.environment, ros.folder
+        'tdm_planner.cli', ['record', '-o', str(output), *arguments], ros.environment, ros.folder
     )
     assert ros.spin_until(output.is_dir, 20.0), process.output
     return process
@@ -185,7 +186,7 @@ def test_an_existing_folder_is_refused_and_left_alone(
     (tmp_path / 'precious').write_text('data')
     with pytest.raises(RecordingError, match='exists already: choose another or remove it'):
         record(tmp_path)
-    assert main(['-o', str(tmp_path)]) == 2
+    assert main(['record', '-o', str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
         f"error: the folder '{tmp_path}' exists already: choose another or remove it\n"
     )
