@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the problem `pendulum_swing_up` on random states, strong and weak torque.
 
-    python benchmark/pendulum.py [--states N] [--json FILE]
+    python -m benchmark.pendulum [--states N] [--json FILE]
 
 prints success rate, times relative to the best known (`pendulum_reference.py`) and solve times,
 with numba and without, and for the smooth method.
@@ -96,10 +96,19 @@ def run(states: int = 100, uncompiled_states: int = 20) -> dict[str, Any]:
 
 
 def _without_numba(regime: str, states: int) -> dict[str, Any]:
-    command = [sys.executable, __file__, '--only', regime, '--states', str(states)]
+    command = [
+        sys.executable,
+        '-m',
+        'benchmark.pendulum',
+        '--only',
+        regime,
+        '--states',
+        str(states),
+    ]
     done = subprocess.run(
         command,
         env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
+        cwd=Path(__file__).parent.parent,
         capture_output=True,
         text=True,
         check=True,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Best known times of the benchmark's swing-ups: a long search, then collocation from its result.
 
-    python benchmark/pendulum_reference.py [--states N] [--first SEED]
+    python -m benchmark.pendulum_reference [--states N] [--first SEED]
 
 writes benchmark/data/pendulum_best_known.json, keeping whatever is better of the file and the new
 run. Collocation (Hermite-Simpson on equal intervals, CasADi and Ipopt) knows singular arcs, which
@@ -20,8 +20,8 @@ from typing import Any
 import casadi
 import numpy as np
 from numpy.typing import NDArray
-from pendulum import problem, REGIMES, start_state
 
+from benchmark.pendulum import problem, REGIMES, start_state
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask
