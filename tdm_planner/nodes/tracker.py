@@ -159,7 +159,7 @@ class TrackerNode(ParameterNode):
             error.header.stamp = message.header.stamp
             self._error_publisher.publish(error)
         self._note_changes(command)
-        if command.phase is Phase.STOPPED:
+        if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()
 
     def _note_changes(self, command: Command) -> None:
@@ -175,11 +175,11 @@ class TrackerNode(ParameterNode):
         self._diagnostics.update()
 
     def _ask_for_plan(self) -> None:
-        """Ask the planner for a new plan where the motion was given up; never in a hurry."""
+        """Ask the planner for a new plan, one at a time and not too often."""
         replan = self.tracker.parameters.replan
         now = time.monotonic()
         waiting = self._answer is not None and now - self._asked_at < LONGEST_PLANNING
-        if not replan.on_deviation or waiting or now - self._asked_at < replan.interval:
+        if waiting or now - self._asked_at < replan.interval:
             return
         self._asked_at = now
         if not self._planner.service_is_ready():

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,10 @@ _GAIN_STEP = 5e-3  # s between the gains along a plan
 _CAPTURE_SHARE = 0.5  # of the plan's duration before which capture is not looked for
 # Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
 _RATE_FLOOR = 0.1
+# Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
+# for the quickest decay over strong and weak motors. Calm: angles in rad, rates in units of w0.
+_RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
+_CALM = np.array([0.3, 0.5, 0.3, 0.1])
 
 
 @dataclass(frozen=True)
@@ -199,6 +204,23 @@ class PendulumTracker(TrajectoryTracker):
             return False
         error = self.error(state, motion.trajectory.states[-1])
         return float(error @ self.upright.cost_to_go @ error) < self.capture_level
+
+    def recover(self, state: Array) -> Array:
+        """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""
+        plant = self.parameters.plant
+        frequency, limit = plant.natural_frequency, self.parameters.limits.torque
+        inertia = plant.coefficients.disk
+        spring = _RECOVERY_STIFFNESS * inertia * frequency**2
+        damper = 2.0 * _RECOVERY_DAMPING * inertia * frequency
+        torque = -spring * state[1] - damper * state[3]
+        return np.array([min(max(torque, -limit), limit)])
+
+    def calm(self, state: Array, slack: float) -> bool:
+        """Whether the pendulum hangs nearly at rest."""
+        from_hanging = np.array([wrapped(state[0] - math.pi), state[1], state[2], state[3]])
+        frequency = self.parameters.plant.natural_frequency
+        largest = slack * _CALM * np.array([1.0, 1.0, frequency, frequency])
+        return bool((np.abs(from_hanging) < largest).all())
 
     def _action(self, planned: Array, gain: Array, state: Array, reference: Array) -> Action:
         error = self.error(state, reference)

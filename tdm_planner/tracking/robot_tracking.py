@@ -43,6 +43,7 @@ _GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
 _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
 _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
 _ANY_DIRECTION = 50.0  # rad
+_CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
 
 
@@ -324,6 +325,23 @@ class RobotTracker(TrajectoryTracker):
         )
         control = self._drive(state, wish, deadband=self.parameters.feedback.deadband)
         return self._action(control, np.zeros(3), error, goal)
+
+    def recover(self, state: Array) -> Array:
+        """Brake."""
+        still = np.zeros(7)
+        still[[0, 1, _YAW, _ALPHA]] = state[[0, 1, _YAW, _ALPHA]]
+        wish = Wish(
+            acceleration=-self._damping * state[2:4],
+            torque=self._yaw_feedback(self.error(state, still)),
+            alpha=float(state[_ALPHA]),
+            reach=self._FREE,
+        )
+        return self._drive(state, wish, deadband=0.0)
+
+    def calm(self, state: Array, slack: float) -> bool:
+        """Whether the robot drifts and turns slowly."""
+        speed, turn = math.hypot(state[2], state[3]), abs(state[_OMEGA])
+        return speed < slack * _CALM_SPEED and turn < slack * _CALM_TURN
 
     def _yaw_feedback(self, error: Array) -> float:
         turn = self._yaw_stiffness * error[_YAW] + self._yaw_damping * error[_OMEGA]

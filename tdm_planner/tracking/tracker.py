@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every tracker does, whatever the plant: which trajectory is in force, and what phase it is.
 
-    idle      no trajectory yet: nothing is commanded
-    waiting   a trajectory is accepted, its start lies ahead: nothing is commanded
-    tracking  feedforward and feedback along the trajectory
-    holding   the end has been reached: feedback about the goal
-    stopped   the motion was given up: nothing is commanded until the next trajectory
+    idle        no trajectory yet: nothing is commanded
+    waiting     a trajectory is accepted, its start lies ahead: nothing is commanded
+    tracking    feedforward and feedback along the trajectory
+    holding     the end has been reached: feedback about the goal
+    stopped     the motion was given up: nothing is commanded until the next trajectory
+    recovering  likewise, where a new plan is asked for: the plant is brought to rest first
 
 A trajectory that arrives while another is being tracked or held takes over at its own start.
 Instants are seconds of one clock; which one does not matter.
@@ -30,6 +31,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+_CALM_SLACK = 3.0
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 
 
@@ -47,6 +49,7 @@ class Phase(str, Enum):
     TRACKING = 'tracking'
     HOLDING = 'holding'
     STOPPED = 'stopped'
+    RECOVERING = 'recovering'
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ class ReplanOnDeviation(Validated):
     """What happens when the motion had to be given up."""
 
     on_deviation: bool = parameter(
-        False, 'ask the planner for a new plan when the motion had to be given up'
+        False,
+        'when the motion had to be given up, bring the plant to rest and ask for a new plan',
     )
     interval: float = parameter(
         1.0, 'least time between two such requests', unit='s', allowed=POSITIVE
@@ -164,6 +168,7 @@ class TrajectoryTracker(ABC):
         self.history = history
         self.phase = Phase.IDLE
         self.reason = ''
+        self.wants_plan = False
         self.current: Motion | None = None
         self.following: Motion | None = None
         self._time = -math.inf
@@ -207,6 +212,17 @@ class TrajectoryTracker(ABC):
     def wait(self, motion: Motion, state: Array) -> Array:
         """Return the controls (nu,) before the start of `motion`: nothing that moves the plant."""
         return np.zeros(len(self.control_names))
+
+    def recover(self, state: Array) -> Array:
+        """Return controls (nu,) that bring the plant to rest, wherever that is."""
+        return np.zeros(len(self.control_names))
+
+    def calm(self, state: Array, slack: float) -> bool:
+        """Whether the plant is so near to rest that a new plan can be asked for.
+
+        `slack` widens the limits: 1 to become calm, more to stay so.
+        """
+        return True
 
     # What all have in common.
 
@@ -260,6 +276,8 @@ class TrajectoryTracker(ABC):
             assert self.current is not None
             expected = self.current.reference(at)
         else:
+            # From now on nothing is commanded.
+            self.history.add(now, np.zeros(len(self.control_names)))
             expected = self.estimator.predict(at)
         self._compare(motion, expected, at)
 
@@ -291,6 +309,11 @@ class TrajectoryTracker(ABC):
     def _idle(self, state: Array) -> Array:
         if self.phase is Phase.WAITING and self.current is not None:
             return self.wait(self.current, state)
+        if self.phase is Phase.RECOVERING:
+            # Plans assume that nothing is commanded until they start.
+            self.wants_plan = self.calm(state, _CALM_SLACK if self.wants_plan else 1.0)
+            if not self.wants_plan:
+                return self.recover(state)
         return np.zeros(len(self.control_names))
 
     def _without_state(self, now: float, age: float) -> Command:
@@ -324,7 +347,7 @@ class TrajectoryTracker(ABC):
         deviation = self.deviation(action.error)
         if not deviation <= self.parameters.tolerance.path:
             what = 'trajectory' if self.phase is Phase.TRACKING else 'goal'
-            self.stop(
+            self.give_up(
                 f'the state is {deviation:.3g} away from the {what}, more than tolerance.path = '
                 f'{self.parameters.tolerance.path:g}'
             )
@@ -342,7 +365,7 @@ class TrajectoryTracker(ABC):
             self._compare(motion, state, time)
         except TrajectoryRefused as refusal:
             if waiting:
-                self.stop(str(refusal))
+                self.give_up(str(refusal))
             else:
                 self.reason = f'kept the trajectory in force: {refusal}'
             return
@@ -360,6 +383,12 @@ class TrajectoryTracker(ABC):
         if other.estimator.stamp is not None:
             stamp = other.estimator.stamp
             self.estimator.observe(other.estimator.predict(stamp), stamp)
+
+    def give_up(self, reason: str) -> None:
+        """Give the motion up; where a new plan is to be asked for, bring the plant to rest."""
+        self.stop(reason)
+        if self.parameters.replan.on_deviation:
+            self.phase, self.wants_plan = Phase.RECOVERING, False
 
     def stop(self, reason: str) -> None:
         """Give the motion up: nothing is commanded until the next trajectory."""

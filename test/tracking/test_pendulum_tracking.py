@@ -302,3 +302,43 @@ def test_parameters_are_checked() -> None:
         make_tracker(tolerance__path=-1.0)
     with pytest.raises(InvalidProblem, match=r'weights\.torque'):
         make_tracker(weights__torque=0.0)
+
+
+@pytest.mark.parametrize('push', [30.0, -60.0])
+def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(
+    plan: Trajectory, push: float
+) -> None:
+    tracker = PendulumTracker(
+        build(
+            PendulumTrackerParameters,
+            {'limits.torque': LIMIT, 'replan.on_deviation': True},
+        )
+    )
+    loop = Loop(tracker, hanging(), mismatch=0.05, noise=(0.0015, 0.1))
+    loop.run(0.05)
+    tracker.accept(plan, 0.1, loop.now)
+    loop.run(1.5)
+    loop.plant.push(lambda x: x + np.array([0.0, 0.0, push, 0.0]))
+    loop.run(0.3)
+    assert tracker.phase is Phase.RECOVERING
+    assert not tracker.wants_plan
+    assert 'away from the goal' in loop.commands[-1].problem
+    while not tracker.wants_plan:
+        loop.run(TICK)
+        assert loop.now < 10.0
+    assert not loop.commands[-1].control.any()
+    # a plan from the state that is expected half a second later is accepted, and works
+    start = tracker.estimator.predict(loop.now + 0.5)
+    values = dict(zip(('theta', 'psi', 'theta_dot', 'psi_dot'), start.tolist(), strict=True))
+    problem = build(
+        PendulumSwingUp,
+        {
+            'limits.torque': LIMIT,
+            'torque_reserve': 0.2,
+            **{f'start.{name}': value for name, value in values.items()},
+        },
+    )
+    tracker.accept(problem.solve(deadline=10.0).trajectory, loop.now + 0.5, loop.now)
+    loop.run(3.0)
+    assert tracker.phase is Phase.HOLDING
+    assert loop.held(1.0)

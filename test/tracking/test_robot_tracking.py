@@ -224,6 +224,22 @@ def test_a_robot_carried_away_is_given_up() -> None:
         loop.tracker.accept(plan, loop.now + 1.0, loop.now)
 
 
+def test_where_a_new_plan_is_wanted_the_robot_brakes() -> None:
+    plan = there_and_stop()
+    loop = Loop(plan.states[0], noise=1.0, replan__on_deviation=True)
+    loop.run(0.1)
+    loop.tracker.accept(plan, 0.2, loop.now)
+    loop.run(3.0)
+    loop.plant.push(lambda x: x + np.array([0.1, 0.4, 0.1, 0.1, 0, 0.3, 0]))
+    loop.run(0.05)
+    assert loop.tracker.phase is Phase.RECOVERING
+    assert not loop.tracker.wants_plan
+    loop.run(8.0)
+    assert loop.tracker.wants_plan
+    assert np.hypot(*loop.plant.state[2:4]) < 0.015
+    assert not loop.controls[-1].any()
+
+
 def test_jacobians_agree_with_finite_differences() -> None:
     plant = EstimatedRobot(FloatingRobot())
     rng = np.random.default_rng(0)
