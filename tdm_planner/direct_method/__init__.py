@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The direct method itself, free of any plant: sections 2 and 3 of Yakimenko (2006)."""
 
+from tdm_planner.direct_method.differentiation import absolute, arctan2
+from tdm_planner.direct_method.formulation import Duration, Formulation, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -20,6 +22,7 @@ from tdm_planner.direct_method.shapes import (
 )
 from tdm_planner.direct_method.speed_factor import ArcTime, SpeedFactor, TimeFactor
 from tdm_planner.direct_method.taranenko import TaranenkoBasis, TaranenkoReference
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.direct_method.virtual_domain import (
     arc_derivatives,
@@ -30,10 +33,14 @@ from tdm_planner.direct_method.virtual_domain import (
 __all__ = [
     'ArcTime',
     'Budget',
+    'Duration',
+    'Formulation',
+    'Integrated',
     'Linearisation',
     'Minimum',
     'Multipliers',
     'NonlinearProgram',
+    'Output',
     'Point',
     'PolynomialBasis',
     'PolynomialReference',
@@ -46,8 +53,11 @@ __all__ = [
     'TaranenkoBasis',
     'TaranenkoReference',
     'TimeFactor',
+    'Transcription',
     'TrustRegionOptions',
+    'absolute',
     'arc_derivatives',
+    'arctan2',
     'minimise',
     'path_speed',
     'power_products',

@@ -3,6 +3,7 @@
 """Problems: optimal control problems cast in the direct method."""
 
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.pendulum_swing_up import (
     PendulumGoal,
@@ -13,6 +14,7 @@ from tdm_planner.problems.pendulum_swing_up import (
 from tdm_planner.problems.robot_formation import RobotFormation
 
 __all__ = [
+    'DirectProblem',
     'PendulumGoal',
     'PendulumLimits',
     'PendulumStart',

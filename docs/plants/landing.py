@@ -1,0 +1,129 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Landing approach of a small fixed-wing aircraft: a path in space, and the speed along it.
+
+The three coordinates are polynomials of the virtual arc, the speed is given its own freedom by
+the speed factor - Taranenko's fourth reference function in (1). Thrust, load factor and bank angle
+follow by inverse dynamics of a point mass,
+
+    V.     = T/m - D/m - g sin(gamma)          gamma path angle, chi heading
+    gamma. = g/V (n cos(phi) - cos(gamma))     n load factor, phi bank angle
+    chi.   = g n sin(phi)/(V cos(gamma))       D = c0 V^2 + c1 n^2/V^2
+
+From cruise to the threshold of a runway to the side, along its direction, at landing speed, in
+minimum time, within the limits of the engine, of load factor and bank, and of the stall.
+`landing_reference.py` computes the optimum by full collocation.
+
+Run it: ``python docs/plants/landing.py``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from tdm_planner.direct_method import arctan2, Duration, Output
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
+from tdm_planner.problems import DirectProblem, SolverParameters
+
+G = 9.81
+DRAG, INDUCED = 2.0e-3, 80.0  # c0 [1/m], c1 [m^3/s^4], per unit of mass
+
+
+@dataclass(frozen=True)
+class Approach(Validated):
+    """Position, speed and direction at one end."""
+
+    x: float = parameter(0.0, 'east', unit='m')
+    y: float = parameter(0.0, 'north', unit='m')
+    h: float = parameter(60.0, 'height', unit='m')
+    speed: float = parameter(25.0, 'airspeed', unit='m/s', allowed=POSITIVE)
+    path_angle: float = parameter(0.0, 'path angle', unit='rad')
+    heading: float = parameter(0.0, 'heading', unit='rad')
+
+    def conditions(self) -> np.ndarray:
+        """Position and velocity, (3, 2)."""
+        level = self.speed * math.cos(self.path_angle)
+        velocity = level * np.cos(self.heading), level * np.sin(self.heading)
+        climb = self.speed * math.sin(self.path_angle)
+        return np.array([[self.x, velocity[0]], [self.y, velocity[1]], [self.h, climb]])
+
+
+@dataclass(frozen=True)
+class Landing(DirectProblem, Validated):
+    """Reach the runway's threshold in minimum time."""
+
+    name: ClassVar[str] = 'landing'
+    state_names = ('x', 'y', 'h', 'speed', 'path_angle', 'heading')
+    state_units = ('m', 'm', 'm', 'm/s', 'rad', 'rad')
+    control_names, control_units = ('thrust', 'load', 'bank'), ('m/s^2', '', 'rad')
+
+    start: Approach = group(Approach)
+    thrust: float = parameter(4.0, 'largest thrust per mass', unit='m/s^2', allowed=POSITIVE)
+    load: float = parameter(1.8, 'largest load factor', allowed=POSITIVE)
+    bank: float = parameter(0.9, 'largest bank angle', unit='rad', allowed=POSITIVE)
+    stall: float = parameter(14.0, 'stall speed at n = 1', unit='m/s', allowed=POSITIVE)
+    free: int = parameter(3, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
+    speed_factor_order: int = parameter(2, 'degree of dt/ds', allowed=NON_NEGATIVE)
+    solver: SolverParameters = group(SolverParameters)
+
+    goal: ClassVar[Approach] = Approach(
+        x=500.0, y=300.0, h=2.0, speed=16.0, path_angle=-0.06, heading=2.2
+    )
+
+    def outputs(self):
+        ends = zip('xyh', self.start.conditions(), self.goal.conditions(), strict=True)
+        return {n: Output(start=a, end=b, free=self.free, scale=200.0) for n, a, b in ends}
+
+    def duration(self):
+        return Duration(guess=40.0, speed_factor_order=self.speed_factor_order)
+
+    def invert(self, y, z):
+        (px, vx, ax), (py, vy, ay), (h, vh, ah) = y['x'], y['y'], y['h']
+        level = np.sqrt(vx**2 + vy**2)
+        v = np.sqrt(level**2 + vh**2)
+        gamma, chi = np.arctan(vh / level), arctan2(vy, vx)
+        v_dot = (vx * ax + vy * ay + vh * ah) / v
+        gamma_dot = (ah - v_dot * vh / v) / level
+        chi_dot = (vx * ay - vy * ax) / level**2
+        up, side = v * gamma_dot / G + level / v, level * chi_dot / G
+        n = np.sqrt(up**2 + side**2)
+        thrust = v_dot + DRAG * v**2 + INDUCED * n**2 / v**2 + G * vh / v
+        return (px, py, h, v, gamma, chi), (thrust, n, arctan2(side, up))
+
+    def derivative(self, x, u):
+        (_, _, _, v, gamma, chi), (thrust, n, bank) = x, u
+        level = v * np.cos(gamma)
+        drag = DRAG * v**2 + INDUCED * n**2 / v**2
+        return (
+            level * np.cos(chi),
+            level * np.sin(chi),
+            v * np.sin(gamma),
+            thrust - drag - G * np.sin(gamma),
+            G / v * (n * np.cos(bank) - np.cos(gamma)),
+            G * n * np.sin(bank) / level,
+        )
+
+    def margins(self, t, x, u):
+        return {
+            'full thrust': 1.0 - u[0] / self.thrust,
+            'engine idle': u[0] / self.thrust,
+            'load factor': 1.0 - u[1] / self.load,
+            'bank': 1.0 - (u[2] / self.bank) ** 2,
+            'stall': (x[3] / self.stall) ** 2 - u[1],
+            'ground': x[2] / 100.0,
+        }
+
+    def final_cost(self, t, x):
+        return t
+
+
+if __name__ == '__main__':
+    problem = Landing(solver=SolverParameters(deadline=10.0))
+    print('free parameters    tau = t      dt/ds of degree 2    of degree 4')
+    for free in (2, 3, 4, 6):
+        times = [replace(problem, free=free, speed_factor_order=k).solve().cost for k in (0, 2, 4)]
+        print(f'{free:15d}    ' + '    '.join(f'{t_f:.3f} s' for t_f in times))

@@ -1,0 +1,179 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a user states of an optimal control problem for the direct method to solve it.
+
+A few *outputs* are written as reference functions of the virtual arc; the states and controls
+follow from them and their derivatives by time (`invert`), states that cannot be inverted are
+integrated. `tdm_planner.direct_method.transcription` makes a nonlinear program of it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.shapes import Shapes
+from tdm_planner.exceptions import InvalidProblem
+
+# Real, or complex where derivatives are taken by complex step.
+Values = NDArray[Any]
+Conditions = Sequence[float | None] | Mapping[int, float]
+Components = Sequence[Values] | Values
+Outputs = Mapping[str, Sequence[Values]]
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """A coordinate that is given as a reference function.
+
+    `start` and `end` hold its boundary values and their derivatives by time: (x, x., x.., ...),
+    None where one is free, or a mapping from order to value. `free` further parameters are
+    varied: a polynomial's order rises by one with each (section 3 of Yakimenko 2006). With
+    `shapes`, it is a function (1) of Taranenko instead, and all coefficients that the conditions
+    leave are varied. `derivatives` by time are computed for `invert`. `scale` is a typical
+    change along the arc, estimated from the conditions unless given.
+    """
+
+    start: Conditions = ()
+    end: Conditions = ()
+    free: int = 0
+    shapes: Shapes | None = None
+    derivatives: int = 2
+    scale: float | None = None
+
+    def conditions(self, where: str) -> dict[int, float]:
+        """Boundary values at `where`, start or end, by order of the derivative."""
+        given = self.start if where == 'start' else self.end
+        pairs = given.items() if isinstance(given, Mapping) else enumerate(given)
+        return {order: float(value) for order, value in pairs if value is not None}
+
+
+@dataclass(frozen=True)
+class Duration:
+    """Time for the whole arc [s]: varied between `shortest` and `longest`, or `fixed`.
+
+    `speed_factor_order` is the degree of the speed factor dt/ds, a Bernstein polynomial whose
+    coefficients are varied; 0 is tau = t. Where all boundary conditions are at rest and the
+    outputs have many free parameters a speed factor is worth little.
+    """
+
+    guess: float = 1.0
+    shortest: float | None = None
+    longest: float | None = None
+    fixed: bool = False
+    speed_factor_order: int = 0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        shortest, longest = self.bounds
+        if not 0 < shortest <= self.guess <= longest < np.inf:
+            raise InvalidProblem(
+                f'the duration {self.guess:g} s must be positive and lie between the shortest, '
+                f'{shortest:g} s, and the longest, {longest:g} s'
+            )
+        if self.speed_factor_order < 0 or (self.fixed and self.speed_factor_order):
+            raise InvalidProblem(
+                f'speed_factor_order = {self.speed_factor_order} is not allowed: must be 0 or '
+                'greater, and 0 where the duration is fixed'
+            )
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Shortest and longest [s]."""
+        shortest = 1e-2 * self.guess if self.shortest is None else self.shortest
+        longest = 1e2 * self.guess if self.longest is None else self.longest
+        return shortest, longest
+
+
+@dataclass(frozen=True)
+class Integrated:
+    """A state that is integrated: its value at the start, and at the end unless that is free."""
+
+    start: float
+    end: float | None = None
+    scale: float = 1.0
+
+
+class Formulation(ABC):
+    """An optimal control problem in terms of reference functions.
+
+    States and controls are passed as sequences of components: `x[i]` is the i-th state at all
+    nodes (and for several candidates at once), an array of any shape. Use numpy's functions, and
+    no loops. They are also called with complex numbers, to differentiate them by complex step;
+    where a function does not allow that (abs, maximum, arctan2), differences are taken instead.
+    """
+
+    state_names: ClassVar[tuple[str, ...]]
+    state_units: ClassVar[tuple[str, ...]]
+    control_names: ClassVar[tuple[str, ...]]
+    control_units: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def outputs(self) -> Mapping[str, Output]:
+        """Return the reference functions and their boundary conditions, by name."""
+
+    @abstractmethod
+    def duration(self) -> Duration:
+        """Return the time the motion takes, or may take."""
+
+    @abstractmethod
+    def invert(self, y: Outputs, z: Mapping[str, Values]) -> tuple[Components, Components]:
+        """Return states and controls by inverse dynamics.
+
+        `y[name][k]` is the k-th derivative of an output by time, `z[name]` an integrated state.
+        """
+
+    @abstractmethod
+    def derivative(self, x: Components, u: Components) -> Components:
+        """Return the time derivatives of all states: the plant's equations of motion."""
+
+    def integrated(self) -> Mapping[str, Integrated]:
+        """Return the states that are integrated, by name; none by default."""
+        return {}
+
+    def final_cost(self, t: Values, x: Components) -> Values:
+        """Return the part of the performance index J that the end (t_f, x_f) determines."""
+        return np.zeros_like(t)
+
+    def running_cost(self, t: Values, x: Components, u: Components) -> Values:
+        """Return the integrand of J."""
+        return np.zeros_like(t)
+
+    def margins(self, t: Values, x: Components, u: Components) -> Mapping[str, Values]:
+        """Return what is left to every limit, by name; negative where it is violated.
+
+        Best as a share of the limit, such as ``1 - (u[0]/limit)**2``.
+        """
+        return {}
+
+    def end_conditions(self, t: Values, x: Components) -> Sequence[Values]:
+        """Return what must vanish at the end beside the boundary conditions, of order one."""
+        return ()
+
+
+def stack(components: Components, count: int, what: str) -> Values:
+    """Stack `count` components of any compatible shape along the last axis.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming `what`, if their number or shapes do not match.
+    """
+    parts = list(components)
+    if len(parts) != count:
+        raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
+    try:
+        return np.stack(np.broadcast_arrays(*parts), axis=-1)
+    except ValueError:
+        shapes = ', '.join(str(np.shape(part)) for part in parts)
+        raise InvalidProblem(f'{what} has components of shapes {shapes} that differ') from None
+
+
+def components(values: Values) -> Values:
+    """Return an array (..., n) with its components first: (n, ...)."""
+    return np.moveaxis(values, -1, 0)

@@ -1,0 +1,141 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bases of outputs: what their boundary conditions determine, and well scaled free shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tdm_planner.direct_method.formulation import Output
+from tdm_planner.direct_method.polynomial import PolynomialBasis
+from tdm_planner.direct_method.reference_function import check_orders, ReferenceBasis
+from tdm_planner.direct_method.taranenko import TaranenkoBasis
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class VariedPolynomials:
+    """Polynomials with some end derivatives given and `free` further ones varied.
+
+    The further derivatives are the lowest that are not given, alternately at the start and at
+    the end; which they are does not matter for the set of polynomials that results.
+    """
+
+    start: tuple[int, ...]
+    end: tuple[int, ...]
+    basis: PolynomialBasis
+
+    @classmethod
+    def of(cls, start: tuple[int, ...], end: tuple[int, ...], free: int) -> VariedPolynomials:
+        """Return the basis; `free` >= 0."""
+        for where, given in (('start', start), ('end', end)):
+            check_orders(where, given)
+        ends: tuple[list[int], list[int]] = (list(start), list(end))
+        for _ in range(free):
+            lowest = [min(set(range(len(o) + 1)) - set(o)) for o in ends]
+            side = 0 if lowest[0] <= lowest[1] else 1
+            ends[side].append(lowest[side])
+        return cls(start, end, PolynomialBasis.of(tuple(ends[0]), tuple(ends[1])))
+
+    def given(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the part of every condition, (..., mg)."""
+        return self._values(s, derivative)[0]
+
+    def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return every free shape, (..., mv)."""
+        return self._values(s, derivative)[1]
+
+    def _values(self, s: ArrayLike, derivative: int) -> tuple[Array, Array]:
+        values = self.basis.values(s, derivative)
+        at_start, split = len(self.start), len(self.basis.start)
+        at_end = split + len(self.end)
+        given = [values[..., :at_start], values[..., split:at_end]]
+        free = [values[..., at_start:split], values[..., at_end:]]
+        return np.concatenate(given, axis=-1), np.concatenate(free, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class OrthonormalBasis:
+    """A basis whose free shapes are orthonormal in the mean of f g + f'' g'' over the arc."""
+
+    basis: ReferenceBasis
+    transformation: Array
+
+    @classmethod
+    def of(cls, basis: ReferenceBasis) -> OrthonormalBasis:
+        """Make the free shapes of `basis` orthonormal."""
+        points, weights = np.polynomial.legendre.leggauss(64)
+        root = np.sqrt(weights / 2.0)[:, None]
+        at = (points + 1.0) / 2.0
+        sampled = np.concatenate([root * basis.varied(at, k) for k in (0, 2)])
+        sizes = np.linalg.norm(sampled, axis=0)
+        _, triangle = np.linalg.qr(sampled / sizes)
+        return cls(basis, np.linalg.inv(triangle) / sizes[:, None])
+
+    @property
+    def start(self) -> tuple[int, ...]:
+        """Orders of the derivatives given at s = 0."""
+        return self.basis.start
+
+    @property
+    def end(self) -> tuple[int, ...]:
+        """Orders of the derivatives given at s = 1."""
+        return self.basis.end
+
+    @property
+    def size(self) -> int:
+        """Number of free shapes."""
+        return int(self.transformation.shape[0])
+
+    def given(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the part of every condition, (..., mg)."""
+        return self.basis.given(s, derivative)
+
+    def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return every free shape, (..., mv)."""
+        return np.asarray(self.basis.varied(s, derivative) @ self.transformation)
+
+
+def output_basis(name: str, output: Output, speed_factor_order: int) -> OrthonormalBasis:
+    """Return the basis of an output.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming the output, if its conditions are not finite, contradict each other, leave no
+        function, or cannot be converted to the virtual arc.
+    """
+    start, end = output.conditions('start'), output.conditions('end')
+    if not np.isfinite([*start.values(), *end.values()]).all():
+        raise InvalidProblem(f"a boundary value of output '{name}' is not a finite number")
+    for where, given in (('start', start), ('end', end)):
+        positive = [order for order in given if order > 0]
+        if speed_factor_order and positive and set(positive) != set(range(1, max(positive) + 1)):
+            raise InvalidProblem(
+                f"output '{name}' has derivatives {sorted(given)} given at the {where}: with a "
+                'speed factor all lower ones must be given too'
+            )
+    try:
+        if output.shapes is None:
+            basis: ReferenceBasis = VariedPolynomials.of(tuple(start), tuple(end), output.free)
+        else:
+            basis = _taranenko(output, tuple(start), tuple(end))
+    except InvalidProblem as error:
+        raise InvalidProblem(f"output '{name}': {error}") from None
+    return OrthonormalBasis.of(basis)
+
+
+def _taranenko(output: Output, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
+    assert output.shapes is not None
+    basis = TaranenkoBasis.of(output.shapes, start, end)
+    if not basis.unconditional:
+        raise InvalidProblem(
+            f'{output.shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
+            f'{list(end)} at the end; take more, or others'
+        )
+    return basis

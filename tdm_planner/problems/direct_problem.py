@@ -1,0 +1,152 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A problem that only states itself; search, verification and trajectory are the library's.
+
+    @dataclass(frozen=True)
+    class MyProblem(DirectProblem):
+        name: ClassVar[str] = 'my_problem'
+        state_names, state_units = ('x', 'v'), ('m', 'm/s')
+        control_names, control_units = ('force',), ('N',)
+
+        start: MyStart = group(MyStart)
+        solver: SolverParameters = group(SolverParameters)
+
+        def outputs(self): ...       # reference functions with their boundary conditions
+        def duration(self): ...      # varied or fixed, speed factor
+        def invert(self, y, z): ...  # states and controls from the outputs' derivatives
+        def derivative(self, x, u): ...  # the plant, for the verification and for integration
+        def margins(self, t, x, u): ...  # limits
+        def final_cost(self, t, x): ...  # performance index
+
+See `tdm_planner.direct_method.formulation.Formulation` for each of them, and docs/plants for
+worked examples. Registered under the entry-point group `tdm_planner.problems`, such a problem is
+planned for by ``tdm plan`` and by the planner node.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.formulation import components, Formulation, stack
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.direct_search import DirectPlan, DirectSearch
+
+Array = NDArray[np.float64]
+
+
+class DirectProblem(Formulation, Problem):
+    """An optimal control problem stated by a `Formulation`; see this module's docstring.
+
+    `nodes` (at least) along the arc are where limits are kept while searching; more are taken
+    where the check of a plan asks for them. `starts` first guesses are tried. A plan's end may
+    differ by `terminal_tolerance` (nx,) from the goal when replayed; by default by 1e-3 of the
+    range that a state runs through.
+    """
+
+    nodes: ClassVar[int] = 41
+    starts: ClassVar[int] = 4
+    terminal_tolerance: ClassVar[tuple[float, ...] | None] = None
+
+    def prepare(self) -> None:
+        """Do nothing: there is nothing to compile."""
+
+    def solve(
+        self,
+        deadline: float | None = None,
+        seed: int | None = None,
+        warm_start: Solution | None = None,
+    ) -> Solution:
+        """Find the best verified plan; see `Problem.solve`.
+
+        A warm start is the solution of a problem of the same kind, with other boundary conditions
+        or limits: its varied parameters are the first guess.
+        """
+        self._check_statement()
+        budget = Budget(self.solver.deadline if deadline is None else deadline)
+        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
+        previous = None if warm_start is None else warm_start.parameters
+        plan = DirectSearch(self, DirectPlant(self), budget, rng, previous).solve()
+        return self._solution(plan, budget)
+
+    def describe(self, plan: DirectPlan) -> str:
+        """Return the summary of a plan, one sentence."""
+        worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
+        closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
+        return f'J = {plan.cost:.6g}, {plan.trajectory.duration:.4g} s{closest}'
+
+    def _check_statement(self) -> None:
+        stated = {name: getattr(type(self), name) for name in ('final_cost', 'running_cost')}
+        if all(found is getattr(Formulation, name) for name, found in stated.items()):
+            raise InvalidProblem(
+                f'{self.name} states no performance index: define final_cost or running_cost'
+            )
+        for kind in ('state', 'control'):
+            names, units = getattr(self, f'{kind}_names'), getattr(self, f'{kind}_units')
+            if len(names) != len(units):
+                raise InvalidProblem(
+                    f'{self.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
+                )
+
+    def _solution(self, plan: DirectPlan, budget: Budget) -> Solution:
+        return Solution(
+            problem=self.name,
+            trajectories={self.name: plan.trajectory},
+            cost=plan.cost,
+            penalty=plan.penalty,
+            parameters=plan.parameters,
+            evaluations=budget.evaluations,
+            solve_time=budget.elapsed,
+            verification=plan.verification,
+            summary=self.describe(plan),
+        )
+
+
+@dataclass(frozen=True)
+class DirectPlant:
+    """The plant of a formulation, as the verification integrates it."""
+
+    formulation: Formulation
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        return self.formulation.state_names
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        """Units of the states."""
+        return self.formulation.state_units
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the controls."""
+        return self.formulation.control_names
+
+    @property
+    def control_units(self) -> tuple[str, ...]:
+        """Units of the controls."""
+        return self.formulation.control_units
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        """Time derivative of the states: (..., nx), (..., nu) -> (..., nx).
+
+        Raises
+        ------
+        InvalidProblem
+            Naming the state, if a rate is not a finite number.
+        """
+        slopes = self.formulation.derivative(components(state), components(control))
+        stacked = stack(slopes, len(self.state_names), 'what derivative returns')
+        if not np.isfinite(stacked).all():
+            index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
+            raise InvalidProblem(
+                f"derivative gives the rate of '{self.state_names[index[-1]]}' = {stacked[index]} "
+                f'in state {state[index[:-1]]} under control {control[index[:-1]]}'
+            )
+        return np.broadcast_to(stacked, state.shape)

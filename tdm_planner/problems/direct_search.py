@@ -1,0 +1,243 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The search for a plan of any formulation: seeds, minimiser, node refinement, verification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.formulation import components
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.transcription import chebyshev_nodes, Transcription
+from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.plants.base import Plant
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import Constraint, Verification, verify
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.direct_problem import DirectProblem
+
+Array = NDArray[np.float64]
+
+_FEASIBLE = 1e-6  # largest violated margin
+_MARGIN_TOLERANCE = 1e-5  # of the verification, for what is exactly on a limit
+_ROUNDS = 4  # of refinement of one candidate
+_WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
+_SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
+
+
+@dataclass(frozen=True, eq=False)
+class DirectPlan:
+    """A verified trajectory, its performance index, varied parameters and penalty of (10).
+
+    `scaled_cost` is what the minimiser had, before refinement.
+    """
+
+    trajectory: Trajectory
+    verification: Verification
+    cost: float
+    parameters: Array
+    penalty: float
+    scaled_cost: float
+
+
+class DirectSearch:
+    """Search for the best verified plan of a problem within a budget."""
+
+    def __init__(
+        self,
+        problem: DirectProblem,
+        plant: Plant,
+        budget: Budget,
+        rng: np.random.Generator,
+        previous: Array | None = None,
+    ) -> None:
+        self._problem = problem
+        self._plant = plant
+        self._budget = budget
+        self._rng = rng
+        self._previous = previous
+        self._nodes = self._node_count()
+        self._closest = np.inf
+        self._nearest_miss = 'finiteness'
+        self._rejected = ''
+
+    def solve(self) -> DirectPlan:
+        """Return the plan of least cost that passes the verification.
+
+        Raises
+        ------
+        InvalidProblem
+            If what the problem states does not fit together, or gives numbers that are not finite.
+        DeadlineExceeded, Infeasible, VerificationFailed
+            If there is no plan.
+        """
+        best: DirectPlan | None = None
+        program = Transcription(self._problem, chebyshev_nodes(self._nodes))
+        program.begin(program.first_guess)
+        for minimum in self._minima(program):
+            if best is None or minimum.point.cost < best.scaled_cost - _WORTHWHILE:
+                plan = self._verified(program, minimum)
+                if plan is not None and (best is None or plan.cost < best.cost):
+                    best = plan
+        if best is not None:
+            return best
+        if self._rejected:
+            reason = f'a candidate was found, but it did not pass the check: {self._rejected}'
+            if self._budget.spent:
+                raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
+            raise VerificationFailed(reason)
+        reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
+        if self._budget.spent:
+            raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
+        raise Infeasible(reason)
+
+    def _node_count(self) -> int:
+        free = [output.free for output in self._problem.outputs().values()]
+        return max(self._problem.nodes, 3 * max(free, default=0) + 15)
+
+    def _minima(self, program: Transcription) -> Iterator[Minimum]:
+        """Minimise from all seeds while there is time; yield the feasible results."""
+        found = False
+        for xi in self._seeds(program):
+            late = self._budget.elapsed > _SEARCH_SHARE * self._budget.seconds
+            if self._budget.spent or (found and late):
+                break
+            minimum = self._minimise(program, xi)
+            if minimum is None:
+                continue
+            if self._feasible(minimum):
+                found = True
+                yield minimum
+            elif minimum.point.violation < self._closest:
+                self._closest = minimum.point.violation
+                self._nearest_miss = self._name_violation(program, minimum)
+
+    def _seeds(self, program: Transcription) -> Iterator[Array]:
+        """Yield the previous solution, the plain boundary conditions, and random changes."""
+        first = program.first_guess
+        if self._previous is not None and self._previous.shape == first.shape:
+            yield self._previous
+        yield first
+        timing = first > 0
+        for attempt in range(1, self._problem.starts):
+            longer = np.exp(0.4 * self._rng.normal() + 0.2)
+            change = min(0.15 * attempt, 1.0) * self._rng.normal(size=first.size)
+            yield np.where(timing, first * longer, 3.0 * change / np.sqrt(first.size))
+
+    def _minimise(self, program: Transcription, xi: Array) -> Minimum | None:
+        before = program.evaluations
+        if not np.isfinite(program.evaluate(xi).cost):
+            return None
+        options = TrustRegionOptions(
+            penalties=(5.0, 5.0),
+            radius=0.5,
+            iterations=150,
+            cost_tolerance=1e-7,
+            feasibility=(self._problem.solver.tolerance, _FEASIBLE),
+            corrections=2,
+        )
+        with np.errstate(all='ignore'):
+            minimum = minimise(program, xi, options, self._budget)
+        self._budget.evaluations += program.evaluations - before
+        return minimum
+
+    def _feasible(self, minimum: Minimum) -> bool:
+        ends, margins = minimum.point.violations
+        return bool(ends <= max(self._problem.solver.tolerance, 1e-6) and margins <= 1e-5)
+
+    def _name_violation(self, program: Transcription, minimum: Minimum) -> str:
+        ends, margins = minimum.point.violations
+        if ends > margins:
+            return f'the conditions at the end by {ends:.2g}'
+        motion = program.motion(minimum.point.xi[None])
+        x, u = components(motion.states), components(motion.controls)
+        least = {
+            name: float(np.min(value))
+            for name, value in self._problem.margins(motion.times, x, u).items()
+        }
+        name = min(least, key=lambda key: least[key])
+        return f'{name} by {-least[name]:.2g}'
+
+    def _verified(self, program: Transcription, coarse: Minimum) -> DirectPlan | None:
+        """Check a candidate; where it fails, take more nodes and keep off the limits."""
+        minimum, nodes = coarse, self._nodes
+        reserve: dict[str, float] = {}
+        samples = max(201, 4 * nodes + 1)
+        for refinement in range(_ROUNDS):
+            xi = minimum.point.xi
+            trajectory, goal = self._trajectory(xi, samples)
+            check = self._verify(trajectory, goal)
+            if check.ok:
+                cost = float(program.cost(program.motion(xi[None]))[0])
+                violation = minimum.point.violation
+                return DirectPlan(trajectory, check, cost, xi, violation, coarse.point.cost)
+            self._rejected = check.reasons[0]
+            samples *= 2
+            violated = {k: -v for k, v in check.worst.items() if v < -_MARGIN_TOLERANCE}
+            if not violated and not program.integrated:
+                continue  # more samples are all that is wanted
+            # What twice the nodes leave of a quadratic error, and a little.
+            share = 0.3 if refinement < 2 else 1.1
+            for name, excess in violated.items():
+                reserve[name] = reserve.get(name, 0.0) + share * excess
+            nodes = 2 * nodes if refinement < 2 else nodes
+            program = program.refine(chebyshev_nodes(nodes), reserve)
+            again = self._minimise(program, xi)
+            if again is None or not self._feasible(again):
+                return None
+            minimum = again
+        return None
+
+    def _trajectory(self, xi: Array, samples: int) -> tuple[Trajectory, Array]:
+        """Return the motion on `samples` points of the arc, and the goal (nx,)."""
+        problem = self._problem
+        fine = Transcription(problem, np.linspace(0.0, 1.0, samples))
+        motion = fine.motion(xi[None])
+        trajectory = Trajectory(
+            times=to_nanoseconds(motion.times[0]),
+            states=motion.states[0],
+            controls=motion.controls[0],
+            state_names=problem.state_names,
+            control_names=problem.control_names,
+            interpolation='cubic',
+            state_units=problem.state_units,
+            control_units=problem.control_units,
+        ).with_rates(self._plant.derivative)
+        goal = np.array(motion.states[0, -1])
+        for name, state in fine.integrated.items():
+            if state.end is not None:
+                goal[problem.state_names.index(name)] = state.end
+        return trajectory, goal
+
+    def _verify(self, trajectory: Trajectory, goal: Array) -> Verification:
+        problem = self._problem
+        duration = trajectory.duration
+        if problem.terminal_tolerance is None:
+            tolerance = 1e-3 * np.ptp(trajectory.states, axis=0) + 1e-6
+        else:
+            tolerance = np.array(problem.terminal_tolerance, dtype=float)
+        samples = _columns(trajectory.times, trajectory.states, trajectory.controls)
+        constraints = [
+            Constraint(
+                name,
+                lambda t, x, u, name=name: np.broadcast_to(  # type: ignore[misc]
+                    problem.margins(*_columns(t, x, u))[name], t.shape
+                ),
+                tolerance=_MARGIN_TOLERANCE,
+            )
+            for name in problem.margins(*samples)
+        ]
+        return verify(
+            self._plant, trajectory, goal, tolerance, constraints, resolution=duration / 1000
+        )
+
+
+def _columns(times: Array, states: Array, controls: Array) -> tuple[Array, Array, Array]:
+    return times, components(states), components(controls)
