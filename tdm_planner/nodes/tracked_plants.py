@@ -31,8 +31,10 @@ from tdm_planner.nodes.robot_messages import (
     thruster_angle,
 )
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
-from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
-from tdm_planner.tracking.tracker import Action, TrackerParameters, TrajectoryTracker
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking.tracker import Action, TrajectoryTracker
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]

@@ -11,15 +11,16 @@ from tdm_planner.tracking.linear_quadratic import (
     TimeVaryingRegulator,
 )
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
-from tdm_planner.tracking.robot_tracking import RobotTracker, RobotTrackerParameters
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import (
     Action,
     Command,
     Phase,
-    TrackerParameters,
     TrajectoryRefused,
     TrajectoryTracker,
 )
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 __all__ = [
     'Action',

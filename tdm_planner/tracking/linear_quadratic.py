@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 # |A| h is halved until it is below this, where the series reaches rounding within its terms.
 _SERIES_NORM = 0.25
 _SERIES_TERMS = 10
+_LARGEST_NORM = 700.0  # its exponential just fits a float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +85,19 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
 
     (..., nx, nx), (..., nx, nu) -> the same shapes; the exponential of [[a, b], [0, 0]] by its
     series, scaled and squared.
+
+    Raises
+    ------
+    ValueError
+        If the matrices are not finite, or so large that the exponential is not.
     """
     nx, nu = b.shape[-2:]
     block = np.zeros((*b.shape[:-2], nx + nu, nx + nu))
     block[..., :nx, :nx] = a * step
     block[..., :nx, nx:] = b * step
     largest = float(np.abs(block).sum(axis=-1).max(initial=0.0))
+    if not largest < _LARGEST_NORM:
+        raise ValueError(f'no transition over {step:g} s can be computed: the rates are too large')
     halvings = max(0, math.ceil(math.log2(max(largest, 1e-300) / _SERIES_NORM)))
     block /= 2.0**halvings
     identity = np.eye(nx + nu)

@@ -20,6 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
@@ -33,10 +34,11 @@ from tdm_planner.tracking.linear_quadratic import (
 from tdm_planner.tracking.tracker import (
     Action,
     Motion,
-    TrackerParameters,
+    TrajectoryRefused,
     TrajectoryTracker,
     wrapped,
 )
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -145,7 +147,13 @@ class PendulumTracker(TrajectoryTracker):
     def upright(self) -> Regulator:
         """Regulator about upright for torques held over a command interval."""
         a, b = self.parameters.plant.linearise('upright')
-        return discrete_regulator(a, b, self._q, self._r, self.parameters.interval)
+        try:
+            return discrete_regulator(a, b, self._q, self._r, self.parameters.interval)
+        except ValueError as error:
+            raise InvalidProblem(
+                "parameters 'plant.*', 'weights.*' and 'limits.torque' allow no feedback about "
+                f'upright: {error}'
+            ) from None
 
     @cached_property
     def capture_level(self) -> float:
@@ -169,7 +177,15 @@ class PendulumTracker(TrajectoryTracker):
         times = trajectory.times[0] + step * (np.arange(steps) + 0.5)
         sample = smooth.sample(times)
         a, b = plant.jacobians(sample.state, sample.control)
-        along = time_varying_regulator(a, b, self._q, self._r, self.upright.cost_to_go, step)
+        terminal = self.upright.cost_to_go
+        try:
+            along = time_varying_regulator(a, b, self._q, self._r, terminal, step)
+        except ValueError as error:
+            raise TrajectoryRefused(
+                f'there is no feedback along the trajectory: {error}'
+            ) from None
+        if not np.isfinite(along.gains).all():
+            raise TrajectoryRefused('there is no finite feedback along it')
         return SwingUpLaw(Feedforward(trajectory), along, step, smooth)
 
     def error(self, state: Array, reference: Array) -> Array:

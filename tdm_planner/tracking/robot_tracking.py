@@ -20,15 +20,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import CommandHistory
 from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.robot_estimation import actuator_gains, robot_estimator
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.tracker import (
     Action,
     Motion,
-    Tolerances,
-    TrackerParameters,
     TrajectoryTracker,
     wrapped,
 )
@@ -36,152 +35,12 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_X, _U, _YAW, _OMEGA, _ALPHA, _THRUST_GAIN, _WHEEL_GAIN = 0, 2, 4, 5, 6, 7, 8
-_GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
-_GAIN_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
-_GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
+_YAW, _OMEGA, _ALPHA = 4, 5, 6
 _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
 _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
 _ANY_DIRECTION = 50.0  # rad
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
-
-
-class EstimatedRobot:
-    """The floating robot with two more states: what thruster and wheel deliver per command."""
-
-    def __init__(self, robot: FloatingRobot) -> None:
-        self.robot = robot
-        self.state_names = (*robot.state_names, 'thrust_gain', 'torque_gain')
-        self.state_units = (*robot.state_units, '', '')
-        self.control_names = robot.control_names
-        self.control_units = robot.control_units
-
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (9,), (3,) -> (9,)."""
-        gains = np.array([state[_THRUST_GAIN], 1.0, state[_WHEEL_GAIN]])
-        motion = self.robot.derivative(state[:7], gains * control)
-        return np.concatenate([motion, np.zeros(2)])
-
-    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """Return df/dx (9, 9) and df/du (9, 3)."""
-        thrust, torque = control[0] / self.robot.mass, control[2] / self.robot.inertia
-        heading = state[_YAW] + state[_ALPHA]
-        along = np.array([math.cos(heading), math.sin(heading)])
-        across = np.array([-along[1], along[0]])
-        by_state, by_control = np.zeros((9, 9)), np.zeros((9, 3))
-        by_state[0, 2] = by_state[1, 3] = by_state[_YAW, _OMEGA] = 1.0
-        by_state[2:4, _YAW] = by_state[2:4, _ALPHA] = state[_THRUST_GAIN] * thrust * across
-        by_state[2:4, _THRUST_GAIN] = thrust * along
-        by_state[_OMEGA, _WHEEL_GAIN] = torque
-        by_control[2:4, 0] = state[_THRUST_GAIN] / self.robot.mass * along
-        by_control[_OMEGA, 2] = state[_WHEEL_GAIN] / self.robot.inertia
-        by_control[_ALPHA, 1] = 1.0
-        return by_state, by_control
-
-
-@dataclass(frozen=True)
-class RobotTolerances(Tolerances):
-    """How far the robot may be from the trajectory."""
-
-    start: float = parameter(
-        0.1,
-        'largest distance from the start for a trajectory to be accepted',
-        unit='m',
-        allowed=POSITIVE,
-    )
-    path: float = parameter(
-        0.3, 'distance on the way at which the motion is given up', unit='m', allowed=POSITIVE
-    )
-
-
-@dataclass(frozen=True)
-class RobotActuatorLimits(Validated):
-    """What the actuators can do."""
-
-    thrust: float = parameter(1.05, 'largest thrust', unit='N', allowed=POSITIVE)
-    torque: float = parameter(
-        0.02, "largest torque of the wheel's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    thruster_rate: float = parameter(
-        2.0,
-        'largest rate at which the thruster turns, either way',
-        unit='rad/s',
-        allowed=POSITIVE,
-    )
-
-
-@dataclass(frozen=True)
-class RobotFeedback(Validated):
-    """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
-
-    position: float = parameter(
-        0.1,
-        'error of the position that is worth all the thrust: less is stiffer',
-        unit='m',
-        allowed=POSITIVE,
-    )
-    yaw: float = parameter(
-        0.1,
-        'error of the attitude that is worth all the torque: less is stiffer',
-        unit='rad',
-        allowed=POSITIVE,
-    )
-    deadband: float = parameter(
-        0.03,
-        'share of limits.thrust below which the thruster is not turned for the feedback, and when '
-        'keeping station not fired',
-        allowed=Range(0.0, 0.5),
-    )
-    misalignment: float = parameter(
-        1.0,
-        'angle between wanted acceleration and thruster beyond which there is no thrust',
-        unit='rad',
-        allowed=Range(0.0, math.pi / 2, lower_open=True),
-    )
-
-
-@dataclass(frozen=True)
-class RobotEstimatorParameters(Validated):
-    """What the state estimator assumes."""
-
-    position_noise: float = parameter(
-        0.002, 'standard deviation of x and of y', unit='m', allowed=POSITIVE
-    )
-    velocity_noise: float = parameter(
-        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=POSITIVE
-    )
-    angle_noise: float = parameter(
-        0.005,
-        'standard deviation of the attitude and its rate',
-        unit='rad, rad/s',
-        allowed=POSITIVE,
-    )
-    thruster_noise: float = parameter(
-        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=POSITIVE
-    )
-    model_error: float = parameter(
-        0.03, "error of the model's accelerations relative to the largest", allowed=POSITIVE
-    )
-
-
-@dataclass(frozen=True)
-class RobotTrackerParameters(TrackerParameters):
-    """Parameters of a robot's tracker."""
-
-    planner_service: str = parameter(
-        '/robots/plan', "name of the planner's service", read_only=True
-    )
-    tolerance: RobotTolerances = group(RobotTolerances)
-    robot_name: str = parameter(
-        '',
-        "name of the robot in trajectories; empty: the last part of the node's namespace",
-        read_only=True,
-    )
-    plant: FloatingRobot = group(FloatingRobot)
-    limits: RobotActuatorLimits = group(RobotActuatorLimits)
-    feedback: RobotFeedback = group(RobotFeedback)
-    estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)
 
 
 class Reach(NamedTuple):
@@ -228,7 +87,7 @@ class RobotTracker(TrajectoryTracker):
 
     def __init__(self, parameters: RobotTrackerParameters) -> None:
         history = CommandHistory(3)
-        super().__init__(parameters, _estimator(parameters, history), history)
+        super().__init__(parameters, robot_estimator(parameters, history), history)
         plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
         self._largest = limits.thrust / plant.mass
         self._firing = False
@@ -369,8 +228,8 @@ class RobotTracker(TrajectoryTracker):
         self._firing = wanted > level
         thrust = 0.0
         if self._firing and abs(off) < self.parameters.feedback.misalignment:
-            thrust = plant.mass * wanted * math.cos(off) / _gain(state[_THRUST_GAIN])
-        torque = wish.torque / _gain(state[_WHEEL_GAIN])
+            thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
+        torque = wish.torque / actuator_gains(state)[1]
         return np.array(
             [
                 min(thrust, limits.thrust),
@@ -381,26 +240,3 @@ class RobotTracker(TrajectoryTracker):
 
     def _action(self, control: Array, planned: Array, error: Array, reference: Array) -> Action:
         return Action(control, control - planned, error, reference)
-
-
-def _gain(estimate: float) -> float:
-    return float(min(max(estimate, _GAIN_RANGE[0]), _GAIN_RANGE[1]))
-
-
-def _estimator(parameters: RobotTrackerParameters, history: CommandHistory) -> StateEstimator:
-    assumed, limits, plant = parameters.estimator, parameters.limits, parameters.plant
-    push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
-    measured = [assumed.position_noise] * 2 + [assumed.velocity_noise] * 2
-    measured += [assumed.angle_noise] * 2 + [assumed.thruster_noise]
-    noise = EstimatorNoise(
-        measurement=np.array(measured + [_GAIN_UNKNOWN] * 2),
-        model=assumed.model_error,
-        rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
-        driven=np.array([False, False, True, True, False, True, False, False, False]),
-        prior=np.array(measured + [_GAIN_SPREAD] * 2),
-    )
-    angles = np.zeros(9, dtype=bool)
-    angles[[_YAW, _ALPHA]] = True
-    return StateEstimator(
-        EstimatedRobot(plant), noise, angles, history, longest_gap=parameters.state_timeout
-    )

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.exceptions import TdmError
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -50,63 +50,6 @@ class Phase(str, Enum):
     HOLDING = 'holding'
     STOPPED = 'stopped'
     RECOVERING = 'recovering'
-
-
-@dataclass(frozen=True)
-class Tolerances(Validated):
-    """How far the state may be from the trajectory; rad for the pendulum, m for a robot."""
-
-    start: float = parameter(
-        0.3,
-        'largest deviation at the start for a trajectory to be accepted, rad or m',
-        allowed=POSITIVE,
-    )
-    path: float = parameter(
-        1.0, 'deviation on the way at which the motion is given up, rad or m', allowed=POSITIVE
-    )
-
-
-@dataclass(frozen=True)
-class ReplanOnDeviation(Validated):
-    """What happens when the motion had to be given up."""
-
-    on_deviation: bool = parameter(
-        False,
-        'when the motion had to be given up, bring the plant to rest and ask for a new plan',
-    )
-    interval: float = parameter(
-        1.0, 'least time between two such requests', unit='s', allowed=POSITIVE
-    )
-
-
-@dataclass(frozen=True)
-class TrackerParameters(Validated):
-    """Parameters of every tracker; subclasses add the plant's own."""
-
-    rate: float = parameter(
-        200.0,
-        'rate of the commands',
-        unit='Hz',
-        allowed=Range(1.0, 1000.0),
-        read_only=True,
-    )
-    state_timeout: float = parameter(
-        0.1,
-        'age of the newest state beyond which nothing is commanded',
-        unit='s',
-        allowed=POSITIVE,
-    )
-    command_delay: float = parameter(
-        0.0, 'time from sending a command to its effect', unit='s', allowed=NON_NEGATIVE
-    )
-    planner_service: str = parameter('plan', "name of the planner's service", read_only=True)
-    tolerance: Tolerances = group(Tolerances)
-    replan: ReplanOnDeviation = group(ReplanOnDeviation)
-
-    @property
-    def interval(self) -> float:
-        """Time for which a command is in force [s]."""
-        return 1.0 / self.rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,6 +245,9 @@ class TrajectoryTracker(ABC):
         acts_at = now + self.parameters.command_delay
         state = self.estimator.predict(acts_at)
         action = self._act(acts_at, state)
+        if action is not None and not np.isfinite(action.control).all():
+            self.stop('the feedback gave a value that is not a finite number')
+            action = None
         control = self._idle(state) if action is None else action.control
         self.history.add(acts_at, control)
         return Command(control, self.phase, action, self.reason)

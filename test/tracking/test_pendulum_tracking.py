@@ -297,6 +297,17 @@ def test_changed_parameters_act_without_a_jump(plan: Trajectory) -> None:
     assert loop.held(1.0)
 
 
+def test_a_trajectory_no_feedback_can_follow_is_refused(plan: Trajectory) -> None:
+    wild = plan.states.copy()
+    wild[5:, 2:] = 1e200
+    tracker = make_tracker()
+    tracker.observe(hanging(), 0.0)
+    absurd = Trajectory(plan.times, wild, plan.controls, plan.state_names, plan.control_names)
+    with np.errstate(all='ignore'), pytest.raises(TrajectoryRefused, match='feedback along it'):
+        tracker.accept(absurd, 0.1, 0.0)
+    assert tracker.phase is Phase.IDLE
+
+
 def test_parameters_are_checked() -> None:
     with pytest.raises(InvalidProblem, match=r'tolerance\.path'):
         make_tracker(tolerance__path=-1.0)

@@ -10,11 +10,9 @@ import pytest
 
 from tdm_planner.parameters import build
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.tracking.robot_tracking import (
-    EstimatedRobot,
-    RobotTracker,
-    RobotTrackerParameters,
-)
+from tdm_planner.tracking.robot_estimation import EstimatedRobot
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import Phase, TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.mismatch import mismatched, mismatched_gains

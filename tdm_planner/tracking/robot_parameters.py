@@ -1,0 +1,116 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a robot's tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.tracking.tracker_parameters import Tolerances, TrackerParameters
+
+
+@dataclass(frozen=True)
+class RobotTolerances(Tolerances):
+    """How far the robot may be from the trajectory."""
+
+    start: float = parameter(
+        0.1,
+        'largest distance from the start for a trajectory to be accepted',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        0.3, 'distance on the way at which the motion is given up', unit='m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotActuatorLimits(Validated):
+    """What the actuators can do."""
+
+    thrust: float = parameter(1.05, 'largest thrust', unit='N', allowed=POSITIVE)
+    torque: float = parameter(
+        0.02, "largest torque of the wheel's motor, either way", unit='N m', allowed=POSITIVE
+    )
+    thruster_rate: float = parameter(
+        2.0,
+        'largest rate at which the thruster turns, either way',
+        unit='rad/s',
+        allowed=POSITIVE,
+    )
+
+
+@dataclass(frozen=True)
+class RobotFeedback(Validated):
+    """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
+
+    position: float = parameter(
+        0.1,
+        'error of the position that is worth all the thrust: less is stiffer',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    yaw: float = parameter(
+        0.1,
+        'error of the attitude that is worth all the torque: less is stiffer',
+        unit='rad',
+        allowed=POSITIVE,
+    )
+    deadband: float = parameter(
+        0.03,
+        'share of limits.thrust below which the thruster is not turned for the feedback, and when '
+        'keeping station not fired',
+        allowed=Range(0.0, 0.5),
+    )
+    misalignment: float = parameter(
+        1.0,
+        'angle between wanted acceleration and thruster beyond which there is no thrust',
+        unit='rad',
+        allowed=Range(0.0, math.pi / 2, lower_open=True),
+    )
+
+
+@dataclass(frozen=True)
+class RobotEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    position_noise: float = parameter(
+        0.002, 'standard deviation of x and of y', unit='m', allowed=POSITIVE
+    )
+    velocity_noise: float = parameter(
+        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=POSITIVE
+    )
+    angle_noise: float = parameter(
+        0.005,
+        'standard deviation of the attitude and its rate',
+        unit='rad, rad/s',
+        allowed=POSITIVE,
+    )
+    thruster_noise: float = parameter(
+        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=POSITIVE
+    )
+    model_error: float = parameter(
+        0.03, "error of the model's accelerations relative to the largest", allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotTrackerParameters(TrackerParameters):
+    """Parameters of a robot's tracker."""
+
+    planner_service: str = parameter(
+        '/robots/plan', "name of the planner's service", read_only=True
+    )
+    tolerance: RobotTolerances = group(RobotTolerances)
+    robot_name: str = parameter(
+        '',
+        "name of the robot in trajectories; empty: the last part of the node's namespace",
+        read_only=True,
+    )
+    plant: FloatingRobot = group(FloatingRobot)
+    limits: RobotActuatorLimits = group(RobotActuatorLimits)
+    feedback: RobotFeedback = group(RobotFeedback)
+    estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)
