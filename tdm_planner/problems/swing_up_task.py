@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.plants.pendulum_rollout import roll_states
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
@@ -90,6 +91,26 @@ class SwingUpTask:
         w0 = self.plant.natural_frequency
         error = np.abs(self.start - self.goal_nearest(self.start))
         return min(1.0, float((error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]).max()))
+
+    def braking_peak(self) -> float:
+        """Largest |psi| [rad] if the torque brakes the disk fully until it stands.
+
+        Infinite if it does not come to stand in four times the time that the torque alone needs.
+        """
+        speed = float(self.start[3])
+        if speed == 0.0:
+            return abs(float(self.start[1]))
+        longest = min(4.0 * abs(speed) / self.disk_acceleration, 1e6)
+        steps = 400
+        torques = np.full(steps, -math.copysign(self.torque, speed))
+        with np.errstate(all='ignore'):
+            states = roll_states(
+                self.plant, self.start, np.full(steps, longest / steps), torques, 4
+            )
+        standing = np.flatnonzero(~(states[:, 3] * speed > 0.0))
+        if not standing.size or not np.isfinite(states[standing[0]]).all():
+            return math.inf
+        return float(np.abs(states[: standing[0] + 1, 1]).max())
 
     def turns_nearest(self, state: Array) -> int:
         """Return the n of theta = 2 pi n to aim at from a state (4,)."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, VerificationFailed
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states
 from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
@@ -76,7 +76,7 @@ class SwitchingMethod:
 
         Raises
         ------
-        DeadlineExceeded, VerificationFailed
+        DeadlineExceeded, VerificationFailed, Infeasible
             If there is none within the budget.
         """
         while not self._budget.spent:
@@ -90,6 +90,14 @@ class SwitchingMethod:
             raise VerificationFailed(
                 f'swing-ups were found, but none within {self._budget.seconds:g} s that passes '
                 f'the check: {self._rejected}'
+            )
+        peak = self._task.braking_peak()
+        if not self._arrived and peak > self._task.disk_angle:
+            reached = f'to {peak:.3g} rad, beyond' if math.isfinite(peak) else 'far beyond'
+            raise Infeasible(
+                f"the disk's speed start.psi_dot = {self._task.start[3]:g} rad/s is too high: "
+                f'even braked fully it turns {reached} limits.disk_angle = '
+                f'{self._task.disk_angle:g} rad'
             )
         raise DeadlineExceeded(self._reason())
 
@@ -163,7 +171,7 @@ class SwitchingMethod:
             f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:
-            return search + f'gave {self._arrived} swing-ups, but left no time to check one'
+            return search + f'gave swing-ups ({self._arrived}), but left no time to check one'
         search += 'gave no swing-up'
         if task.drive < _WEAK:
             search += (
