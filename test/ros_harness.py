@@ -200,6 +200,9 @@ class Ros:
         if client is None:
             client = self.node.create_client(service_type, service)
             self._clients[service] = client
+            assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
+            # The server may match a little later; until then its answers to us are lost.
+            self.spin_for(0.2)
         assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
         return client.call_async(request or service_type.Request())
 

@@ -50,7 +50,8 @@ def test_time_and_its_inverse(kind, coefficients, span):
     step = 1e-5 * span
     inner = tau[1:-1]
     slope = (factor.time(inner + step) - factor.time(inner - step)) / (2 * step)
-    np.testing.assert_allclose(slope * factor(inner), 1.0, rtol=1e-5)
+    # the quadrature's error, some 1e-11 of the time, is divided by the step
+    np.testing.assert_allclose(slope * factor(inner), 1.0, rtol=1e-4)
     for order in (1, 2):
         below = (factor(inner + step, order - 1) - factor(inner - step, order - 1)) / (2 * step)
         scale = np.abs(factor(tau)).max() / span**order
