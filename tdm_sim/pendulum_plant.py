@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from tdm_planner.nodes.runtime import run
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, Validated
+from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import pendulum_push
 from tdm_sim.mismatch import mismatched
@@ -26,21 +26,6 @@ from tdm_sim.simulation import PlantSetup
 Array = NDArray[np.float64]
 
 JOINTS = ('pendulum', 'disk')
-
-
-@dataclass(frozen=True)
-class ActuatorLimits(Validated):
-    """What the rig can do."""
-
-    torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    disk_angle: float = parameter(
-        2.0,
-        'angle of the disk, either way, beyond which the diagnostics warn',
-        unit='rad',
-        allowed=POSITIVE,
-    )
 
 
 @dataclass(frozen=True)
@@ -86,7 +71,7 @@ class PendulumPlantParameters(SimulationParameters):
     """Parameters of the node."""
 
     plant: RotaryPendulum = group(RotaryPendulum)
-    limits: ActuatorLimits = group(ActuatorLimits)
+    limits: PendulumLimits = group(PendulumLimits)
     initial: InitialState = group(InitialState)
     noise: PendulumNoise = group(PendulumNoise)
     disturbance: PendulumDisturbance = group(PendulumDisturbance)

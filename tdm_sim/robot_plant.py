@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
@@ -31,22 +31,6 @@ Array = NDArray[np.float64]
 JOINTS = ('thruster', 'reaction_wheel')
 FRAME = 'arena'
 DEFAULT_NAME = 'robot1'
-
-
-@dataclass(frozen=True)
-class RobotActuators(Validated):
-    """What the actuators can do."""
-
-    thrust: float = parameter(1.05, 'largest thrust', unit='N', allowed=POSITIVE)
-    torque: float = parameter(
-        0.02, "largest torque of the wheel's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    thruster_rate: float = parameter(
-        2.0,
-        'largest rate at which the thruster turns, either way',
-        unit='rad/s',
-        allowed=POSITIVE,
-    )
 
 
 @dataclass(frozen=True)
@@ -113,7 +97,7 @@ class RobotPlantParameters(SimulationParameters):
         read_only=True,
     )
     plant: FloatingRobot = group(FloatingRobot)
-    limits: RobotActuators = group(RobotActuators)
+    limits: RobotLimits = group(RobotLimits)
     initial: RobotInitialState = group(RobotInitialState)
     noise: RobotNoise = group(RobotNoise)
     disturbance: RobotDisturbance = group(RobotDisturbance)

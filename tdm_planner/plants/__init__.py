@@ -3,7 +3,20 @@
 """Plants: equations of motion in time, vectorised, with units and derivatives."""
 
 from tdm_planner.plants.base import Plant
-from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
+from tdm_planner.plants.rotary_pendulum import (
+    PendulumInertia,
+    PendulumLimits,
+    PendulumMotor,
+    RotaryPendulum,
+)
 
-__all__ = ['FloatingRobot', 'PendulumInertia', 'Plant', 'RotaryPendulum']
+__all__ = [
+    'FloatingRobot',
+    'PendulumInertia',
+    'PendulumLimits',
+    'PendulumMotor',
+    'Plant',
+    'RobotLimits',
+    'RotaryPendulum',
+]

@@ -34,6 +34,27 @@ _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2.0
 
 
 @dataclass(frozen=True)
+class RobotLimits(Validated):
+    """Limits of the actuators, the same for all robots."""
+
+    thrust: float = parameter(
+        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=POSITIVE
+    )
+    torque: float = parameter(
+        0.02,
+        "largest torque of the wheel's motor, either way; T_max is this per inertia",
+        unit='N m',
+        allowed=POSITIVE,
+    )
+    thruster_rate: float = parameter(
+        2.0,
+        'largest rate at which the thruster turns, either way',
+        unit='rad/s',
+        allowed=POSITIVE,
+    )
+
+
+@dataclass(frozen=True)
 class FloatingRobot(Validated):
     """A robot that floats without friction on a flat arena."""
 

@@ -53,6 +53,24 @@ class Coefficients(NamedTuple):
 
 
 @dataclass(frozen=True)
+class PendulumMotor(Validated):
+    """What the disk's motor can do."""
+
+    torque: float = parameter(
+        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class PendulumLimits(PendulumMotor):
+    """Limits of motor and rig."""
+
+    disk_angle: float = parameter(
+        2.0, 'largest angle of the disk, either way', unit='rad', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
 class PendulumInertia(Validated):
     """Moments of inertia."""
 

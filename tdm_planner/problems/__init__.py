@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Problems: optimal control problems cast in the direct method."""
 
+from tdm_planner.plants import PendulumLimits, RobotLimits
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.pendulum_swing_up import (
     PendulumGoal,
-    PendulumLimits,
     PendulumStart,
     PendulumSwingUp,
 )
@@ -21,6 +21,7 @@ __all__ = [
     'PendulumSwingUp',
     'Problem',
     'RobotFormation',
+    'RobotLimits',
     'RobotStart',
     'Solution',
     'SolverParameters',

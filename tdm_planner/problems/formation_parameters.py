@@ -21,7 +21,7 @@ from tdm_planner.parameters import (
     specifications,
     Validated,
 )
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.problems.base import SolverParameters
 
 DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
@@ -34,27 +34,6 @@ _DEFAULT_OFFSETS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _RESERVED = frozenset({'anchor', 'start', 'replan', 'problem', 'solver', 'plan', 'markers'})
 _COORDINATE = Range(-1e4, 1e4)
-
-
-@dataclass(frozen=True)
-class RobotLimits(Validated):
-    """Limits of the actuators, the same for all robots."""
-
-    thrust: float = parameter(
-        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=POSITIVE
-    )
-    torque: float = parameter(
-        0.02,
-        "largest torque of the wheel's motor, either way; T_max is this per inertia",
-        unit='N m',
-        allowed=POSITIVE,
-    )
-    thruster_rate: float = parameter(
-        2.0,
-        'largest rate at which the thruster turns, either way',
-        unit='rad/s',
-        allowed=POSITIVE,
-    )
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, parameter, Range, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_rollout import compile_kernels
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
@@ -29,18 +29,6 @@ from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PendulumLimits(Validated):
-    """Limits of actuator and rig."""
-
-    torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    disk_angle: float = parameter(
-        2.0, 'largest angle of the disk, either way', unit='rad', allowed=POSITIVE
-    )
 
 
 @dataclass(frozen=True)

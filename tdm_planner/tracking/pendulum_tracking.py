@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumMotor, RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.feedforward import Feedforward
 from tdm_planner.tracking.linear_quadratic import (
@@ -51,15 +51,6 @@ _RATE_FLOOR = 0.1
 # for the quickest decay over strong and weak motors. Calm: angles in rad, rates in units of w0.
 _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
-
-
-@dataclass(frozen=True)
-class ActuatorLimits(Validated):
-    """What the motor can do."""
-
-    torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
-    )
 
 
 @dataclass(frozen=True)
@@ -97,7 +88,7 @@ class PendulumTrackerParameters(TrackerParameters):
     """Parameters of the pendulum's tracker."""
 
     plant: RotaryPendulum = group(RotaryPendulum)
-    limits: ActuatorLimits = group(ActuatorLimits)
+    limits: PendulumMotor = group(PendulumMotor)
     weights: FeedbackWeights = group(FeedbackWeights)
     estimator: EstimatorParameters = group(EstimatorParameters)
 
@@ -185,7 +176,7 @@ class PendulumTracker(TrajectoryTracker):
                 f'there is no feedback along the trajectory: {error}'
             ) from None
         if not np.isfinite(along.gains).all():
-            raise TrajectoryRefused('there is no finite feedback along it')
+            raise TrajectoryRefused('there is no finite feedback along the trajectory')
         return SwingUpLaw(Feedforward(trajectory), along, step, smooth)
 
     def error(self, state: Array, reference: Array) -> Array:

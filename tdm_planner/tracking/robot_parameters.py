@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import math
 
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.tracking.tracker_parameters import Tolerances, TrackerParameters
 
 
@@ -24,22 +24,6 @@ class RobotTolerances(Tolerances):
     )
     path: float = parameter(
         0.3, 'distance on the way at which the motion is given up', unit='m', allowed=POSITIVE
-    )
-
-
-@dataclass(frozen=True)
-class RobotActuatorLimits(Validated):
-    """What the actuators can do."""
-
-    thrust: float = parameter(1.05, 'largest thrust', unit='N', allowed=POSITIVE)
-    torque: float = parameter(
-        0.02, "largest torque of the wheel's motor, either way", unit='N m', allowed=POSITIVE
-    )
-    thruster_rate: float = parameter(
-        2.0,
-        'largest rate at which the thruster turns, either way',
-        unit='rad/s',
-        allowed=POSITIVE,
     )
 
 
@@ -111,6 +95,6 @@ class RobotTrackerParameters(TrackerParameters):
         read_only=True,
     )
     plant: FloatingRobot = group(FloatingRobot)
-    limits: RobotActuatorLimits = group(RobotActuatorLimits)
+    limits: RobotLimits = group(RobotLimits)
     feedback: RobotFeedback = group(RobotFeedback)
     estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)
