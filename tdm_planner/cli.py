@@ -75,7 +75,12 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument('problem', help='pendulum, robots, or the name of an installed problem')
     plan.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     plan.add_argument(
-        '--set', action='append', default=[], metavar='NAME=VALUE', help='one parameter'
+        '--set',
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='NAME=VALUE',
+        help='parameters; may be given several times',
     )
     plan.add_argument(
         '-o', '--output', type=Path, required=True, metavar='FILE', help='.json, .csv or .npz'

@@ -57,6 +57,7 @@ class Range:
 
 
 POSITIVE = Range(0.0, lower_open=True)
+PHYSICAL = Range(0.0, 1e12, lower_open=True)  # products of a few stay finite
 NON_NEGATIVE = Range(0.0)
 ANY = Range()
 

@@ -28,14 +28,17 @@ Array = NDArray[np.float64]
 JOINTS = ('pendulum', 'disk')
 
 
+_ANGLE, _RATE = Range(-1e6, 1e6), Range(-1e3, 1e3)
+
+
 @dataclass(frozen=True)
 class InitialState(Validated):
     """State at the start and after `reset`."""
 
-    theta: float = parameter(math.pi, "pendulum's angle from upright", unit='rad')
-    psi: float = parameter(0.0, "disk's angle", unit='rad')
-    theta_dot: float = parameter(0.0, "pendulum's angular velocity", unit='rad/s')
-    psi_dot: float = parameter(0.0, "disk's angular velocity", unit='rad/s')
+    theta: float = parameter(math.pi, "pendulum's angle from upright", unit='rad', allowed=_ANGLE)
+    psi: float = parameter(0.0, "disk's angle", unit='rad', allowed=_ANGLE)
+    theta_dot: float = parameter(0.0, "pendulum's angular velocity", unit='rad/s', allowed=_RATE)
+    psi_dot: float = parameter(0.0, "disk's angular velocity", unit='rad/s', allowed=_RATE)
 
 
 @dataclass(frozen=True)

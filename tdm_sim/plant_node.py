@@ -213,6 +213,10 @@ class PlantNode(ParameterNode):
         if self._left_out > 0.0:
             warnings = [*warnings, f'{self._left_out:.3g} s left out: the process was stalled']
         level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
+        if self.simulation.breakdowns:
+            errors.append(
+                f'reset {self.simulation.breakdowns} times: the motion could not be integrated'
+            )
         if errors or warnings:
             level = Level.ERROR if errors else Level.WARN
             message = '; '.join([*errors, *warnings])

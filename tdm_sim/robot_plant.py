@@ -33,18 +33,25 @@ FRAME = 'arena'
 DEFAULT_NAME = 'robot1'
 
 
+_PLACE, _RATE = Range(-1e4, 1e4), Range(-100.0, 100.0)
+
+
 @dataclass(frozen=True)
 class RobotInitialState(Validated):
     """State at the start and after `reset`."""
 
-    x: float = parameter(2.0, 'position along x', unit='m')
-    y: float = parameter(2.0, 'position along y', unit='m')
-    u: float = parameter(0.0, 'velocity along x', unit='m/s')
-    v: float = parameter(0.0, 'velocity along y', unit='m/s')
-    yaw: float = parameter(0.0, 'attitude', unit='rad')
-    omega: float = parameter(0.0, 'yaw rate', unit='rad/s')
-    alpha: float = parameter(0.0, "thruster's angle from the robot's front", unit='rad')
-    wheel_speed: float = parameter(0.0, 'speed of the reaction wheel', unit='rad/s')
+    x: float = parameter(2.0, 'position along x', unit='m', allowed=_PLACE)
+    y: float = parameter(2.0, 'position along y', unit='m', allowed=_PLACE)
+    u: float = parameter(0.0, 'velocity along x', unit='m/s', allowed=_RATE)
+    v: float = parameter(0.0, 'velocity along y', unit='m/s', allowed=_RATE)
+    yaw: float = parameter(0.0, 'attitude', unit='rad', allowed=_PLACE)
+    omega: float = parameter(0.0, 'yaw rate', unit='rad/s', allowed=_RATE)
+    alpha: float = parameter(
+        0.0, "thruster's angle from the robot's front", unit='rad', allowed=_PLACE
+    )
+    wheel_speed: float = parameter(
+        0.0, 'speed of the reaction wheel', unit='rad/s', allowed=Range(-1e5, 1e5)
+    )
 
 
 @dataclass(frozen=True)

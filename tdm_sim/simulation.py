@@ -65,13 +65,15 @@ class SimulatedPlant:
     """A plant in motion.
 
     `time` [s] counts the simulated time since the start. A command acts from the moment it is
-    given until the next one, for at most the command time-out.
+    given until the next one, for at most the command time-out. `breakdowns` counts how often the
+    motion became too violent to be integrated; the plant is then reset.
     """
 
     def __init__(self, setup: PlantSetup, seed: int = 0) -> None:
         self.setup = setup
         self.time = 0.0
         self.timeouts = 0
+        self.breakdowns = 0
         self._state = setup.initial
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
@@ -127,7 +129,7 @@ class SimulatedPlant:
         self._expiry = -math.inf
 
     def _advance(self, until: float) -> None:
-        self._state = integrate(
+        state = integrate(
             self.setup.plant,
             self._state,
             self.control,
@@ -136,3 +138,8 @@ class SimulatedPlant:
             self.setup.contact,
         )
         self.time = until
+        if np.isfinite(state).all():
+            self._state = state
+        else:
+            self.breakdowns += 1
+            self.reset()

@@ -64,24 +64,25 @@ def test_parameter_files_and_settings(tmp_path):
         '      start: {source: measured, theta: 3.0}\n'
     )
     done = tdm(
-        'plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', '-q',
-        '-o', 'plan.csv', cwd=tmp_path,
+        'plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1',
+        '--set', 'solver.seed=1', '-q', '-o', 'plan.csv', cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == ''
     lines = (tmp_path / 'plan.csv').read_text().splitlines()
     assert lines[0] == 'time,theta,psi,theta_dot,psi_dot,torque'
     first = [float(value) for value in lines[1].split(',')]
-    assert first[1] == 3.0
+    assert first[1:3] == [3.0, 0.1]
     assert abs(first[5]) == pytest.approx(0.09)
 
 
 @pytest.mark.parametrize(
     ('arguments', 'code', 'words'),
     [
-        (['--set', 'limits.torque=-1'], 2, ['limits.torque', '-1', '(0, inf) N m']),
+        (['--set', 'limits.torque=-1'], 2, ['limits.torque', '-1', '(0, 1e+12] N m']),
         (['--set', 'limits.torque=.nan'], 2, ['limits.torque', 'nan']),
         (['--set', 'plant.mas=1'], 2, ['plant.mas', 'unknown', 'plant.mass']),
+        (['--set', 'plant.mass=1e300'], 2, ['plant.mass', '1e+300', '(0, 1e+12] kg']),
         (['--set', 'nonsense'], 2, ['nonsense', 'name=value']),
         (['--set', 'start.psi=2.5'], 2, ['start.psi', '2.5', '[-2, 2]']),
         (['--params', 'absent.yaml'], 2, ['absent.yaml', 'cannot be read']),

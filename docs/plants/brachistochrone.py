@@ -25,7 +25,7 @@ from scipy.optimize import brentq
 
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
-from tdm_planner.problems import DirectProblem, SolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Brachistochrone(DirectProblem, Validated):
     down: float = parameter(1.0, 'vertical distance', unit='m', allowed=POSITIVE)
     gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
     free: int = parameter(3, 'varied parameters of the slope', allowed=Range(1, 12))
-    solver: SolverParameters = group(SolverParameters)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'gamma': Output(free=self.free, scale=1.0)}
@@ -76,7 +76,7 @@ def cycloid_time(across: float, down: float, gravity: float) -> float:
 
 
 if __name__ == '__main__':
-    problem = Brachistochrone(solver=SolverParameters(deadline=10.0))
+    problem = Brachistochrone(solver=DirectSolverParameters(deadline=10.0))
     best = cycloid_time(problem.across, problem.down, problem.gravity)
     print(f'cycloid: {best:.6f} s')
     print('varied parameters    t_f [s]    over the cycloid')

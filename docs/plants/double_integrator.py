@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, SolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class DoubleIntegrator(DirectProblem, Validated):
     start: CartStart = group(CartStart)
     limit: float = parameter(1.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
     free: int = parameter(6, 'varied parameters beside the duration', allowed=NON_NEGATIVE)
-    solver: SolverParameters = group(SolverParameters)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'x': Output(start=(self.start.x, self.start.v), end=(0.0, 0.0), free=self.free)}
@@ -65,7 +65,7 @@ class DoubleIntegrator(DirectProblem, Validated):
 
 def table(counts: tuple[int, ...]) -> dict[int, float]:
     """Minimum time [s] by the number of varied parameters beside the duration."""
-    problem = DoubleIntegrator(solver=SolverParameters(deadline=10.0))
+    problem = DoubleIntegrator(solver=DirectSolverParameters(deadline=10.0))
     return {free: replace(problem, free=free).solve().cost for free in counts}
 
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from tdm_planner.direct_method import arctan2, Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, SolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 G = 9.81
 DRAG, INDUCED = 2.0e-3, 80.0  # c0 [1/m], c1 [m^3/s^4], per unit of mass
@@ -68,7 +68,7 @@ class Landing(DirectProblem, Validated):
     stall: float = parameter(14.0, 'stall speed at n = 1', unit='m/s', allowed=POSITIVE)
     free: int = parameter(3, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
     speed_factor_order: int = parameter(2, 'degree of dt/ds', allowed=NON_NEGATIVE)
-    solver: SolverParameters = group(SolverParameters)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     goal: ClassVar[Approach] = Approach(
         x=500.0, y=300.0, h=2.0, speed=16.0, path_angle=-0.06, heading=2.2
@@ -122,7 +122,7 @@ class Landing(DirectProblem, Validated):
 
 
 if __name__ == '__main__':
-    problem = Landing(solver=SolverParameters(deadline=10.0))
+    problem = Landing(solver=DirectSolverParameters(deadline=10.0))
     print('free parameters    tau = t      dt/ds of degree 2    of degree 4')
     for free in (2, 3, 4, 6):
         times = [replace(problem, free=free, speed_factor_order=k).solve().cost for k in (0, 2, 4)]

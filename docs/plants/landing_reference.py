@@ -13,7 +13,7 @@ import casadi
 from landing import DRAG, G, INDUCED, Landing
 import numpy as np
 
-from tdm_planner.problems import Solution, SolverParameters
+from tdm_planner.problems import DirectSolverParameters, Solution
 
 
 def collocation(problem: Landing, guess: Solution, intervals: int = 80) -> float:
@@ -53,7 +53,7 @@ def collocation(problem: Landing, guess: Solution, intervals: int = 80) -> float
 
 
 if __name__ == '__main__':
-    problem = Landing(solver=SolverParameters(deadline=10.0))
+    problem = Landing(solver=DirectSolverParameters(deadline=10.0))
     plan = problem.solve()
     best = collocation(problem, plan)
     print(f'direct method, {plan.parameters.size} varied parameters: {plan.cost:.3f} s')

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, SolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RoundTheObstacle(DirectProblem, Validated):
     speed: float = parameter(1.0, 'largest speed', unit='m/s', allowed=POSITIVE)
     free: int = parameter(6, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
     speed_factor_order: int = parameter(0, 'degree of dt/ds', allowed=NON_NEGATIVE)
-    solver: SolverParameters = group(SolverParameters)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {
@@ -69,7 +69,7 @@ def shortest_time(distance: float, radius: float, speed: float) -> float:
 
 
 if __name__ == '__main__':
-    problem = RoundTheObstacle(solver=SolverParameters(deadline=10.0))
+    problem = RoundTheObstacle(solver=DirectSolverParameters(deadline=10.0))
     best = shortest_time(problem.distance, problem.radius, problem.speed)
     print(f'tangent, arc, tangent: {best:.5f} s')
     print('free parameters    tau = t           dt/ds of degree 3')

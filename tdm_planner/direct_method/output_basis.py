@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
 from tdm_planner.direct_method.formulation import Output
 from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.direct_method.reference_function import check_orders, ReferenceBasis
+from tdm_planner.direct_method.shapes import product_derivative
 from tdm_planner.direct_method.taranenko import TaranenkoBasis
 from tdm_planner.exceptions import InvalidProblem
 
@@ -57,6 +60,36 @@ class VariedPolynomials:
         given = [values[..., :at_start], values[..., split:at_end]]
         free = [values[..., at_start:split], values[..., at_end:]]
         return np.concatenate(given, axis=-1), np.concatenate(free, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class LegendrePolynomials:
+    """The polynomials of `VariedPolynomials` where no lower derivative is left out at an end.
+
+    The free shapes are s^a (s - 1)^b P_j(2 s - 1), j < `free`, with a and b the numbers of
+    conditions: well conditioned whatever the order, where end derivatives of high order are not.
+    """
+
+    start: tuple[int, ...]
+    end: tuple[int, ...]
+    free: int
+
+    def given(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the part of every condition, (..., mg)."""
+        if not self.start and not self.end:
+            return np.zeros((*np.shape(s), 0))
+        return PolynomialBasis.of(self.start, self.end).values(s, derivative)
+
+    def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return every free shape, (..., mv)."""
+        at = np.asarray(s, dtype=float)
+        total = np.zeros((*at.shape, self.free))
+        for k in range(min(derivative, self.free - 1) + 1):
+            weight = product_derivative(at, len(self.start), len(self.end), derivative - k)
+            coefficients = legendre.legder(np.eye(self.free), k, scl=2.0)
+            factors = legendre.legvander(2.0 * at - 1.0, self.free - k - 1) @ coefficients
+            total += math.comb(derivative, k) * weight[..., None] * factors
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +153,24 @@ def output_basis(name: str, output: Output, speed_factor_order: int) -> Orthonor
                 f"output '{name}' has derivatives {sorted(given)} given at the {where}: with a "
                 'speed factor all lower ones must be given too'
             )
+    basis: ReferenceBasis
     try:
         if output.shapes is None:
-            basis: ReferenceBasis = VariedPolynomials.of(tuple(start), tuple(end), output.free)
+            basis = _polynomials(tuple(start), tuple(end), output.free)
         else:
             basis = _taranenko(output, tuple(start), tuple(end))
     except InvalidProblem as error:
         raise InvalidProblem(f"output '{name}': {error}") from None
     return OrthonormalBasis.of(basis)
+
+
+def _polynomials(start: tuple[int, ...], end: tuple[int, ...], free: int) -> ReferenceBasis:
+    if free < 0:
+        raise InvalidProblem(f'free = {free} is not allowed: must be 0 or greater')
+    complete = all(sorted(orders) == list(range(len(orders))) for orders in (start, end))
+    if free and complete:
+        return LegendrePolynomials(start, end, free)
+    return VariedPolynomials.of(start, end, free)
 
 
 def _taranenko(output: Output, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:

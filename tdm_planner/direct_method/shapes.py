@@ -113,18 +113,17 @@ class PowerProducts(Shapes):
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""
         at = np.asarray(s, dtype=float)
-        shapes = [self._product(at, *pair, derivative) for pair in self.exponents]
+        shapes = [product_derivative(at, *pair, derivative) for pair in self.exponents]
         return np.stack(shapes, axis=-1)
 
-    @staticmethod
-    def _product(s: Array, first: int, second: int, derivative: int) -> Array:
-        total = np.zeros_like(s)
-        for j in range(max(0, derivative - second), min(derivative, first) + 1):
-            factor = (
-                math.comb(derivative, j) * math.perm(first, j) * math.perm(second, derivative - j)
-            )
-            total = total + factor * s ** (first - j) * (s - 1.0) ** (second - derivative + j)
-        return total
+
+def product_derivative(s: Array, first: int, second: int, derivative: int) -> Array:
+    """Return the `derivative`-th derivative of s^first (s - 1)^second, exponents >= 0."""
+    total = np.zeros_like(s)
+    for j in range(max(0, derivative - second), min(derivative, first) + 1):
+        factor = math.comb(derivative, j) * math.perm(first, j) * math.perm(second, derivative - j)
+        total = total + factor * s ** (first - j) * (s - 1.0) ** (second - derivative + j)
+    return total
 
 
 def symmetric_powers(terms: int) -> PowerProducts:

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
-from tdm_planner.exceptions import Infeasible, NoState, TdmError
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    TdmError,
+    VerificationFailed,
+)
 from tdm_planner.nodes.adapters import Adapter
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import NANOSECOND
@@ -22,6 +28,9 @@ CODES = (
     'VERIFICATION_FAILED',
     'BUSY',
 )
+
+
+_SHARES_OF_DELAY = (1.0, 0.5, 0.25)
 
 
 @dataclass(frozen=True)
@@ -69,24 +78,46 @@ def make_plan(
     """
     try:
         now = clock()
-        start = now + round(values['start.delay'] / NANOSECOND)
         if values['start.source'] == 'measured':
-            values = {**values, **_measured_start(problem_class, values, adapter, now, start)}
+            return _plan_from_measured(problem_class, values, adapter, now)
         problem = problem_class.from_parameters(values)
-        return Plan(problem, problem.solve(), start)
+        return Plan(problem, problem.solve(), now + round(values['start.delay'] / NANOSECOND))
     except Exception as error:
         return Failure.of(error)
 
 
-def _measured_start(
-    problem_class: type[Problem], values: Mapping[str, Any], adapter: Adapter, now: int, start: int
-) -> dict[str, Any]:
-    try:
-        return adapter.measured_start(values, now, start)
-    except NoState:
-        # What is wrong with the request itself matters more than a state that is missing.
-        problem_class.from_parameters(values)
-        raise
+def _plan_from_measured(
+    problem_class: type[Problem], values: Mapping[str, Any], adapter: Adapter, now: int
+) -> Plan:
+    """Plan from the measured state; sooner than `start.delay` where that is too late.
+
+    A plant in motion may have left its limits, or be beyond help, by the time a motion starts.
+    """
+    failure: TdmError | None = None
+    for share in _SHARES_OF_DELAY:
+        delay = share * values['start.delay']
+        start = now + round(delay / NANOSECOND)
+        measured = adapter.measured_start(values, now, start)
+        try:
+            problem = problem_class.from_parameters({**values, **measured})
+            allowed = (
+                problem.solver.deadline if share == 1 else min(problem.solver.deadline, delay)
+            )
+            return Plan(problem, problem.solve(deadline=allowed), start)
+        except (DeadlineExceeded, VerificationFailed):
+            raise
+        except (InvalidProblem, Infeasible) as error:
+            failure = failure or _of_the_future(error, delay)
+    assert failure is not None
+    raise failure
+
+
+def _of_the_future(error: TdmError, delay: float) -> TdmError:
+    """Return the error with a note that its start is predicted, where it speaks of one."""
+    text = str(error)
+    if 'start' in text:
+        text += f' (as predicted from the measured state for {delay:g} s later, start.delay)'
+    return type(error)(text)
 
 
 def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:

@@ -121,9 +121,12 @@ class ParameterNode(Node):
                 if not self._is_of_rclpy(item.name)
             }
             self.check_values({**self._values, **checked})
-        except InvalidProblem as error:
-            self.get_logger().warning(f'refused: {error}')
-            return SetParametersResult(successful=False, reason=str(error))
+        except Exception as error:  # whatever a value does, the node keeps serving
+            reason = ' '.join(str(error).split())
+            if not isinstance(error, InvalidProblem):
+                reason = f'internal error: {type(error).__name__}: {reason}'
+            self.get_logger().warning(f'refused: {reason}')
+            return SetParametersResult(successful=False, reason=reason)
         unset = [name for name, value in checked.items() if value is None]
         to_set = [
             self._as_ros(item.name, checked[item.name]) if item.name in checked else item
@@ -144,7 +147,13 @@ class ParameterNode(Node):
         self._values.update(checked)
         for name in checked:
             self._invalid_overrides.pop(name, None)
-        self.values_changed(frozenset(checked))
+        try:
+            self.values_changed(frozenset(checked))
+        except Exception as error:  # the values are set; the next request meets what is wrong
+            sentence = ' '.join(str(error).split())
+            self.get_logger().error(
+                f'parameters were set, but: {type(error).__name__}: {sentence}'
+            )
 
     @staticmethod
     def _is_of_rclpy(name: str) -> bool:
@@ -181,8 +190,8 @@ class ParameterNode(Node):
             raise InvalidProblem(self._unknown(item.name))
         if spec.read_only:
             raise InvalidProblem(
-                f"parameter '{item.name}' = {self._values[item.name]} is fixed while the node "
-                'runs: give it when the node is started'
+                f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while the "
+                'node runs, give it when the node is started'
             )
         return spec.check(item.value)
 

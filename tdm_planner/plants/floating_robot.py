@@ -21,7 +21,7 @@ from typing import ClassVar, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.parameters import parameter, POSITIVE, Validated
+from tdm_planner.parameters import parameter, PHYSICAL, Validated
 
 if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
@@ -38,19 +38,19 @@ class RobotLimits(Validated):
     """Limits of the actuators, the same for all robots."""
 
     thrust: float = parameter(
-        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=POSITIVE
+        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=PHYSICAL
     )
     torque: float = parameter(
         0.02,
         "largest torque of the wheel's motor, either way; T_max is this per inertia",
         unit='N m',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
     thruster_rate: float = parameter(
         2.0,
         'largest rate at which the thruster turns, either way',
         unit='rad/s',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
 
 
@@ -58,12 +58,12 @@ class RobotLimits(Validated):
 class FloatingRobot(Validated):
     """A robot that floats without friction on a flat arena."""
 
-    mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=POSITIVE)
+    mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=PHYSICAL)
     inertia: float = parameter(
-        0.063, "robot's moment of inertia about the vertical", unit='kg m^2', allowed=POSITIVE
+        0.063, "robot's moment of inertia about the vertical", unit='kg m^2', allowed=PHYSICAL
     )
     wheel_inertia: float = parameter(
-        0.001, "reaction wheel's moment of inertia about its axis", unit='kg m^2', allowed=POSITIVE
+        0.001, "reaction wheel's moment of inertia about its axis", unit='kg m^2', allowed=PHYSICAL
     )
 
     state_names: ClassVar[tuple[str, ...]] = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class PendulumMotor(Validated):
     """What the disk's motor can do."""
 
     torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
+        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=PHYSICAL
     )
 
 
@@ -66,7 +66,7 @@ class PendulumLimits(PendulumMotor):
     """Limits of motor and rig."""
 
     disk_angle: float = parameter(
-        2.0, 'largest angle of the disk, either way', unit='rad', allowed=POSITIVE
+        2.0, 'largest angle of the disk, either way', unit='rad', allowed=PHYSICAL
     )
 
 
@@ -78,25 +78,25 @@ class PendulumInertia(Validated):
         2.334e-4,
         'moment of inertia of disk, arm and motor about the vertical',
         unit='kg m^2',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
     x: float = parameter(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis across rod and pivot",
         unit='kg m^2',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
     y: float = parameter(
         2.7e-7,
         "pendulum's moment of inertia about its centre of mass, axis along the rod",
         unit='kg m^2',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
     z: float = parameter(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis of the pivot",
         unit='kg m^2',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
 
 
@@ -110,17 +110,17 @@ class RotaryPendulum(Validated):
         For a parameter that is not allowed, or values whose equations of motion are singular.
     """
 
-    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=POSITIVE)
+    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=PHYSICAL)
     com_distance: float = parameter(
         0.0645,
         "distance from the pivot to the pendulum's centre of mass",
         unit='m',
-        allowed=POSITIVE,
+        allowed=PHYSICAL,
     )
     arm_length: float = parameter(
-        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=POSITIVE
+        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=PHYSICAL
     )
-    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
+    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=PHYSICAL)
     inertia: PendulumInertia = group(PendulumInertia)
 
     state_names: ClassVar[tuple[str, ...]] = ('theta', 'psi', 'theta_dot', 'psi_dot')

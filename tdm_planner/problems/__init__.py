@@ -4,7 +4,7 @@
 
 from tdm_planner.plants import PendulumLimits, RobotLimits
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.pendulum_swing_up import (
     PendulumGoal,
@@ -15,6 +15,7 @@ from tdm_planner.problems.robot_formation import RobotFormation
 
 __all__ = [
     'DirectProblem',
+    'DirectSolverParameters',
     'PendulumGoal',
     'PendulumLimits',
     'PendulumStart',

@@ -9,7 +9,7 @@
         control_names, control_units = ('force',), ('N',)
 
         start: MyStart = group(MyStart)
-        solver: SolverParameters = group(SolverParameters)
+        solver: DirectSolverParameters = group(DirectSolverParameters)
 
         def outputs(self): ...       # reference functions with their boundary conditions
         def duration(self): ...      # varied or fixed, speed factor
@@ -34,10 +34,23 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.formulation import components, Formulation, stack
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.parameters import parameter, POSITIVE
+from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.direct_search import DirectPlan, DirectSearch
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DirectSolverParameters(SolverParameters):
+    """How long and how hard to search; the search ends earlier when all starts are done."""
+
+    deadline: float = parameter(
+        3.0,
+        'time allowed for a plan; the best verified one is returned',
+        unit='s',
+        allowed=POSITIVE,
+    )
 
 
 class DirectProblem(Formulation, Problem):

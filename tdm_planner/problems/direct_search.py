@@ -29,6 +29,7 @@ _FEASIBLE = 1e-6  # largest violated margin
 _MARGIN_TOLERANCE = 1e-5  # of the verification, for what is exactly on a limit
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
+_COARSE_SHARE = 0.85  # of the time allowed, for minimising before any check
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 
@@ -90,13 +91,17 @@ class DirectSearch:
             return best
         if self._rejected:
             reason = f'a candidate was found, but it did not pass the check: {self._rejected}'
-            if self._budget.spent:
+            if self._late:
                 raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
             raise VerificationFailed(reason)
         reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
-        if self._budget.spent:
+        if self._late:
             raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
         raise Infeasible(reason)
+
+    @property
+    def _late(self) -> bool:
+        return self._budget.elapsed > _COARSE_SHARE * self._budget.seconds
 
     def _node_count(self) -> int:
         free = [output.free for output in self._problem.outputs().values()]
@@ -105,11 +110,12 @@ class DirectSearch:
     def _minima(self, program: Transcription) -> Iterator[Minimum]:
         """Minimise from all seeds while there is time; yield the feasible results."""
         found = False
+        until = Budget(_COARSE_SHARE * self._budget.seconds - self._budget.elapsed)
         for xi in self._seeds(program):
             late = self._budget.elapsed > _SEARCH_SHARE * self._budget.seconds
-            if self._budget.spent or (found and late):
+            if until.spent or (found and late):
                 break
-            minimum = self._minimise(program, xi)
+            minimum = self._minimise(program, xi, until)
             if minimum is None:
                 continue
             if self._feasible(minimum):
@@ -120,10 +126,15 @@ class DirectSearch:
                 self._nearest_miss = self._name_violation(program, minimum)
 
     def _seeds(self, program: Transcription) -> Iterator[Array]:
-        """Yield the previous solution, the plain boundary conditions, and random changes."""
+        """Yield the previous solution, the plain boundary conditions, and random changes.
+
+        With a previous solution no changes are tried: replanning is to be quick.
+        """
         first = program.first_guess
         if self._previous is not None and self._previous.shape == first.shape:
             yield self._previous
+            yield first
+            return
         yield first
         timing = first > 0
         for attempt in range(1, self._problem.starts):
@@ -131,7 +142,7 @@ class DirectSearch:
             change = min(0.15 * attempt, 1.0) * self._rng.normal(size=first.size)
             yield np.where(timing, first * longer, 3.0 * change / np.sqrt(first.size))
 
-    def _minimise(self, program: Transcription, xi: Array) -> Minimum | None:
+    def _minimise(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         before = program.evaluations
         if not np.isfinite(program.evaluate(xi).cost):
             return None
@@ -144,7 +155,7 @@ class DirectSearch:
             corrections=2,
         )
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, self._budget)
+            minimum = minimise(program, xi, options, budget)
         self._budget.evaluations += program.evaluations - before
         return minimum
 
@@ -189,7 +200,9 @@ class DirectSearch:
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
             program = program.refine(chebyshev_nodes(nodes), reserve)
-            again = self._minimise(program, xi)
+            if self._budget.spent:
+                return None
+            again = self._minimise(program, xi, self._budget)
             if again is None or not self._feasible(again):
                 return None
             minimum = again

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class StartParameters(Validated):
         'time from the request to the start of the motion; more than solver.deadline, or a plan '
         'may come late',
         unit='s',
-        allowed=NON_NEGATIVE,
+        allowed=Range(0.0, 3600.0),
     )
 
 

@@ -285,8 +285,8 @@ class RobotFormation(FormationParameters, Problem):
             verifications=check.robots,
             cost_terms=terms,
             summary=(
-                f'{task.n} robots in formation after {arrivals.max():.2f} s, '
-                f'{gas.sum() / task.plant.mass:.3g} m/s of gas'
+                f'{task.n} robot{"s" if task.n > 1 else ""} in formation after '
+                f'{arrivals.max():.2f} s, {gas.sum() / task.plant.mass:.3g} m/s of gas'
             ),
         )
 
@@ -297,6 +297,8 @@ class RobotFormation(FormationParameters, Problem):
             return VerificationFailed(f'no plan survived the check: {failure}')
         closest = search.closest
         binding = '' if closest is None else closest.program.binding(closest.point)
+        if closest is not None and closest.motion.durations.max() > 0.999 * search.task.longest:
+            binding += f' (with arrival as late as solver.longest = {search.task.longest:g} s)'
         if budget.spent:
             return DeadlineExceeded(
                 f'no plan within {budget.seconds:g} s from {tried} starts; nearest to one, '

@@ -175,7 +175,8 @@ class SwitchingMethod:
         search += 'gave no swing-up'
         if task.drive < _WEAK:
             search += (
-                '; so weak a torque needs more swings: allow more switching_arcs, time or torque'
+                '; a torque this weak takes many swings: more switching_arcs, a longer '
+                'solver.deadline or more torque may help'
             )
         if self._closest is None or not math.isfinite(self._closest[0]):
             return search

@@ -148,7 +148,7 @@ def test_contradictions_are_named_and_the_node_keeps_serving(ros, planner, chang
         ('arrival_interval', -1.0, ['arrival_interval', '-1', '[0, inf) s']),
         ('weights.gas', -0.1, ['weights.gas', '-0.1']),
         ('arena.minimum_separation', math.nan, ['arena.minimum_separation', 'nan']),
-        ('limits.thrust', 0.0, ['limits.thrust', '(0, inf) N']),
+        ('limits.thrust', 0.0, ['limits.thrust', '(0, 1e+12] N']),
         ('robots', ['robot1', 'robot1'], ['robots']),
         ('robot9.start.x', 1.0, ['robot9.start.x', 'unknown']),
     ],
@@ -172,4 +172,19 @@ def test_wrong_names_at_the_start_are_answered(ros, robots):
     assert 'robots' in answer['reason']
     ros.set_parameters('/wrong/planner', solver__deadline=1.0)
     assert not ros.trigger('/wrong/plan')[0]
+    node.end_cleanly()
+
+
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
+    node = ros.start(
+        MODULE,
+        {'problem': 'robot_formation', 'formation.alice': [0.4, 0.0, 0.0]},
+        namespace='/own',
+        arguments=['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]'],
+    )
+    success, answer = ros.trigger('/own/plan')
+    assert not success
+    assert answer['code'] == 'NO_STATE'
+    assert "robot 'alice'" in answer['reason']
+    assert "robot 'bob'" in answer['reason']
     node.end_cleanly()

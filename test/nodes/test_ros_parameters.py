@@ -101,7 +101,11 @@ def test_allowed_values_are_taken(
         ('kind', 'quick', "parameter 'kind' = 'quick' is not allowed: must be one of fast, slow"),
         ('names', 'a', 'must be a list of strings'),
         ('weights', [1.0, -1.0], 'must be a list of numbers in (0, inf)'),
-        ('fixed', 'there', "parameter 'fixed' = here is fixed while the node runs"),
+        (
+            'fixed',
+            'there',
+            "parameter 'fixed' = there is not allowed: it is fixed while the node runs",
+        ),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
         ('zzz', 1.0, "parameter 'zzz' is unknown: it is not declared here"),
     ],

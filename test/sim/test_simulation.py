@@ -140,6 +140,15 @@ def test_noise_is_in_the_measurement_and_not_in_the_motion() -> None:
     np.testing.assert_allclose(np.std(errors, axis=0), deviation, rtol=0.1)
 
 
+def test_a_motion_too_violent_to_integrate_resets_the_plant() -> None:
+    plant = simulation(SWINGING)
+    plant.push(lambda state: state + np.array([0.0, 0.0, 1e200, 0.0]))
+    with np.errstate(all='ignore'):
+        plant.step(0.01)
+    assert plant.breakdowns == 1
+    assert np.isfinite(plant.state).all()
+
+
 def test_a_new_setup_acts_without_a_jump() -> None:
     plant = simulation(SWINGING)
     plant.step(0.1)

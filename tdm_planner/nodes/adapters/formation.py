@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
+from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
 from tdm_planner.nodes.formation_markers import formation_markers
 from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.robot_messages import (
@@ -31,9 +32,12 @@ from tdm_planner.nodes.robot_messages import (
 )
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.robot_formation import RobotFormation
-from tdm_planner.trajectory import NANOSECOND
 
 Array = NDArray[np.float64]
+
+# Deviations of a robot that follows its plan; the thruster's angle may be anything.
+_TRACKED = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
+_CARRIED = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class FormationAdapter(Adapter):
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         super().__init__(node, values)
         self._robots = {name: self._connect(name) for name in values['robots']}
+        self._in_force: dict[str, PlanInForce] = {}
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
 
     def _connect(self, name: str) -> _Robot:
@@ -72,9 +77,9 @@ class FormationAdapter(Adapter):
         """Propagate every robot's newest state, drifting, to the instant the motion starts."""
         found: dict[str, Any] = {}
         missing: list[str] = []
-        for name, robot in self._robots.items():
+        for name in self._robots:
             try:
-                state = self._drifted(robot, now, values['start.max_age'], start)
+                state = self._predicted(name, now, values['start.max_age'], start)
             except NoState as error:
                 missing.append(f"robot '{name}': {error}")
                 continue
@@ -84,13 +89,20 @@ class FormationAdapter(Adapter):
             raise NoState('; '.join(missing))
         return found
 
-    @staticmethod
-    def _drifted(robot: _Robot, now: int, max_age: float, start: int) -> Array:
+    def _predicted(self, name: str, now: int, max_age: float, start: int) -> Array:
+        robot = self._robots[name]
         newest = robot.odometry.fresh(now, max_age)
         alpha = thruster_angle(robot.joints.fresh(now, max_age).message)
-        x, y, u, v, yaw, omega = odometry_state(newest.message)
-        wait = (start - newest.instant) * NANOSECOND
-        return np.array([x + u * wait, y + v * wait, u, v, yaw + omega * wait, omega, alpha])
+        return predicted_start(
+            self._in_force.get(name),
+            np.append(odometry_state(newest.message), alpha),
+            newest.instant,
+            start,
+            tracked=lambda away: bool((np.abs(away) < _TRACKED).all()),
+            free=_drifted,
+            deviation=_deviation,
+            carried=lambda away, wait: _drifted(away, wait) * _CARRIED,
+        )
 
     def warnings(self) -> list[str]:
         """Name the robots whose tracker or plant is not connected."""
@@ -112,6 +124,7 @@ class FormationAdapter(Adapter):
             robot.controls.publish(robot_controls_message(trajectory, plant, stamp))
             robot.trajectory.publish(robot_trajectory_message(name, trajectory, stamp))
             robot.path.publish(robot_path_message(trajectory, start))
+            self._in_force[name] = PlanInForce(trajectory, start)
         self._markers.publish(formation_markers(problem, solution))
 
     def ages(self, now: int) -> Mapping[str, float | None]:
@@ -121,3 +134,17 @@ class FormationAdapter(Adapter):
             found[f'{name}/odom'] = robot.odometry.age(now)
             found[f'{name}/joint_states'] = robot.joints.age(now)
         return found
+
+
+def _drifted(state: Array, duration: float) -> Array:
+    """State (7,) after `duration` s without thrust or torque."""
+    x, y, u, v, yaw, omega, alpha = state
+    moved = [x + u * duration, y + v * duration, u, v, yaw + omega * duration, omega, alpha]
+    return np.array(moved)
+
+
+def _deviation(state: Array, reference: Array) -> Array:
+    """Difference of two states (7,), angles by less than half a turn."""
+    away = state - reference
+    away[[4, 6]] = np.angle(np.exp(1j * away[[4, 6]]))
+    return np.asarray(away)

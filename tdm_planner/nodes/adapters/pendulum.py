@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+import math
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
+from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
 from tdm_planner.nodes.markers import pendulum_markers
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -32,11 +34,13 @@ from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 MARKER_PERIOD = 0.1  # s
+_FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
+_TRACKED = np.array([0.5, 0.7, 6.0, 8.0])  # deviations of a pendulum that follows its plan
 
 
 class PendulumAdapter(Adapter):
@@ -50,6 +54,7 @@ class PendulumAdapter(Adapter):
         self._plant = RotaryPendulum()
         self.values_changed(values)
         self._plan: Trajectory | None = None
+        self._in_force: PlanInForce | None = None
         self._timer = node.create_timer(MARKER_PERIOD, self._show)
 
     def values_changed(self, values: Mapping[str, Any]) -> None:
@@ -60,12 +65,29 @@ class PendulumAdapter(Adapter):
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate the newest state to the instant at which the motion starts.
 
-        Without torque, which is what the tracker applies while it waits for a plan to start.
+        Along the plan in force while that is followed; else without torque, which is what the
+        tracker applies while it waits for a plan to start.
         """
         newest = self._state.fresh(now, values['start.max_age'])
         plant = build(RotaryPendulum, values, 'plant.')
-        wait = (start - newest.instant) * NANOSECOND
-        state = _coast(plant, _motion(newest.message), wait)
+        measured = _motion(newest.message)
+        fastest = float(_FASTEST * plant.natural_frequency)
+        for joint, rate in zip(PENDULUM_JOINTS, measured[2:], strict=True):
+            if not abs(rate) <= fastest:
+                raise NoState(
+                    f'the measured velocity of joint {joint} is {rate:g} rad/s: must be in '
+                    f'[{-fastest:.3g}, {fastest:.3g}] rad/s to be planned from'
+                )
+        state = predicted_start(
+            self._in_force,
+            measured,
+            newest.instant,
+            start,
+            tracked=lambda away: bool((np.abs(away) < _TRACKED).all()),
+            free=lambda state, wait: _coast(plant, state, wait),
+            deviation=_deviation,
+            carried=lambda away, _: np.zeros(4),  # the feedback takes it away
+        )
         return {
             f'start.{name}': value
             for name, value in zip(PENDULUM_STATES, state.tolist(), strict=True)
@@ -79,6 +101,7 @@ class PendulumAdapter(Adapter):
             trajectory = trajectory.with_rates(problem.plant.derivative)
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
         self._plan = trajectory
+        self._in_force = PlanInForce(trajectory, start)
         self._publish_markers()
 
     def ages(self, now: int) -> Mapping[str, float | None]:
@@ -96,6 +119,13 @@ class PendulumAdapter(Adapter):
             shown = self._plan.states[0]
         if shown is not None:
             self._markers.publish(pendulum_markers(self._plant, shown, self._plan))
+
+
+def _deviation(state: Array, reference: Array) -> Array:
+    """Difference of two states (4,), theta by less than half a turn."""
+    away = state - reference
+    away[0] = math.remainder(float(away[0]), 2 * math.pi)
+    return away
 
 
 def _motion(message: JointState) -> Array:
