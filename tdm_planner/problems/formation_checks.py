@@ -82,14 +82,28 @@ def _check_separation(task: FormationTask, place: str, points: Array) -> None:
             )
 
 
+def least_time(way: Array, rate: Array, acceleration: float) -> Array:
+    """Shortest time [s] to cover `way` (n,) on a line and stop, from the rate `rate` (n,).
+
+    The double integrator's bang-bang time: speed up and brake, or brake and come back.
+    """
+    way, rate = np.where(way < 0, -way, way), np.where(way < 0, -rate, rate)
+    overshoot = rate * np.abs(rate) / (2 * acceleration) - way
+    peak = np.sqrt(np.maximum(acceleration * way + rate**2 / 2, 0.0))
+    direct = (2 * peak - rate) / acceleration
+    back = rate / acceleration + 2 * np.sqrt(np.maximum(overshoot, 0.0) / acceleration)
+    return np.where(overshoot > 0, back, direct)
+
+
 def _check_reach(task: FormationTask) -> None:
-    """A lower bound of every arrival: bang-bang from rest, or the time to stop."""
-    way = np.linalg.norm(task.goal - task.start, axis=1)
+    """A lower bound of every arrival: along the straight way alone, and of the turn."""
+    away = task.goal - task.start
+    way = np.linalg.norm(away, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)
-    turn = np.abs(task.goal_yaw - task.yaw)
-    moving = np.where(speed > 0, speed / task.thrust, 2 * np.sqrt(way / task.thrust))
-    spin = np.abs(task.yaw_rate)
-    turning = np.where(spin > 0, spin / task.torque, 2 * np.sqrt(turn / task.torque))
+    along = (task.velocity * away).sum(axis=1) / np.maximum(way, 1e-12)
+    straight = least_time(way, along, task.thrust)
+    moving = np.maximum(straight, speed / task.thrust)
+    turning = least_time(task.goal_yaw - task.yaw, task.yaw_rate, task.torque)
     least = np.maximum(moving, turning)
     if least.max(initial=0.0) > task.longest:
         robot = int(np.argmax(least))

@@ -13,6 +13,7 @@ from benchmark.scenarios import crossing
 from tdm_planner.direct_method import quadratic_program
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
 from tdm_planner.problems import RobotFormation, RobotStart
+from tdm_planner.problems.formation_checks import least_time
 from tdm_planner.problems.formation_verification import verify_formation
 
 PATIENT = {'solver.deadline': 30.0}
@@ -344,3 +345,26 @@ def test_the_reserve_for_tracking_survives_a_slow_thruster():
     assert_flies(problem, solution)
     left = [value for name, value in solution.verification.worst.items() if 'separation' in name]
     assert min(left) >= 0.5 * problem.arena.tracking_margin
+
+
+def test_least_time_is_that_of_the_bang_bang_motion():
+    """Flown: full thrust one way, then the other, ends at the goal at rest."""
+    rng = np.random.default_rng(3)
+    for way, rate, limit in rng.uniform([-3, -1, 0.1], [3, 1, 1.0], (200, 3)):
+        total = float(least_time(np.array([way]), np.array([rate]), limit)[0])
+        reached = []
+        for sign in (1.0, -1.0):
+            first = (total - sign * rate / limit) / 2  # so that the speed ends at zero
+            if not -1e-9 <= first <= total + 1e-9:
+                continue
+            second, middle = total - first, rate + sign * limit * first
+            end = rate * first + sign * limit * first**2 / 2
+            end += middle * second - sign * limit * second**2 / 2
+            reached.append(abs(end - way))
+        assert min(reached) < 1e-9
+
+
+def test_a_moving_robot_that_cannot_arrive_in_time_is_told_so():
+    values = {'solver.longest': 3.0, 'robot1.start.u': 0.01}
+    with pytest.raises(InvalidProblem, match=r'solver.longest = 3 s: at least'):
+        RobotFormation.from_parameters(values)
