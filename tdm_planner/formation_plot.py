@@ -83,7 +83,7 @@ def plot_formation(
         if name in measured:
             columns = measured[name].columns
             arena.plot(columns['x'], columns['y'], color=colours[name], lw=1, ls=':')
-    arena.legend(loc='upper right', fontsize='small')
+    arena.legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=6, fontsize='small')
     rows = right.subplots(4, 1, sharex=True)
     for axis, (control, unit) in zip(
         rows, {'thrust': 'N', 'thruster_rate': 'rad/s', 'torque': 'N m'}.items(), strict=False

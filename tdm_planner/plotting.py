@@ -117,4 +117,5 @@ def _label_turns(axis: Axes, trajectory: Trajectory, name: str) -> None:
     if name == 'theta':
         upright = 2 * math.pi * round(float(trajectory.states[-1, 0]) / (2 * math.pi))
         axis.axhline(upright, color=SWITCH, lw=1)
-        axis.annotate('upright', (0.005, upright), xycoords=('axes fraction', 'data'), va='bottom')
+        below = 'top' if trajectory.states[0, 0] < upright else 'bottom'
+        axis.annotate('upright', (0.005, upright), xycoords=('axes fraction', 'data'), va=below)
