@@ -61,6 +61,8 @@ class Landing(DirectProblem, Validated):
     state_units = ('m', 'm', 'm', 'm/s', 'rad', 'rad')
     control_names, control_units = ('thrust', 'load', 'bank'), ('m/s^2', '', 'rad')
 
+    starts: ClassVar[int] = 8  # there are local minima
+
     start: Approach = group(Approach)
     thrust: float = parameter(4.0, 'largest thrust per mass', unit='m/s^2', allowed=POSITIVE)
     load: float = parameter(1.8, 'largest load factor', allowed=POSITIVE)

@@ -88,6 +88,7 @@ class LegendrePolynomials:
             weight = product_derivative(at, len(self.start), len(self.end), derivative - k)
             coefficients = legendre.legder(np.eye(self.free), k, scl=2.0)
             factors = legendre.legvander(2.0 * at - 1.0, self.free - k - 1) @ coefficients
+            factors = factors.reshape(total.shape)  # numpy makes scalars vectors
             total += math.comb(derivative, k) * weight[..., None] * factors
         return total
 
