@@ -115,5 +115,4 @@ def test_landing_against_collocation():
 def test_a_problem_takes_few_lines(module, name):
     problem = getattr(__import__(module), name)
     lines = inspect.getsource(problem).splitlines()
-    most = 80 if module == 'landing' else 60
-    assert len([line for line in lines if line.strip()]) < most
+    assert len([line for line in lines if line.strip()]) < 60
