@@ -44,14 +44,12 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
 
 def plot_limits(problem: Problem) -> dict[str, float]:
     """Return the symmetric limits of states and controls that a problem declares, by name."""
-    limits: dict[str, float] = {}
     group = getattr(problem, 'limits', None)
-    for column, names in {'torque': ('torque',), 'psi': ('disk_angle',)}.items():
-        for name in names:
-            value = getattr(group, name, None)
-            if value is not None:
-                limits[column] = float(value)
-    return limits
+    declared = {
+        column: getattr(group, name, None)
+        for column, name in {'torque': 'torque', 'psi': 'disk_angle'}.items()
+    }
+    return {column: float(value) for column, value in declared.items() if value is not None}
 
 
 def plot_trajectory(

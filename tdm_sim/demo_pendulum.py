@@ -17,11 +17,18 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from tdm_planner.nodes.messages import LATCHED, pendulum_trajectory
-from tdm_planner.plotting import Measurement, plot_trajectory
+from tdm_planner.nodes.messages import (
+    joint_indices,
+    joint_motion,
+    LATCHED,
+    PENDULUM_JOINTS,
+    pendulum_trajectory,
+    seconds_of,
+)
+from tdm_planner.plotting import Measurement, plot_limits, plot_trajectory
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.demo_scene import NodeCommand, Scene, seconds
+from tdm_sim.demo_scene import NodeCommand, Scene
 from tdm_sim.verdict import (
     HOLD_TIME,
     judge_pendulum,
@@ -42,7 +49,6 @@ class PendulumScene(Scene):
         self.problem = PendulumSwingUp.from_parameters(self.parameters)
         self.trajectory: Trajectory | None = None
         self.starts_at = math.inf
-        self.answer: dict[str, Any] = {}
         self._states: list[tuple[float, ...]] = []
         self._upright_since = math.inf
 
@@ -62,11 +68,10 @@ class PendulumScene(Scene):
         node.create_subscription(JointTrajectory, 'trajectory', self._planned, LATCHED)
 
     def _measured(self, message: JointState) -> None:
-        index = [list(message.name).index(joint) for joint in ('pendulum', 'disk')]
-        at = seconds(message.header.stamp)
-        theta, psi = (message.position[i] for i in index)
-        rates = tuple(message.velocity[i] for i in index)
-        self._states.append((at, theta, psi, *rates, message.effort[index[1]]))
+        at = seconds_of(message.header.stamp)
+        theta, psi, *rates = joint_motion(message, PENDULUM_JOINTS).tolist()
+        (disk,) = joint_indices(message.name, PENDULUM_JOINTS[1:])
+        self._states.append((at, theta, psi, *rates, message.effort[disk]))
         if not abs(math.remainder(theta, 2 * math.pi)) < UPRIGHT_TOLERANCE:
             self._upright_since = math.inf
         elif math.isinf(self._upright_since):
@@ -74,7 +79,7 @@ class PendulumScene(Scene):
 
     def _planned(self, message: JointTrajectory) -> None:
         self.trajectory = pendulum_trajectory(message)
-        self.starts_at = seconds(message.header.stamp)
+        self.starts_at = seconds_of(message.header.stamp)
 
     def complete(self, node: Node) -> bool:
         """Whether the plant publishes and the tracker listens to plan and state."""
@@ -92,10 +97,6 @@ class PendulumScene(Scene):
             'planner': client.service_is_ready(),
         }
         return ', '.join(name for name, there in up.items() if not there)
-
-    def answered(self, answer: Mapping[str, Any]) -> None:
-        """Keep the planner's figures."""
-        self.answer = dict(answer)
 
     @property
     def planned(self) -> bool:
@@ -144,10 +145,8 @@ class PendulumScene(Scene):
     def plan(self) -> dict[str, Any]:
         """Return the published trajectory and the planner's figures, replayed and checked here."""
         assert self.trajectory is not None
-        figures = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
         return {
-            'problem': self.problem.name,
-            **{name: self.answer[name] for name in figures},
+            **self.figures(self.problem.name),
             **self.trajectory.to_dict(),
             'verification': self.problem.task.verify(self.trajectory).to_dict(),
         }
@@ -163,10 +162,7 @@ class PendulumScene(Scene):
             'psi_dot': m.psi_dot,
             'torque': m.torque,
         }
-        limits = {
-            'torque': self.problem.limits.torque,
-            'psi': self.problem.limits.disk_angle,
-        }
+        limits = plot_limits(self.problem)
         figure = plot_trajectory(
             self.trajectory, limits, Measurement(m.times, columns), str(self.answer['summary'])
         )

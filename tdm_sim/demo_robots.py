@@ -19,13 +19,13 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from tdm_planner.formation_plot import FormationView, MeasuredRobot, plot_formation
-from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.robot_messages import odometry_state, robot_trajectory
+from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
+from tdm_planner.nodes.robot_messages import odometry_state, ROBOT_JOINTS, robot_trajectory
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.demo_scene import NodeCommand, Scene, seconds
+from tdm_sim.demo_scene import NodeCommand, Scene
 from tdm_sim.verdict import HOLD_TIME, Verdict
 from tdm_sim.verdict_formation import (
     judge_formation,
@@ -89,7 +89,6 @@ class RobotsScene(Scene):
         }
         self.view = FormationView.of(self.problem)
         self.robots = {name: _Robot(name) for name in task.names}
-        self.answer: dict[str, Any] = {}
 
     def nodes(self) -> list[NodeCommand]:
         """Plants, trackers, planner."""
@@ -135,7 +134,7 @@ class RobotsScene(Scene):
             )
 
     def _moved(self, robot: _Robot, message: Odometry) -> None:
-        at = seconds(message.header.stamp)
+        at = seconds_of(message.header.stamp)
         robot.poses.append([at, *odometry_state(message).tolist()])
         here = MeasuredRobot(
             np.array([at]),
@@ -149,10 +148,10 @@ class RobotsScene(Scene):
             robot.in_place_since = at
 
     def _acted(self, robot: _Robot, message: JointState) -> None:
-        thruster, wheel = (list(message.name).index(j) for j in ('thruster', 'reaction_wheel'))
+        thruster, wheel = joint_indices(message.name, ROBOT_JOINTS)
         robot.actuators.append(
             [
-                seconds(message.header.stamp),
+                seconds_of(message.header.stamp),
                 message.effort[thruster],
                 message.velocity[thruster],
                 message.effort[wheel],
@@ -173,7 +172,7 @@ class RobotsScene(Scene):
     def starts_at(self) -> float:
         """Instant [s] at which the motion starts."""
         motions = [robot.motion for robot in self.robots.values() if robot.motion is not None]
-        return seconds(motions[0].header.stamp) if motions else math.inf
+        return seconds_of(motions[0].header.stamp) if motions else math.inf
 
     def complete(self, node: Node) -> bool:
         """Whether every plant publishes and every tracker listens."""
@@ -195,10 +194,6 @@ class RobotsScene(Scene):
         found = [f'robot_plant of {name}' for name in self._silent_plants()]
         found += [f'tracker of {name}' for name in self._deaf_trackers(node)]
         return ', '.join(found + ([] if client.service_is_ready() else ['planner']))
-
-    def answered(self, answer: Mapping[str, Any]) -> None:
-        """Keep the planner's figures."""
-        self.answer = dict(answer)
 
     @property
     def planned(self) -> bool:
@@ -250,11 +245,7 @@ class RobotsScene(Scene):
 
     def plan(self) -> dict[str, Any]:
         """Return the published plans and the planner's figures, replayed and checked here."""
-        figures = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
-        head = {
-            'problem': self.problem.name,
-            **{name: self.answer[name] for name in figures},
-        }
+        head = self.figures(self.problem.name)
         weights = np.array(self.problem.weights.penalty)
         check = verify_formation(self.problem.task, self.plans, weights)
         return {

@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.client import Client
 from rclpy.node import Node
 
 from tdm_sim.verdict import Verdict
 
 NodeCommand = tuple[str, str, list[str]]
+
+_FIGURES = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
 class Scene(ABC):
@@ -30,6 +31,7 @@ class Scene(ABC):
     def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
         self.parameters = dict(parameters)
         self.file = file
+        self.answer: dict[str, Any] = {}
 
     def command(self, name: str, module: str, namespace: str) -> NodeCommand:
         """Return the command of a node in a namespace, with the scene's parameter file."""
@@ -52,9 +54,13 @@ class Scene(ABC):
     def missing(self, node: Node, client: Client) -> str:
         """What is not up, in words."""
 
-    @abstractmethod
     def answered(self, answer: Mapping[str, Any]) -> None:
-        """Take the planner's answer to the request."""
+        """Keep the planner's answer to the request."""
+        self.answer = dict(answer)
+
+    def figures(self, problem: str) -> dict[str, Any]:
+        """Return what a plan file tells of the planner's answer."""
+        return {'problem': problem, **{name: self.answer[name] for name in _FIGURES}}
 
     @property
     @abstractmethod
@@ -81,8 +87,3 @@ class Scene(ABC):
     @abstractmethod
     def draw(self, path: Path) -> None:
         """Write the picture of plan and measurement."""
-
-
-def seconds(stamp: Time) -> float:
-    """Return a time stamp in seconds."""
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)

@@ -34,7 +34,6 @@ from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
-from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -53,7 +52,6 @@ class PendulumAdapter(Adapter):
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._plant = RotaryPendulum()
         self.values_changed(values)
-        self._plan: Trajectory | None = None
         self._in_force: PlanInForce | None = None
         self._timer = node.create_timer(MARKER_PERIOD, self._show)
 
@@ -100,7 +98,6 @@ class PendulumAdapter(Adapter):
         if trajectory.rates is None:
             trajectory = trajectory.with_rates(problem.plant.derivative)
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
-        self._plan = trajectory
         self._in_force = PlanInForce(trajectory, start)
         self._publish_markers()
 
@@ -115,10 +112,11 @@ class PendulumAdapter(Adapter):
     def _publish_markers(self) -> None:
         newest = self._state.newest
         shown = None if newest is None else _motion(newest.message)
-        if shown is None and self._plan is not None:
-            shown = self._plan.states[0]
+        plan = None if self._in_force is None else self._in_force.trajectory
+        if shown is None and plan is not None:
+            shown = plan.states[0]
         if shown is not None:
-            self._markers.publish(pendulum_markers(self._plant, shown, self._plan))
+            self._markers.publish(pendulum_markers(self._plant, shown, plan))
 
 
 def _deviation(state: Array, reference: Array) -> Array:
