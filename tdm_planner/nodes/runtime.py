@@ -54,9 +54,12 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
-        code = 1
-        sentence = ' '.join(str(error).split())
-        print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)
+        # A signal that shuts the context down in the middle of taking a message makes rclpy raise
+        # errors of its own: the process is ending as it was asked to.
+        if rclpy.ok() or node is None:
+            code = 1
+            sentence = ' '.join(str(error).split())
+            print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)
     finally:
         # Under `ros2 launch` Ctrl-C arrives twice; the second must not interrupt the clean-up.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 
 import pytest
 from ros_harness import NodeProcess, Ros
@@ -60,3 +62,36 @@ def test_a_missing_parameter_file_is_one_line(ros: Ros) -> None:
     assert process.process.wait(10.0) == 1
     assert '/nowhere.yaml' in process.output
     assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize(('ended', 'code'), [(True, 0), (False, 1)])
+def test_an_error_counts_unless_the_process_was_asked_to_end(
+    ros: Ros, ended: bool, code: int
+) -> None:
+    """As when a signal interrupts rclpy while it takes a message."""
+    program = f"""
+import rclpy, sys
+from rclpy.node import Node
+from tdm_planner.nodes.runtime import run
+
+class Failing(Node):
+    def __init__(self):
+        super().__init__('failing')
+        self.create_timer(0.01, self.fail)
+
+    def fail(self):
+        if {ended}:
+            rclpy.shutdown()
+        raise RuntimeError('interrupted')
+
+sys.exit(run(Failing))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert done.returncode == code, done.stderr
+    assert ('fatal' in done.stderr) == (code == 1)
