@@ -1,0 +1,273 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A mission: what was planned, commanded and measured, however it was recorded.
+
+All instants are seconds since the mission's origin: the start of the first plan's motion or, where
+there is no plan, the first measurement. What came before has negative instants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Plant = Literal['pendulum', 'robot', 'other']
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Named time histories on common instants.
+
+    `times` (n,) s since the mission's origin, not decreasing; `values` (n, m), NaN where nothing
+    was measured; `names` (m,) and `units` (m,), '' where there is none or it is not known.
+    """
+
+    times: Array
+    values: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Check that the parts fit together: they come from this package, never from a file."""
+        assert self.values.shape == (self.times.size, len(self.names))
+        assert len(self.units) == len(self.names)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a history called `name`."""
+        return name in self.names
+
+    def column(self, name: str) -> Array:
+        """Return the history called `name`, (n,)."""
+        return self.values[:, self.names.index(name)]
+
+    def unit(self, name: str) -> str:
+        """Return the unit of the history called `name`."""
+        return self.units[self.names.index(name)]
+
+    def select(self, *names: str) -> Signals:
+        """Return the histories called `names`, in this order."""
+        index = [self.names.index(name) for name in names]
+        units = tuple(self.units[i] for i in index)
+        return Signals(self.times, self.values[:, index], names, units)
+
+    def between(self, start: float, end: float) -> Signals:
+        """Return what lies in [start, end] s."""
+        inside = (self.times >= start) & (self.times <= end)
+        return Signals(self.times[inside], self.values[inside], self.names, self.units)
+
+    def at(self, times: Array) -> Array:
+        """Return the values at `times` (k,) by linear interpolation, (k, m); NaN outside."""
+        columns = [
+            np.interp(times, self.times, column, left=np.nan, right=np.nan)
+            if self.times.size
+            else np.full(np.shape(times), np.nan)
+            for column in self.values.T
+        ]
+        return np.stack(columns, axis=-1) if columns else np.zeros((np.size(times), 0))
+
+    def thinned(self, most: int) -> Signals:
+        """Return at most about `most` samples, for drawing.
+
+        In every bin of samples the first, the last, and the smallest and largest of every history
+        stay, so that peaks and gaps are drawn where they were measured.
+        """
+        kept = thinned_indices(self.values, most)
+        return Signals(self.times[kept], self.values[kept], self.names, self.units)
+
+
+def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
+    """Return the rows of `values` (n, m) that a drawing of at most about `most` points needs."""
+    n, m = values.shape
+    if n <= most:
+        return np.arange(n)
+    per_bin = 2 + 2 * m
+    edges = np.linspace(0, n, max(1, most // per_bin) + 1).astype(int)
+    kept: list[NDArray[np.intp]] = [edges[:-1], edges[1:] - 1]
+    low, high = (
+        np.where(np.isnan(values), np.inf, values),
+        np.where(np.isnan(values), -np.inf, values),
+    )
+    for start, end in zip(edges[:-1], edges[1:], strict=True):
+        kept += [start + low[start:end].argmin(axis=0), start + high[start:end].argmax(axis=0)]
+    return np.unique(np.concatenate(kept))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanInForce:
+    """One published plan of one vehicle.
+
+    The trajectory's own times count from its first sample; the motion starts `start` s after the
+    mission's origin and is followed `until` the next plan starts (None: to the end). `plan_id` is
+    '' where it is not known.
+    """
+
+    plan_id: str
+    start: float
+    trajectory: Trajectory
+    until: float | None = None
+
+    @property
+    def end(self) -> float:
+        """Planned end of the motion [s since the mission's origin]."""
+        return self.start + float(self.trajectory.times[-1])
+
+    @property
+    def carried_out_until(self) -> float:
+        """Instant until which the plan was to be followed: its end, or the next plan's start."""
+        return self.end if self.until is None else min(self.end, self.until)
+
+    def states(self, instants: Array) -> Array:
+        """Return the planned states at instants (k,) since the mission's origin, (k, nx)."""
+        return self.trajectory.sample(instants - self.start).state
+
+    def controls(self, instants: Array) -> Array:
+        """Return the planned controls at instants (k,) since the mission's origin, (k, nu)."""
+        return self.trajectory.sample(instants - self.start).control
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """One plant: what it was to do, what it was told, what it did.
+
+    `name` is the robot's, or the plant's where there is one only; `plans` stand in the order of
+    their starts. `states` and `applied` are measured: the states, and the controls as the plant
+    carried them out; `commands` are the controls the tracker asked for. All bear the names of the
+    plan's states and controls (pendulum: theta, psi, theta_dot, psi_dot; torque. Robots: x, y, u,
+    v, yaw, omega, alpha; thrust, thruster_rate, torque). None: not recorded.
+    """
+
+    name: str
+    plant: Plant
+    plans: tuple[PlanInForce, ...] = ()
+    states: Signals | None = None
+    commands: Signals | None = None
+    applied: Signals | None = None
+    tracking_error: Signals | None = None
+
+    @property
+    def plan(self) -> PlanInForce | None:
+        """The last plan, whose goal counts."""
+        return self.plans[-1] if self.plans else None
+
+    @property
+    def controls(self) -> Signals | None:
+        """Controls as carried out or, where that was not recorded, as commanded."""
+        return self.commands if self.applied is None else self.applied
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Smallest distance from a limit (negative: violated), and its instant [s].
+
+    In `PlanFigures` the instant counts from the start of the plan, elsewhere from the mission's
+    origin. None: not known.
+    """
+
+    worst: float
+    instant: float | None = None
+    unit: str = ''
+
+
+@dataclass(frozen=True)
+class PlanFigures:
+    """What the planner said of a plan; None or empty where it is not known.
+
+    `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
+    `terminal_error` is the replayed final state's difference from the goal, by state (of several
+    vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name.
+    """
+
+    plan_id: str
+    time: float
+    duration: float | None = None
+    cost: float | None = None
+    cost_terms: Mapping[str, float] = field(default_factory=dict)
+    penalty: float | None = None
+    solve_time: float | None = None
+    evaluations: int | None = None
+    summary: str = ''
+    margins: Mapping[str, Margin] = field(default_factory=dict)
+    terminal_error: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict)
+
+
+class Severity(IntEnum):
+    """How grave an event is, numbered as a diagnostic status is."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something a node said of itself: a refused plan, a new one, a missed deadline, an error."""
+
+    time: float
+    level: Severity
+    source: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Everything a report tells of.
+
+    `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
+    plan, in the order of their starts; `missing` says in sentences what is not there and what
+    follows from it; `source` is the file or folder it was read from; `recorded_at` is the
+    origin's wall-clock time [s since the epoch], None for a plan that was not carried out.
+    """
+
+    title: str
+    problem: str
+    vehicles: tuple[Vehicle, ...]
+    figures: tuple[PlanFigures, ...] = ()
+    events: tuple[Event, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    source: str = ''
+    recorded_at: float | None = None
+
+    @property
+    def was_carried_out(self) -> bool:
+        """Whether anything was measured."""
+        return any(vehicle.states is not None for vehicle in self.vehicles)
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """First and last instant [s] of everything planned and measured."""
+        instants = [0.0]
+        for vehicle in self.vehicles:
+            for plan in vehicle.plans:
+                instants += [plan.start, plan.end]
+            for signals in (vehicle.states, vehicle.commands, vehicle.applied):
+                if signals is not None and signals.times.size:
+                    instants += [float(signals.times[0]), float(signals.times[-1])]
+        return min(instants), max(instants)
+
+    def number(self, name: str) -> float | None:
+        """Return a parameter's value if it is a finite number."""
+        value = self.parameters.get(name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return None
+        return float(value) if np.isfinite(value) else None
+
+    def numbers(self, name: str) -> Array | None:
+        """Return a parameter's value (k,) if it is a list of finite numbers."""
+        value = self.parameters.get(name)
+        if not isinstance(value, (list, tuple)):
+            return None
+        if not all(isinstance(v, (int, float)) and np.isfinite(v) for v in value):
+            return None
+        return np.array(value, dtype=float)
