@@ -38,8 +38,9 @@ class Verification:
     """The result of a check.
 
     `terminal_error` (nx,) is the signed difference of the replayed final state from the goal;
-    `worst` holds the smallest margin of every constraint by name (negative: violated) and
-    `worst_times` its instant [s]; `reasons` says in words what failed, empty when `ok`.
+    `worst` holds the smallest margin of every constraint by name (negative: violated),
+    `worst_times` its instant [s] and `units` its unit; `reasons` says in words what failed, empty
+    when `ok`.
     """
 
     ok: bool
@@ -48,6 +49,7 @@ class Verification:
     worst_times: Mapping[str, float] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
     state_names: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check as JSON writes it."""
@@ -57,6 +59,7 @@ class Verification:
             'terminal_error': dict(zip(names, map(float, self.terminal_error), strict=True)),
             'worst': {name: float(value) for name, value in self.worst.items()},
             'worst_times': {name: float(value) for name, value in self.worst_times.items()},
+            'units': dict(self.units),
             'reasons': list(self.reasons),
         }
 
@@ -172,6 +175,7 @@ def verify(
         worst_times=worst_times,
         reasons=tuple(reasons),
         state_names=plant.state_names,
+        units={constraint.name: constraint.unit for constraint in constraints},
     )
 
 

@@ -62,12 +62,14 @@ def verify_formation(
         for i, name in enumerate(task.names)
     }
     times, states, controls = common_states(task, trajectories)
-    pairs, pair_times, violated = check(separation_constraints(task), times, states, controls)
+    separations = separation_constraints(task)
+    pairs, pair_times, violated = check(separations, times, states, controls)
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
     worst = {f'{name}.{k}': v for name in task.names for k, v in robots[name].worst.items()}
     instants = {
         f'{name}.{k}': v for name in task.names for k, v in robots[name].worst_times.items()
     }
+    units = {f'{name}.{k}': v for name in task.names for k, v in robots[name].units.items()}
     overall = Verification(
         ok=not (reasons or violated),
         terminal_error=np.concatenate([robots[name].terminal_error for name in task.names]),
@@ -75,11 +77,12 @@ def verify_formation(
         worst_times=instants | pair_times,
         reasons=(*violated, *reasons),
         state_names=tuple(f'{name}.{s}' for name in task.names for s in task.plant.state_names),
+        units=units | {constraint.name: constraint.unit for constraint in separations},
     )
     return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
 
 
-def keeps_reserve(task: FormationTask, verification: FormationVerification) -> bool:
+def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
     """Whether at least half of the distance reserved for tracking is left between all pairs.
 
     A thruster that turns slowly lets robots deviate from the motions that were planned.
@@ -87,7 +90,7 @@ def keeps_reserve(task: FormationTask, verification: FormationVerification) -> b
     i, j = np.triu_indices(task.n, 1)
     reserved = np.minimum(task.pair_clearances(i, j) - task.separation, task.margin)
     left = [
-        verification.overall.worst[f'separation {task.names[a]}-{task.names[b]}']
+        verification.worst[f'separation {task.names[a]}-{task.names[b]}']
         for a, b in zip(i, j, strict=True)
     ]
     return bool((np.array(left) >= 0.5 * reserved).all())
