@@ -22,6 +22,7 @@ from tdm_planner.parameters import (
     ParameterSpec,
     POSITIVE,
     specifications,
+    to_mapping,
     Validated,
 )
 from tdm_planner.trajectory import Trajectory
@@ -154,6 +155,10 @@ class Problem(ABC):
     def from_values(cls: type[P], values: Mapping[str, Any]) -> P:
         """Make a problem from checked values by dotted name."""
         return build(cls, values)
+
+    def to_parameters(self) -> dict[str, Any]:
+        """Return every parameter's value by dotted name (the inverse of `from_parameters`)."""
+        return to_mapping(self)
 
     @abstractmethod
     def prepare(self) -> None:

@@ -20,7 +20,7 @@ from scipy.integrate import trapezoid
 
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.parameters import build, ParameterSpec
+from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_checks import check_task
 from tdm_planner.problems.formation_parameters import (
@@ -118,6 +118,15 @@ class RobotFormation(FormationParameters, Problem):
                 offsets[name] = offset
         shared = {item.name: getattr(general, item.name) for item in fields(FormationParameters)}
         return cls(**shared, starts=starts, offsets=offsets)
+
+    def to_parameters(self) -> dict[str, Any]:
+        """Return every parameter's value by dotted name, those of every robot included."""
+        values = super().to_parameters()
+        for name in self.robots:
+            start = self.starts.get(name, default_start(name))
+            values.update(to_mapping(start, f'{name}.start.'))
+            values[f'formation.{name}'] = self.offsets.get(name, default_offset(name))
+        return values
 
     @property
     def form(self) -> Form:
