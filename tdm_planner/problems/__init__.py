@@ -12,6 +12,7 @@ from tdm_planner.problems.pendulum_swing_up import (
     PendulumSwingUp,
 )
 from tdm_planner.problems.robot_formation import RobotFormation
+from tdm_planner.problems.search import Plan, Search
 
 __all__ = [
     'DirectProblem',
@@ -20,10 +21,12 @@ __all__ = [
     'PendulumLimits',
     'PendulumStart',
     'PendulumSwingUp',
+    'Plan',
     'Problem',
     'RobotFormation',
     'RobotLimits',
     'RobotStart',
+    'Search',
     'Solution',
     'SolverParameters',
 ]

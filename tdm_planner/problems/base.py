@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import (
     build,
@@ -25,6 +26,7 @@ from tdm_planner.parameters import (
     to_mapping,
     Validated,
 )
+from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
 
@@ -128,7 +130,9 @@ class Problem(ABC):
     """An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
 
     Subclasses are frozen dataclasses whose fields are groups of parameters (see
-    `tdm_planner.parameters`), with a `solver: SolverParameters` among them.
+    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. One that states its
+    reference functions and inverse dynamics derives from `DirectProblem`, which transcribes it;
+    one that brings a transcription of its own (compiled kernels, several vehicles) gives `search`.
     """
 
     name: ClassVar[str]
@@ -160,11 +164,26 @@ class Problem(ABC):
         """Return every parameter's value by dotted name (the inverse of `from_parameters`)."""
         return to_mapping(self)
 
-    @abstractmethod
     def prepare(self) -> None:
         """Do the work that does not depend on the boundary conditions (compile, tabulate)."""
+        return
 
     @abstractmethod
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> Search[Any]:
+        """Return the search for a plan, from an earlier plan as well if one is given."""
+
+    def standing_plan(self) -> Plan | None:
+        """Return the plan that does nothing, where the start is the goal; None if it is not."""
+        return None
+
+    def describe(self, plan: Plan) -> str:
+        """Return the summary of a plan, one sentence."""
+        worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
+        closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
+        return f'J = {plan.cost:.6g}, {plan.duration:.4g} s{closest}'
+
     def solve(
         self,
         deadline: float | None = None,
@@ -173,6 +192,9 @@ class Problem(ABC):
     ) -> Solution:
         """Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
+        `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
+        of a problem of the same kind, with other boundary conditions or limits, to start from.
+
         Raises
         ------
         InvalidProblem
@@ -180,6 +202,23 @@ class Problem(ABC):
         Infeasible
             If no plan was found; its subclass says why (deadline, verification).
         """
+        self.prepare()
+        budget = Budget(self.solver.deadline if deadline is None else deadline)
+        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
+        plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
+        return Solution(
+            problem=self.name,
+            trajectories=plan.trajectories,
+            cost=plan.cost,
+            penalty=plan.penalty,
+            parameters=plan.parameters,
+            evaluations=budget.evaluations,
+            solve_time=budget.elapsed,
+            verification=plan.verification,
+            verifications=plan.verifications,
+            cost_terms=plan.cost_terms,
+            summary=self.describe(plan),
+        )
 
 
 def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,7 +36,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
-from tdm_planner.problems.direct_search import DirectPlan, DirectSearch
+from tdm_planner.problems.direct_search import DirectSearch
 
 Array = NDArray[np.float64]
 
@@ -66,32 +66,13 @@ class DirectProblem(Formulation, Problem):
     starts: ClassVar[int] = 4
     terminal_tolerance: ClassVar[tuple[float, ...] | None] = None
 
-    def prepare(self) -> None:
-        """Do nothing: there is nothing to compile."""
-
-    def solve(
-        self,
-        deadline: float | None = None,
-        seed: int | None = None,
-        warm_start: Solution | None = None,
-    ) -> Solution:
-        """Find the best verified plan; see `Problem.solve`.
-
-        A warm start is the solution of a problem of the same kind, with other boundary conditions
-        or limits: its varied parameters are the first guess.
-        """
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> DirectSearch:
+        """Return the search; an earlier plan's varied parameters are the first guess."""
         self._check_statement()
-        budget = Budget(self.solver.deadline if deadline is None else deadline)
-        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        previous = None if warm_start is None else warm_start.parameters
-        plan = DirectSearch(self, DirectPlant(self), budget, rng, previous).solve()
-        return self._solution(plan, budget)
-
-    def describe(self, plan: DirectPlan) -> str:
-        """Return the summary of a plan, one sentence."""
-        worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
-        closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
-        return f'J = {plan.cost:.6g}, {plan.trajectory.duration:.4g} s{closest}'
+        first = None if previous is None else previous.parameters
+        return DirectSearch(self, DirectPlant(self), budget, rng, first)
 
     def _check_statement(self) -> None:
         stated = {name: getattr(type(self), name) for name in ('final_cost', 'running_cost')}
@@ -105,19 +86,6 @@ class DirectProblem(Formulation, Problem):
                 raise InvalidProblem(
                     f'{self.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
                 )
-
-    def _solution(self, plan: DirectPlan, budget: Budget) -> Solution:
-        return Solution(
-            problem=self.name,
-            trajectories={self.name: plan.trajectory},
-            cost=plan.cost,
-            penalty=plan.penalty,
-            parameters=plan.parameters,
-            evaluations=budget.evaluations,
-            solve_time=budget.elapsed,
-            verification=plan.verification,
-            summary=self.describe(plan),
-        )
 
 
 @dataclass(frozen=True)

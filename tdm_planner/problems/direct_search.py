@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +16,7 @@ from tdm_planner.direct_method.transcription import chebyshev_nodes, Transcripti
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.base import Plant
+from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
 
@@ -33,23 +33,8 @@ _COARSE_SHARE = 0.85  # of the time allowed, for minimising before any check
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 
-@dataclass(frozen=True, eq=False)
-class DirectPlan:
-    """A verified trajectory, its performance index, varied parameters and penalty of (10).
-
-    `scaled_cost` is what the minimiser had, before refinement.
-    """
-
-    trajectory: Trajectory
-    verification: Verification
-    cost: float
-    parameters: Array
-    penalty: float
-    scaled_cost: float
-
-
-class DirectSearch:
-    """Search for the best verified plan of a problem within a budget."""
+class DirectSearch(Search[Minimum]):
+    """Search for the cheapest verified plan of a formulation; `previous` is a first guess Xi."""
 
     def __init__(
         self,
@@ -59,63 +44,32 @@ class DirectSearch:
         rng: np.random.Generator,
         previous: Array | None = None,
     ) -> None:
+        super().__init__(budget)
         self._problem = problem
         self._plant = plant
-        self._budget = budget
         self._rng = rng
         self._previous = previous
         self._nodes = self._node_count()
+        self._program = Transcription(problem, chebyshev_nodes(self._nodes))
         self._closest = np.inf
         self._nearest_miss = 'finiteness'
-        self._rejected = ''
 
-    def solve(self) -> DirectPlan:
-        """Return the plan of least cost that passes the verification.
+    def candidates(self) -> Iterator[Minimum]:
+        """Minimise from all first guesses while there is time.
 
         Raises
         ------
         InvalidProblem
             If what the problem states does not fit together, or gives numbers that are not finite.
-        DeadlineExceeded, Infeasible, VerificationFailed
-            If there is no plan.
         """
-        best: DirectPlan | None = None
-        program = Transcription(self._problem, chebyshev_nodes(self._nodes))
-        program.begin(program.first_guess)
-        for minimum in self._minima(program):
-            if best is None or minimum.point.cost < best.scaled_cost - _WORTHWHILE:
-                plan = self._verified(program, minimum)
-                if plan is not None and (best is None or plan.cost < best.cost):
-                    best = plan
-        if best is not None:
-            return best
-        if self._rejected:
-            reason = f'a candidate was found, but it did not pass the check: {self._rejected}'
-            if self._late:
-                raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
-            raise VerificationFailed(reason)
-        reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
-        if self._late:
-            raise DeadlineExceeded(f'in {self._budget.seconds:g} s, {reason}')
-        raise Infeasible(reason)
-
-    @property
-    def _late(self) -> bool:
-        return self._budget.elapsed > _COARSE_SHARE * self._budget.seconds
-
-    def _node_count(self) -> int:
-        free = [output.free for output in self._problem.outputs().values()]
-        return max(self._problem.nodes, 3 * max(free, default=0) + 15)
-
-    def _minima(self, program: Transcription) -> Iterator[Minimum]:
-        """Minimise from all seeds while there is time; yield the feasible results."""
+        self._program.begin(self._program.first_guess)
         found = False
-        until = Budget(_COARSE_SHARE * self._budget.seconds - self._budget.elapsed)
-        for xi in self._seeds(program):
-            late = self._budget.elapsed > _SEARCH_SHARE * self._budget.seconds
+        until = Budget(_COARSE_SHARE * self.budget.seconds - self.budget.elapsed)
+        for xi in self._seeds():
+            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if until.spent or (found and late):
                 break
-            minimum = self._minimise(program, xi, until)
+            minimum = self._minimise(self._program, xi, until)
             if minimum is None:
                 continue
             if self._feasible(minimum):
@@ -123,14 +77,46 @@ class DirectSearch:
                 yield minimum
             elif minimum.point.violation < self._closest:
                 self._closest = minimum.point.violation
-                self._nearest_miss = self._name_violation(program, minimum)
+                self._nearest_miss = self._name_violation(minimum)
 
-    def _seeds(self, program: Transcription) -> Iterator[Array]:
+    def promises_more(self, candidate: Minimum, than: Minimum) -> bool:
+        """Whether its cost, before refinement, is lower by more than rounding."""
+        return candidate.point.cost < than.point.cost - _WORTHWHILE
+
+    def satisfied_with(self, plan: Plan) -> bool:
+        """Never: all first guesses are tried."""
+        return False
+
+    def widen(self) -> bool:
+        """Give up: one round has tried all first guesses."""
+        return False
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
+            if not self._late:
+                return VerificationFailed(reason)
+        else:
+            reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
+            if not self._late:
+                return Infeasible(reason)
+        return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
+
+    @property
+    def _late(self) -> bool:
+        return self.budget.elapsed > _COARSE_SHARE * self.budget.seconds
+
+    def _node_count(self) -> int:
+        free = [output.free for output in self._problem.outputs().values()]
+        return max(self._problem.nodes, 3 * max(free, default=0) + 15)
+
+    def _seeds(self) -> Iterator[Array]:
         """Yield the previous solution, the plain boundary conditions, and random changes.
 
         With a previous solution no changes are tried: replanning is to be quick.
         """
-        first = program.first_guess
+        first = self._program.first_guess
         if self._previous is not None and self._previous.shape == first.shape:
             yield self._previous
             yield first
@@ -156,18 +142,18 @@ class DirectSearch:
         )
         with np.errstate(all='ignore'):
             minimum = minimise(program, xi, options, budget)
-        self._budget.evaluations += program.evaluations - before
+        self.budget.evaluations += program.evaluations - before
         return minimum
 
     def _feasible(self, minimum: Minimum) -> bool:
         ends, margins = minimum.point.violations
         return bool(ends <= max(self._problem.solver.tolerance, 1e-6) and margins <= 1e-5)
 
-    def _name_violation(self, program: Transcription, minimum: Minimum) -> str:
+    def _name_violation(self, minimum: Minimum) -> str:
         ends, margins = minimum.point.violations
         if ends > margins:
             return f'the conditions at the end by {ends:.2g}'
-        motion = program.motion(minimum.point.xi[None])
+        motion = self._program.motion(minimum.point.xi[None])
         x, u = components(motion.states), components(motion.controls)
         least = {
             name: float(np.min(value))
@@ -176,20 +162,17 @@ class DirectSearch:
         name = min(least, key=lambda key: least[key])
         return f'{name} by {-least[name]:.2g}'
 
-    def _verified(self, program: Transcription, coarse: Minimum) -> DirectPlan | None:
-        """Check a candidate; where it fails, take more nodes and keep off the limits."""
-        minimum, nodes = coarse, self._nodes
+    def plans(self, candidate: Minimum) -> Iterator[Plan]:
+        """Yield the plan; after a failed check with more nodes, or farther off the limits."""
+        program, minimum, nodes = self._program, candidate, self._nodes
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
         for refinement in range(_ROUNDS):
             xi = minimum.point.xi
             trajectory, goal = self._trajectory(xi, samples)
             check = self._verify(trajectory, goal)
-            if check.ok:
-                cost = float(program.cost(program.motion(xi[None]))[0])
-                violation = minimum.point.violation
-                return DirectPlan(trajectory, check, cost, xi, violation, coarse.point.cost)
-            self._rejected = check.reasons[0]
+            cost = float(program.cost(program.motion(xi[None]))[0])
+            yield Plan({self._problem.name: trajectory}, check, cost, xi, minimum.point.violation)
             samples *= 2
             violated = {k: -v for k, v in check.worst.items() if v < -_MARGIN_TOLERANCE}
             if not violated and not program.integrated:
@@ -200,13 +183,12 @@ class DirectSearch:
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
             program = program.refine(chebyshev_nodes(nodes), reserve)
-            if self._budget.spent:
-                return None
-            again = self._minimise(program, xi, self._budget)
+            if self.budget.spent:
+                return
+            again = self._minimise(program, xi, self.budget)
             if again is None or not self._feasible(again):
-                return None
+                return
             minimum = again
-        return None
 
     def _trajectory(self, xi: Array, samples: int) -> tuple[Trajectory, Array]:
         """Return the motion on `samples` points of the arc, and the goal (nx,)."""

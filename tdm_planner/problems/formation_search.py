@@ -9,14 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.problems.formation_plan import initial_misalignment
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.problems.base import Solution
+from tdm_planner.problems.formation_plan import initial_misalignment, trajectory
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_verification import keeps_reserve, verify_formation
 from tdm_planner.problems.reference_motion import Motion, ReferenceMotion
+from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.warm_start import warm_parameters
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -25,6 +33,7 @@ _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a mano
 _ALIGNED = 0.02  # [rad] less than this needs no turning
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
+_ROUNDS = 4  # of guesses, each keeping more distance, before giving up
 _SEARCH_SHARE = 0.75  # of the deadline: the rest is for the check
 
 
@@ -63,26 +72,115 @@ class Candidate:
         return self.program.motion(self.point.xi)
 
 
-class FormationSearch:
-    """Local minima of one manoeuvre from several first guesses.
+def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
+    """Integral of thrust per mass along a robot's trajectory [m/s]."""
+    return float(trapezoid(trajectory.control('thrust'), trajectory.times)) / plant.mass
 
-    `closest` is the point of the least violation seen, for the reason of a failure.
+
+class FormationSearch(Search[Candidate]):
+    """Local minima of one manoeuvre from several first guesses, and their plans.
+
+    `penalty_weights` (4,) are k1 to k4 of (29). Of a `previous` plan the remaining motion is the
+    first guess, without others. `closest` is the point of the least violation seen, for the
+    reason of a failure.
     """
 
     def __init__(
-        self, task: FormationTask, form: Form, rng: np.random.Generator, budget: Budget
+        self,
+        task: FormationTask,
+        form: Form,
+        rng: np.random.Generator,
+        budget: Budget,
+        *,
+        starts: int = 4,
+        penalty_weights: Array | None = None,
+        previous: Solution | None = None,
     ) -> None:
-        self.task, self.form, self.budget = task, form, budget
-        self.model = form.model(task)
-        self.program = FormationProgram(self.model, form.nodes)
-        self.seeds = BowSeeds(self.model, rng)
-        self._guesses = iter(self.seeds)
+        super().__init__(budget)
+        self.form = form
+        self.starts = starts
         self.closest: Candidate | None = None
         self.tried = 0
+        self._required = task
+        self._penalty_weights = np.full(4, 0.25) if penalty_weights is None else penalty_weights
+        self._rng = rng
+        self._rounds = 1
+        self._found = False
+        self._aim(task)
+        self._first: Array | None = None
+        if previous is not None:
+            self._first = warm_parameters(self.model, self.seeds, previous)
 
-    def guess_from(self, motion: Array) -> Array:
-        """First guess Xi nearest to the varied parameters (n, P)."""
-        return self.program.reduce(motion)
+    def _aim(self, task: FormationTask) -> None:
+        self.task = task
+        self.model = self.form.model(task)
+        self.program = FormationProgram(self.model, self.form.nodes)
+        self.seeds = BowSeeds(self.model, self._rng)
+        self._guesses = iter(self.seeds)
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Minima with thrusters turned first; then, did none do, with their rate limited."""
+        if self._first is None:
+            found = self.minima(self.starts)
+        else:
+            found = self.minima(0, self.program.reduce(self._first))
+        self._found = bool(found)
+        kept = []
+        for candidate in found:
+            turned = self.turned(candidate) or candidate
+            kept.append(turned)
+            yield turned
+        for candidate in kept:
+            refined = self.refined(candidate)
+            if refined is not None:
+                yield refined
+
+    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+        """Yield the trajectories that the reference motions give by inverse dynamics."""
+        task, model, motion = self._required, candidate.program.model, candidate.motion
+        motions = {name: trajectory(model, motion, i) for i, name in enumerate(task.names)}
+        check = verify_formation(task, motions, self._penalty_weights)
+        terms = task.cost_terms(
+            np.array([motions[name].duration for name in task.names]),
+            np.array([gas_used(task.plant, motions[name]) for name in task.names]),
+        )
+        yield Plan(
+            trajectories=motions,
+            verification=check.overall,
+            cost=sum(terms.values()),
+            parameters=candidate.point.xi,
+            penalty=check.penalty,
+            cost_terms=terms,
+            verifications=check.robots,
+        )
+
+    def satisfied_with(self, plan: Plan) -> bool:
+        """Whether the distance kept for the tracking is left, by half at least."""
+        return keeps_reserve(self._required, plan.verification)
+
+    def widen(self) -> bool:
+        """Keep more distance, where plans failed the check; else go on with other guesses."""
+        self._rounds += 1
+        self._first = None
+        if self._found:
+            margin = self.task.margin + 0.04 * self.task.separation
+            self._aim(replace(self.task, margin=margin))
+        return self._rounds <= _ROUNDS
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            return VerificationFailed(f'no plan survived the check: {self.rejected}')
+        closest = self.closest
+        binding = '' if closest is None else closest.program.binding(closest.point)
+        if closest is not None and closest.motion.durations.max() > 0.999 * self.task.longest:
+            binding += f' (with arrival as late as solver.longest = {self.task.longest:g} s)'
+        if self.budget.spent:
+            return DeadlineExceeded(
+                f'no plan within {self.budget.seconds:g} s from {self.tried} starts; nearest to '
+                f'one, {binding} was violated'
+            )
+        return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
 
     def minima(self, starts: int, first: Array | None = None) -> list[Candidate]:
         """Feasible local minima from `starts` guesses, cheapest first; `first` Xi is tried first.
@@ -153,10 +251,3 @@ class FormationSearch:
         program = FormationProgram(model, self.form.nodes, limit_thruster_rate=True)
         better, converged = self._minimise(program, candidate.point.xi, _REFINING_RADIUS)
         return better if converged else None
-
-    def wider(self, rng: np.random.Generator) -> FormationSearch:
-        """Return a search that keeps more distance, after plans failed the check."""
-        margin = self.task.margin + 0.04 * self.task.separation
-        other = FormationSearch(replace(self.task, margin=margin), self.form, rng, self.budget)
-        other.closest = self.closest
-        return other

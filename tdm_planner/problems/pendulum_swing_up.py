@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,9 @@ from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.smooth_method import SmoothMethod
-from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
+from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
 
@@ -118,45 +119,30 @@ class PendulumSwingUp(Problem, Validated):
         compile_kernels(self.plant)
         compile_kernel(self.plant)
 
-    def solve(
-        self,
-        deadline: float | None = None,
-        seed: int | None = None,
-        warm_start: Solution | None = None,
-    ) -> Solution:
-        """Find the quickest verified swing-up; see `Problem.solve`."""
-        self.prepare()
-        budget = Budget(self.solver.deadline if deadline is None else deadline)
-        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        task = self.task
-        plan = task.hold()
-        if plan is None and self.method == 'smooth':
-            plan = SmoothMethod(task, budget, rng, self.solver.tolerance).solve()
-        elif plan is None:
-            arcs, tolerance = self.switching_arcs, self.solver.tolerance
-            previous = previous_arcs(warm_start)
-            plan = SwitchingMethod(task, budget, rng, arcs, tolerance, previous).solve()
-        return self._solution(plan, budget)
+    def standing_plan(self) -> Plan | None:
+        """Return the plan that does nothing, where the pendulum stands upright already."""
+        return self.task.hold()
 
-    def _solution(self, plan: SwingUpPlan, budget: Budget) -> Solution:
-        motion = plan.trajectory
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> Search[Any]:
+        """Return the search that `method` names; switching starts from earlier arcs as well."""
+        task, tolerance = self.task, self.solver.tolerance
+        if self.method == 'smooth':
+            return SmoothMethod(task, budget, rng, tolerance)
+        arcs = previous_arcs(previous)
+        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+
+    def describe(self, plan: Plan) -> str:
+        """Return when the pendulum is upright, and by what torque."""
+        motion = plan.trajectories[VEHICLE]
         torques = motion.control('torque')
         kind = 'a smooth torque'
         if motion.interpolation == 'zero_order_hold':
             kind = f'{np.count_nonzero(np.diff(torques[:-1]))} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
-        return Solution(
-            problem=self.name,
-            trajectories={'pendulum': motion},
-            cost=motion.duration,
-            penalty=plan.penalty,
-            parameters=plan.parameters,
-            evaluations=budget.evaluations,
-            solve_time=budget.elapsed,
-            verification=plan.verification,
-            summary=(
-                f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
-                f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
-                f'{np.abs(motion.state("psi")).max():.2f} rad'
-            ),
+        return (
+            f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
+            f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
+            f'{np.abs(motion.state("psi")).max():.2f} rad'
         )

@@ -9,17 +9,16 @@ inverse dynamics.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 import math
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_checks import check_task
@@ -31,20 +30,11 @@ from tdm_planner.problems.formation_parameters import (
     robot_names,
     RobotStart,
 )
-from tdm_planner.problems.formation_plan import trajectory
-from tdm_planner.problems.formation_search import Candidate, Form, FormationSearch
+from tdm_planner.problems.formation_search import Form, FormationSearch, gas_used
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import (
-    FormationVerification,
-    keeps_reserve,
-    verify_formation,
-)
-from tdm_planner.problems.warm_start import warm_parameters
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.problems.search import Plan
 
 Array = NDArray[np.float64]
-
-_ROUNDS = 4  # searches, each keeping more distance, before giving up
 
 
 @dataclass(frozen=True)
@@ -204,113 +194,25 @@ class RobotFormation(FormationParameters, Problem):
         """Tabulate the reference functions."""
         self.form.model(self.task)
 
-    def solve(
-        self,
-        deadline: float | None = None,
-        seed: int | None = None,
-        warm_start: Solution | None = None,
-    ) -> Solution:
-        """Find the best verified plan; see `Problem.solve`.
-
-        `warm_start` is a plan that was in force: its remaining motion is the first guess.
-        """
-        budget = Budget(self.solver.deadline if deadline is None else deadline)
-        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        task = self.task
-        search = FormationSearch(task, self.form, rng, budget)
-        first = None
-        if warm_start is not None:
-            first = warm_parameters(search.model, search.seeds, warm_start)
-        failure: str | None = None
-        second_best: Solution | None = None
-        tried = 0
-        for _ in range(_ROUNDS):
-            guess = None if first is None else search.guess_from(first)
-            starts = self.solver.starts if guess is None else 0
-            candidates = search.minima(starts, guess)
-            tried += search.tried
-            for candidate in self._improved(search, candidates):
-                plan, check = self._check(task, candidate)
-                if check.ok:
-                    solution = self._solution(task, candidate, plan, check, budget)
-                    if keeps_reserve(task, check):
-                        return solution
-                    second_best = second_best or solution
-                else:
-                    failure = check.overall.reasons[0]
-                if budget.spent:
-                    break
-            if second_best is not None:
-                return replace(second_best, solve_time=budget.elapsed)
-            if budget.spent:
-                break
-            first, search = None, search.wider(rng) if candidates else search
-        raise self._failure(search, failure, tried, budget)
-
-    def _improved(
-        self, search: FormationSearch, candidates: list[Candidate]
-    ) -> Iterator[Candidate]:
-        """Candidates with thrusters turned first; then, did none do, with their rate limited."""
-        kept = []
-        for candidate in candidates:
-            turned = search.turned(candidate) or candidate
-            kept.append(turned)
-            yield turned
-        for candidate in kept:
-            refined = search.refined(candidate)
-            if refined is not None:
-                yield refined
-
-    def _check(
-        self, task: FormationTask, candidate: Candidate
-    ) -> tuple[dict[str, Trajectory], FormationVerification]:
-        motion = candidate.motion
-        model = candidate.program.model
-        plan = {name: trajectory(model, motion, i) for i, name in enumerate(task.names)}
-        return plan, verify_formation(task, plan, np.array(self.weights.penalty))
-
-    def _solution(
-        self,
-        task: FormationTask,
-        candidate: Candidate,
-        plan: dict[str, Trajectory],
-        check: FormationVerification,
-        budget: Budget,
-    ) -> Solution:
-        arrivals = np.array([plan[name].duration for name in task.names])
-        gas = np.array(
-            [trapezoid(plan[name].control('thrust'), plan[name].times) for name in task.names]
-        )
-        terms = task.cost_terms(arrivals, gas / task.plant.mass)
-        return Solution(
-            problem=self.name,
-            trajectories=plan,
-            cost=sum(terms.values()),
-            penalty=check.penalty,
-            parameters=candidate.point.xi,
-            evaluations=budget.evaluations,
-            solve_time=budget.elapsed,
-            verification=check.overall,
-            verifications=check.robots,
-            cost_terms=terms,
-            summary=(
-                f'{task.n} robot{"s" if task.n > 1 else ""} in formation after '
-                f'{arrivals.max():.2f} s, {gas.sum() / task.plant.mass:.3g} m/s of gas'
-            ),
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> FormationSearch:
+        """Return the search; the remaining motion of an earlier plan is the first guess."""
+        return FormationSearch(
+            self.task,
+            self.form,
+            rng,
+            budget,
+            starts=self.solver.starts,
+            penalty_weights=np.array(self.weights.penalty),
+            previous=previous,
         )
 
-    def _failure(
-        self, search: FormationSearch, failure: str | None, tried: int, budget: Budget
-    ) -> Infeasible:
-        if failure is not None:
-            return VerificationFailed(f'no plan survived the check: {failure}')
-        closest = search.closest
-        binding = '' if closest is None else closest.program.binding(closest.point)
-        if closest is not None and closest.motion.durations.max() > 0.999 * search.task.longest:
-            binding += f' (with arrival as late as solver.longest = {search.task.longest:g} s)'
-        if budget.spent:
-            return DeadlineExceeded(
-                f'no plan within {budget.seconds:g} s from {tried} starts; nearest to one, '
-                f'{binding} was violated'
-            )
-        return Infeasible(f'no plan from {tried} starts: {binding} is violated at best')
+    def describe(self, plan: Plan) -> str:
+        """Return when the last robot arrives, and the gas used."""
+        count = len(plan.trajectories)
+        gas = sum(gas_used(self.plant, trajectory) for trajectory in plan.trajectories.values())
+        return (
+            f'{count} robot{"s" if count > 1 else ""} in formation after {plan.duration:.2f} s, '
+            f'{gas:.3g} m/s of gas'
+        )

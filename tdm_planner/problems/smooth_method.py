@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 import numpy as np
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.exceptions import DeadlineExceeded, VerificationFailed
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.smooth_program import Motion, SmoothProgram, VARIED
-from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
+from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
@@ -26,51 +28,51 @@ _SAMPLE_TIME = 2e-3  # [s], at most; short, as the torque is read by a spline be
 _FEWEST_SAMPLES = 250
 _SUBSTEPS = 4  # RK4 steps between two samples
 
+SmoothCandidate = tuple[SmoothProgram, Minimum]
 
-class SmoothMethod:
-    """One search; `solve` runs it."""
+
+class SmoothMethod(Search[SmoothCandidate]):
+    """The search for the quickest smooth torque."""
 
     def __init__(
         self, task: SwingUpTask, budget: Budget, rng: np.random.Generator, tolerance: float
     ) -> None:
+        super().__init__(budget)
         self._task = task
-        self._budget = budget
         self._rng = rng
         self._feasibility = max(tolerance, 1e-11)
         self._starts = 0
         self._closest = math.inf
-        self._rejected = ''
 
-    def solve(self) -> SwingUpPlan:
-        """Return the quickest plan found that passes the verification.
+    def plans(self, candidate: SmoothCandidate) -> Iterator[Plan]:
+        """Yield the motion polished with finer steps."""
+        if self.budget.spent:
+            return
+        program = SmoothProgram(self._task, candidate[0].turns, _FINE_STEPS)
+        until = Budget(_POLISH_SHARE * self.budget.seconds - self.budget.elapsed)
+        point = self._minimise(program, candidate[1].point.xi, until).point
+        if point.violation > 1e-5:
+            self.rejected = f'a limit is violated by {point.violation:.2g} of its value'
+            return
+        yield self._task.plan(self._trajectory(point.xi), point.xi, point.violation)
 
-        Raises
-        ------
-        DeadlineExceeded, VerificationFailed
-            If there is none within the budget.
-        """
-        while not self._budget.spent:
-            for program, minimum in self._minima():
-                plan = self._verified(program.turns, minimum)
-                if plan is not None:
-                    return plan
-                if self._budget.spent:
-                    break
-        if self._rejected:
-            raise VerificationFailed(
-                f'smooth swing-ups were found, but none within {self._budget.seconds:g} s that '
-                f'passes the check: {self._rejected}'
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            return VerificationFailed(
+                f'smooth swing-ups were found, but none within {self.budget.seconds:g} s that '
+                f'passes the check: {self.rejected}'
             )
-        raise DeadlineExceeded(
-            f'in {self._budget.seconds:g} s, {self._starts} starts with smooth torques of at most '
+        return DeadlineExceeded(
+            f'in {self.budget.seconds:g} s, {self._starts} starts with smooth torques of at most '
             f'{self._task.torque:.3g} N m (limits.torque less torque_reserve) gave no swing-up; '
             f"the least violation was {self._closest:.2g}; weak torque needs method 'switching'"
         )
 
-    def _minima(self) -> list[tuple[SmoothProgram, Minimum]]:
+    def candidates(self) -> list[SmoothCandidate]:
         """Minimise from random starts; the feasible results, quickest first."""
-        found: list[tuple[SmoothProgram, Minimum]] = []
-        budget = self._budget
+        found: list[SmoothCandidate] = []
+        budget = self.budget
         until = Budget(0.9 * budget.seconds - budget.elapsed)
         for _ in range(_STARTS):
             late = budget.elapsed > _SEARCH_SHARE * budget.seconds
@@ -110,23 +112,8 @@ class SmoothMethod:
         )
         with np.errstate(all='ignore'):
             minimum = minimise(program, xi, options, budget)
-        self._budget.evaluations += program.evaluations
+        self.budget.evaluations += program.evaluations
         return minimum
-
-    def _verified(self, turns: int, coarse: Minimum) -> SwingUpPlan | None:
-        """Polish with finer steps, write the trajectory, check it."""
-        program = SmoothProgram(self._task, turns, _FINE_STEPS)
-        until = Budget(_POLISH_SHARE * self._budget.seconds - self._budget.elapsed)
-        minimum = self._minimise(program, coarse.point.xi, until)
-        if minimum.point.violation > 1e-5:
-            self._rejected = f'a limit is violated by {minimum.point.violation:.2g} of its value'
-            return None
-        motion = self._trajectory(minimum.point.xi)
-        check = self._task.verify(motion)
-        if not check.ok:
-            self._rejected = check.reasons[0]
-            return None
-        return SwingUpPlan(motion, check, minimum.point.xi, minimum.point.violation)
 
     def _trajectory(self, xi: Array) -> Trajectory:
         t_f = float(xi[0]) / self._task.plant.natural_frequency

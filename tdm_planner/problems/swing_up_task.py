@@ -12,23 +12,15 @@ from numpy.typing import NDArray
 
 from tdm_planner.plants.pendulum_rollout import roll_states
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
 
 Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
+VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
-
-
-@dataclass(frozen=True, eq=False)
-class SwingUpPlan:
-    """A verified motion, its varied parameters Xi and the violation left in the program (10)."""
-
-    trajectory: Trajectory
-    verification: Verification
-    parameters: Array
-    penalty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +112,11 @@ class SwingUpTask:
         """Return the goal (4,) to aim at from a state (4,): upright at rest."""
         return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
 
+    def plan(self, trajectory: Trajectory, parameters: Array, penalty: float) -> Plan:
+        """Return the motion with its check; J is the time it takes."""
+        check = self.verify(trajectory)
+        return Plan({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
+
     def verify(self, trajectory: Trajectory) -> Verification:
         """Replay the trajectory and check its end and the limits on a dense grid."""
         constraints = (
@@ -131,15 +128,15 @@ class SwingUpTask:
         goal = self.goal_nearest(trajectory.states[-1])
         return verify(self.plant, trajectory, goal, TERMINAL_TOLERANCE, constraints)
 
-    def hold(self) -> SwingUpPlan | None:
+    def hold(self) -> Plan | None:
         """Return the plan that does nothing, where the start is the goal; else None."""
         error = self.start - self.goal_nearest(self.start)
         if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
             return None
         times = to_nanoseconds([0.0, _HOLD_TIME])
         motion = self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
-        check = self.verify(motion)
-        return SwingUpPlan(motion, check, np.zeros(0), 0.0) if check.ok else None
+        plan = self.plan(motion, np.zeros(0), 0.0)
+        return plan if plan.verification.ok else None
 
     def trajectory(
         self,

@@ -8,6 +8,7 @@ order of their time finely, until one passes the verification.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import math
 
 import numpy as np
@@ -17,7 +18,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states
-from tdm_planner.problems.swing_up_task import SwingUpPlan, SwingUpTask
+from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -43,8 +45,8 @@ _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
 
-class SwitchingMethod:
-    """One search; `solve` runs it.
+class SwitchingMethod(Search[Candidate]):
+    """The search for the quickest switching times.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
     feasible, `previous` the arcs of an earlier plan to start from as well.
@@ -59,8 +61,8 @@ class SwitchingMethod:
         tolerance: float,
         previous: tuple[Array, float] | None = None,
     ) -> None:
+        super().__init__(budget)
         self._task = task
-        self._budget = budget
         self._rng = rng
         self._arcs = arcs
         self._tolerance = tolerance
@@ -69,41 +71,48 @@ class SwitchingMethod:
         self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
         self._arrived = 0
-        self._rejected = ''
 
-    def solve(self) -> SwingUpPlan:
-        """Return the quickest plan that passes the verification.
+    def candidates(self) -> list[Candidate]:
+        """Steer rounds of starts upright and minimise the times of the quickest arrivals."""
+        return self._polished(self._arrivals())[:_CHECKED]
 
-        Raises
-        ------
-        DeadlineExceeded, VerificationFailed, Infeasible
-            If there is none within the budget.
-        """
-        while not self._budget.spent:
-            plan = self._first_verified(self._polished(self._arrivals()))
-            if plan is not None:
-                return plan
-            if self._rejected:
-                # The coarse integration has found motions that do not exist.
-                self._steps = min(2 * self._steps, FINE_STEPS)
-        if self._rejected:
-            raise VerificationFailed(
-                f'swing-ups were found, but none within {self._budget.seconds:g} s that passes '
-                f'the check: {self._rejected}'
+    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+        """Yield the motion under the finely polished arcs, without those too short to matter."""
+        shorter = without_short_arcs(self._task, candidate)
+        for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
+            if self.budget.spent:
+                return
+            fine, violation = polish(self._task, arcs, FINE_STEPS, self._tolerance, self.budget)
+            if violation < 1e-6:
+                break
+        yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
+
+    def widen(self) -> bool:
+        """Integrate more finely: the coarse integration may have found what does not exist."""
+        if self.rejected:
+            self._steps = min(2 * self._steps, FINE_STEPS)
+        return True
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            return VerificationFailed(
+                f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
+                f'the check: {self.rejected}'
             )
         peak = self._task.braking_peak()
         if not self._arrived and peak > self._task.disk_angle:
             reached = f'to {peak:.3g} rad, beyond' if math.isfinite(peak) else 'far beyond'
-            raise Infeasible(
+            return Infeasible(
                 f"the disk's speed start.psi_dot = {self._task.start[3]:g} rad/s is too high: "
                 f'even braked fully it turns {reached} limits.disk_angle = '
                 f'{self._task.disk_angle:g} rad'
             )
-        raise DeadlineExceeded(self._reason())
+        return DeadlineExceeded(self._reason())
 
     def _arrivals(self) -> list[Candidate]:
         """Steer rounds of starts; all distinct arrivals, quickest first."""
-        budget, found = self._budget, list[Candidate]()
+        budget, found = self.budget, list[Candidate]()
         rounds = 0
         while budget.elapsed < _STEERED * budget.seconds:
             size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
@@ -124,7 +133,7 @@ class SwitchingMethod:
         """Minimise the times of the quickest candidates."""
         done: list[Candidate] = []
         best = math.inf
-        budget = self._budget
+        budget = self.budget
         until = Budget(_COARSE * budget.seconds - budget.elapsed)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
@@ -139,24 +148,6 @@ class SwitchingMethod:
         budget.evaluations += until.evaluations
         return sorted(done, key=lambda c: c.total)
 
-    def _first_verified(self, candidates: list[Candidate]) -> SwingUpPlan | None:
-        for candidate in candidates[:_CHECKED]:
-            shorter = without_short_arcs(self._task, candidate)
-            for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
-                if self._budget.spent:
-                    return None
-                fine, violation = polish(
-                    self._task, arcs, FINE_STEPS, self._tolerance, self._budget
-                )
-                if violation < 1e-6:
-                    break
-            motion = trajectory(self._task, fine)
-            check = self._task.verify(motion)
-            if check.ok:
-                return SwingUpPlan(motion, check, fine.durations, violation)
-            self._rejected = check.reasons[0]
-        return None
-
     def _remember_closest(self, batch: ArcBatch) -> None:
         index = int(np.argmin(batch.costs))
         cost = float(batch.costs[index])
@@ -167,7 +158,7 @@ class SwitchingMethod:
     def _reason(self) -> str:
         task = self._task
         search = (
-            f'in {self._budget.seconds:g} s, {self._starts} starts of up to {self._arcs} arcs of '
+            f'in {self.budget.seconds:g} s, {self._starts} starts of up to {self._arcs} arcs of '
             f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:

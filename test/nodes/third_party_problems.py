@@ -4,17 +4,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tdm_planner.direct_method import Budget
 from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
-from tdm_planner.problems import PendulumSwingUp, Problem, Solution, SolverParameters
+from tdm_planner.problems import (
+    PendulumSwingUp,
+    Plan,
+    Problem,
+    Search,
+    Solution,
+    SolverParameters,
+)
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Verification
+from tdm_planner.verification import verify
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,32 +77,47 @@ class Cart(Problem, Validated):
     force: float = parameter(1.0, 'largest force per mass', unit='m/s^2', allowed=POSITIVE)
     solver: SolverParameters = group(SolverParameters)
 
-    def prepare(self) -> None:
-        pass
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> TwoStrokes:
+        return TwoStrokes(self, budget)
 
-    def solve(
-        self,
-        deadline: float | None = None,
-        seed: int | None = None,
-        warm_start: Solution | None = None,
-    ) -> Solution:
-        x, f = self.start.position, -np.sign(self.start.position) * self.force
-        half = float(np.sqrt(abs(x) / self.force))
-        plan = Trajectory(
+    def describe(self, plan: Plan) -> str:
+        return 'there in two strokes'
+
+
+class TwoStrokes(Search[float]):
+    """The only candidate is known: the time of one stroke."""
+
+    def __init__(self, cart: Cart, budget: Budget) -> None:
+        super().__init__(budget)
+        self.cart = cart
+
+    def candidates(self) -> list[float]:
+        return [float(np.sqrt(abs(self.cart.start.position) / self.cart.force))]
+
+    def plans(self, candidate: float) -> Iterator[Plan]:
+        x, half = self.cart.start.position, candidate
+        f = -np.sign(x) * self.cart.force
+        motion = Trajectory(
             times=[0.0, half, 2 * half],
             states=[[x, 0.0], [x / 2, f * half], [0.0, 0.0]],
             controls=[[f], [-f], [-f]],
             state_names=('position', 'velocity'),
             control_names=('force',),
         )
-        return Solution(
-            problem=self.name,
-            trajectories={'cart': plan},
-            cost=2 * half,
-            penalty=0.0,
-            parameters=np.array([half]),
-            evaluations=1,
-            solve_time=0.0,
-            verification=Verification(ok=True, terminal_error=np.zeros(2)),
-            summary='there in two strokes',
-        )
+        check = verify(DoubleIntegrator(), motion, np.zeros(2), np.full(2, 1e-9), ())
+        yield Plan({'cart': motion}, check, 2 * half, np.array([half]), 0.0)
+
+    def failure(self) -> Infeasible:
+        return Infeasible('the strokes do not end at the origin')
+
+
+class DoubleIntegrator:
+    state_names = ('position', 'velocity')
+    state_units = ('m', 'm/s')
+    control_names = ('force',)
+    control_units = ('m/s^2',)
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        return np.stack([state[..., 1], control[..., 0]], axis=-1)

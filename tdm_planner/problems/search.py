@@ -1,0 +1,117 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The direct method's outer loop (section 3 of Yakimenko 2006), the same for every problem.
+
+First guesses are minimised to candidates; the most promising are refined with more nodes and
+written out as trajectories until one passes the check; where none does, it begins anew, wider.
+What a problem brings is how its candidates come about and how they are refined.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import Infeasible
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Verification
+
+C = TypeVar('C')
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Trajectories by vehicle and their check, which may have failed.
+
+    `cost` is the performance index J, `penalty` what is left of Delta of (10), `parameters` the
+    varied parameters Xi (m,); `cost_terms` the parts of J, `verifications` the vehicles' checks.
+    """
+
+    trajectories: Mapping[str, Trajectory]
+    verification: Verification
+    cost: float
+    parameters: NDArray[np.float64]
+    penalty: float
+    cost_terms: Mapping[str, float] = field(default_factory=dict)
+    verifications: Mapping[str, Verification] = field(default_factory=dict)
+
+    @property
+    def duration(self) -> float:
+        """Time until the last vehicle has arrived [s]."""
+        return max(trajectory.duration for trajectory in self.trajectories.values())
+
+
+class Search(ABC, Generic[C]):
+    """One search for a plan; `run` carries it out.
+
+    `budget` is the time it may take; `rejected` why the last plan failed its check, empty if none
+    did.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self.budget = budget
+        self.rejected = ''
+
+    @abstractmethod
+    def candidates(self) -> Iterable[C]:
+        """Minimise from a round of first guesses; feasible results, the most promising first."""
+
+    @abstractmethod
+    def plans(self, candidate: C) -> Iterator[Plan]:
+        """Yield plans of a candidate: each, better refined, is asked for if the last one failed.
+
+        Once the budget is spent it should end, except that the first candidate deserves its check.
+        """
+
+    @abstractmethod
+    def failure(self) -> Infeasible:
+        """Return the reason why there is no plan."""
+
+    def promises_more(self, candidate: C, than: C) -> bool:
+        """Whether a candidate is worth a check though another has given a plan."""
+        return True
+
+    def satisfied_with(self, plan: Plan) -> bool:
+        """Whether a verified plan ends the search at once."""
+        return True
+
+    def widen(self) -> bool:
+        """Prepare another round after one without a plan; False gives up."""
+        return True
+
+    def run(self) -> Plan:
+        """Return the first plan to satisfy, else the cheapest of the round that passes the check.
+
+        Raises
+        ------
+        Infeasible
+            If there is none; its subclass says why.
+        """
+        while True:
+            best: tuple[C, Plan] | None = None
+            for candidate in self.candidates():
+                if best is None or self.promises_more(candidate, best[0]):
+                    plan = self._verified(candidate)
+                    if plan is not None and self.satisfied_with(plan):
+                        return plan
+                    if plan is not None and (best is None or plan.cost < best[1].cost):
+                        best = candidate, plan
+                if self.budget.spent:
+                    break
+            if best is not None:
+                return best[1]
+            if self.budget.spent or not self.widen():
+                raise self.failure()
+
+    def _verified(self, candidate: C) -> Plan | None:
+        for plan in self.plans(candidate):
+            if plan.verification.ok:
+                return plan
+            self.rejected = plan.verification.reasons[0]
+        return None
