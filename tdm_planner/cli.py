@@ -17,7 +17,7 @@ from typing import Any
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, TdmError
 from tdm_planner.parameter_files import read_parameters
-from tdm_planner.plan_files import check_path, save_plan
+from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
 
@@ -117,7 +117,7 @@ def _plan(options: argparse.Namespace) -> int:
         problem.prepare()
     with _working('planning', options.quiet):
         solution = problem.solve()
-    save_plan(solution.to_dict(), options.output)
+    save_plan(plan_document(problem, solution), options.output)
     if options.plot is not None:
         _plot(problem, solution, options.plot)
     if not options.quiet:

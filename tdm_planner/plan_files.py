@@ -8,15 +8,50 @@ from collections.abc import Callable, Mapping
 import csv
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory
 
 _VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+
+
+def figures_of(solution: Solution) -> dict[str, Any]:
+    """Return what is said of a plan as a whole: problem, duration, cost and its terms, effort."""
+    return {
+        'problem': solution.problem,
+        'duration': solution.duration,
+        'cost': solution.cost,
+        'cost_terms': dict(solution.cost_terms),
+        'penalty': solution.penalty,
+        'solve_time': solution.solve_time,
+        'evaluations': solution.evaluations,
+    }
+
+
+def plan_document(problem: Problem, solution: Solution) -> dict[str, Any]:
+    """Return what a plan file holds: the solution, and the problem's parameters by dotted name."""
+    return {
+        **solution.to_dict(),
+        'summary': solution.summary,
+        'parameters': finite(problem.to_parameters()),
+    }
+
+
+def finite(value: Any) -> Any:
+    """Return a JSON value in which None stands for every number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [finite(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def vehicles(plan: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

@@ -96,6 +96,14 @@ class Trajectory:
         """Time from the first sample to the last [s]."""
         return float(self.times[-1] - self.times[0])
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of states and controls by name, as far as they are known."""
+        return {
+            **dict(zip(self.state_names, self.state_units, strict=False)),
+            **dict(zip(self.control_names, self.control_units, strict=False)),
+        }
+
     def with_rates(self, derivative: Callable[[Array, Array], Array]) -> Trajectory:
         """Return a copy whose `rates` follow from the plant's `derivative(state, control)`."""
         start = self.controls[:-1]
@@ -149,12 +157,13 @@ class Trajectory:
         return CubicSpline(self.times, self.controls)
 
     def to_dict(self) -> dict[str, Any]:
-        """Times, states and controls by name, and the interpolation: what the JSON file holds."""
+        """Times, states and controls by name, interpolation, units: what the JSON file holds."""
         return {
             'times': self.times.tolist(),
             'states': {n: self.state(n).tolist() for n in self.state_names},
             'controls': {n: self.control(n).tolist() for n in self.control_names},
             'interpolation': self.interpolation,
+            'units': self.units,
         }
 
     @classmethod
@@ -168,6 +177,7 @@ class Trajectory:
         """
         try:
             states, controls = dict(data['states']), dict(data['controls'])
+            units = {str(name): str(unit) for name, unit in data.get('units', {}).items()}
             return cls(
                 times=np.asarray(data['times'], dtype=float),
                 states=np.asarray(list(states.values()), dtype=float).T,
@@ -175,10 +185,12 @@ class Trajectory:
                 state_names=tuple(states),
                 control_names=tuple(controls),
                 interpolation=data['interpolation'],
+                state_units=tuple(units.get(name, '') for name in states) if units else (),
+                control_units=tuple(units.get(name, '') for name in controls) if units else (),
             )
         except KeyError as error:
             raise InvalidProblem(f'the trajectory has no {error}') from None
-        except (TypeError, ValueError) as error:
+        except (AttributeError, TypeError, ValueError) as error:
             raise InvalidProblem(f'the trajectory cannot be read: {error}') from None
 
 

@@ -10,13 +10,22 @@ import threading
 from typing import Any
 
 from rclpy.timer import Timer
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tdm_planner.exceptions import Busy, InvalidProblem
 from tdm_planner.nodes.adapters import Adapter, adapter_class
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
-from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer, plan_figures
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.planning import (
+    Failure,
+    make_plan,
+    Plan,
+    plan_answer,
+    plan_figures,
+    plan_summary,
+)
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.worker import Worker
@@ -51,6 +60,7 @@ class Planner(ParameterNode):
         self._worker = Worker(self)
         self._prepared = threading.Event()
         self._diagnostics = Diagnostics(self, 'planning', self._report)
+        self._summary = self.create_publisher(String, 'plan_summary', LATCHED)
         self._replan_timer: Timer | None = None
         self._set_replan_timer()
         Worker(self).submit(self._prepare, self._on_prepared)
@@ -192,6 +202,7 @@ class Planner(ParameterNode):
         self._adapter.publish(plan.problem, plan.solution, plan.start)
         self._plan, self._failure = plan, None
         self._plan_id += 1
+        self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
         late = (self._now() - plan.start) * NANOSECOND
         self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
         if late > 0:

@@ -17,6 +17,7 @@ from tdm_planner.exceptions import (
     VerificationFailed,
 )
 from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.plan_files import figures_of, finite
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import NANOSECOND
 
@@ -139,6 +140,34 @@ def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:
             **added,
         }
     )
+
+
+def plan_summary(plan: Plan, plan_id: int) -> str:
+    """Return everything about a plan but its samples, one line of JSON, for recordings.
+
+    The figures of the service's answer; `stamp`, the start of the motion; the parts of the cost;
+    the check, with the instants of the worst margins; per vehicle, what trajectory messages do not
+    say; the problem's parameters by dotted name. A number that is not finite is null.
+    """
+    solution = plan.solution
+    second = round(1.0 / NANOSECOND)
+    document = {
+        'plan_id': plan_id,
+        'stamp': {'sec': plan.start // second, 'nanosec': plan.start % second},
+        **figures_of(solution),
+        'summary': ' '.join(solution.summary.split()),
+        'verification': solution.verification.to_dict(),
+        'vehicles': {
+            name: {
+                'duration': trajectory.duration,
+                'interpolation': trajectory.interpolation,
+                'units': trajectory.units,
+            }
+            for name, trajectory in solution.trajectories.items()
+        },
+        'parameters': plan.problem.to_parameters(),
+    }
+    return json.dumps(finite(document), allow_nan=False)
 
 
 def plan_figures(plan: Plan, now: int) -> dict[str, Any]:

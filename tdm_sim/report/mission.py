@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+import itertools
 from typing import Literal
 
 import numpy as np
@@ -96,7 +97,7 @@ def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
         np.where(np.isnan(values), np.inf, values),
         np.where(np.isnan(values), -np.inf, values),
     )
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in itertools.pairwise(edges):
         kept += [start + low[start:end].argmin(axis=0), start + high[start:end].argmax(axis=0)]
     return np.unique(np.concatenate(kept))
 
