@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.conventions import LATCHED as LATCHED, WORLD_FRAME as WORLD_FRAME
+from tdm_planner.nodes.frames import WORLD_FRAME
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import (
     joint_indices,
     joint_motion,

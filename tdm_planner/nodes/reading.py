@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 
@@ -25,7 +26,6 @@ PENDULUM_JOINTS = ('pendulum', 'disk')
 PENDULUM_STATES = ('theta', 'psi', 'theta_dot', 'psi_dot')
 PENDULUM_CONTROLS = ('torque',)
 
-ARENA_FRAME = 'arena'
 ROBOT_JOINTS = ('thruster', 'reaction_wheel')
 ROBOT_STATES = FloatingRobot.state_names
 ROBOT_CONTROLS = FloatingRobot.control_names

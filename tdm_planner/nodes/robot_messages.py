@@ -22,9 +22,9 @@ from trajectory_msgs.msg import (
     MultiDOFJointTrajectoryPoint,
 )
 
+from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.messages import to_duration, to_stamp
 from tdm_planner.nodes.reading import (
-    ARENA_FRAME,
     odometry_state,
     ROBOT_CONTROLS,
     ROBOT_JOINTS,
