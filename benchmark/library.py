@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tdm_planner.direct_method.transcription import chebyshev_nodes, Transcription
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
+from tdm_planner.direct_method.transcription import Transcription
 
 PLANTS = {
     'double_integrator': 'DoubleIntegrator',

@@ -10,9 +10,15 @@ follow by inverse dynamics of a point mass,
     gamma. = g/V (n cos(phi) - cos(gamma))     n load factor, phi bank angle
     chi.   = g n sin(phi)/(V cos(gamma))       D = c0 V^2 + c1 n^2/V^2
 
-From cruise to the threshold of a runway to the side, along its direction, at landing speed, in
-minimum time, within the limits of the engine, of load factor and bank, and of the stall.
-`landing_reference.py` computes the optimum by full collocation.
+From cruise to the threshold of a runway to the side, along its direction, at landing speed, within
+the limits of the engine, of load factor and bank, and of the stall, for the least
+
+    J = t_f + comfort * integral of (n sin(phi))^2 + (n cos(phi) - 1)^2,
+
+the second part being the load beyond that of straight level flight. `landing_reference.py`
+computes the optimum by full collocation. With ``comfort = 0``, time alone, there is none that
+could be flown: the aircraft dives, and then brakes by induced drag, with the bank thrown from
+limit to limit, the oftener the more intervals the collocation has. No smooth function does that.
 
 Run it: ``python docs/plants/landing.py``.
 """
@@ -27,7 +33,7 @@ import numpy as np
 
 from tdm_planner.direct_method import arctan2, Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 
 G = 9.81
 DRAG, INDUCED = 2.0e-3, 80.0  # c0 [1/m], c1 [m^3/s^4], per unit of mass
@@ -54,7 +60,7 @@ class Approach(Validated):
 
 @dataclass(frozen=True)
 class Landing(DirectProblem, Validated):
-    """Reach the runway's threshold in minimum time."""
+    """Reach the runway's threshold soon and in comfort."""
 
     name: ClassVar[str] = 'landing'
     state_names = ('x', 'y', 'h', 'speed', 'path_angle', 'heading')
@@ -68,7 +74,8 @@ class Landing(DirectProblem, Validated):
     load: float = parameter(1.8, 'largest load factor', allowed=POSITIVE)
     bank: float = parameter(0.9, 'largest bank angle', unit='rad', allowed=POSITIVE)
     stall: float = parameter(14.0, 'stall speed at n = 1', unit='m/s', allowed=POSITIVE)
-    free: int = parameter(3, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
+    comfort: float = parameter(2.0, 'weight of uncomfortable load', allowed=NON_NEGATIVE)
+    free: int = parameter(6, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
     speed_factor_order: int = parameter(2, 'degree of dt/ds', allowed=NON_NEGATIVE)
     solver: DirectSolverParameters = group(DirectSolverParameters)
 
@@ -122,10 +129,23 @@ class Landing(DirectProblem, Validated):
     def final_cost(self, t, x):
         return t
 
+    def running_cost(self, t, x, u):
+        n, bank = u[1], u[2]
+        return self.comfort * (n**2 - 2.0 * n * np.cos(bank) + 1.0)
+
+
+def table(counts: tuple[int, ...], orders: tuple[int, ...]) -> dict[tuple[int, int], Solution]:
+    """Plans by the free parameters of each coordinate and the degree of dt/ds."""
+    problem = Landing(solver=DirectSolverParameters(deadline=10.0))
+    return {
+        (free, order): replace(problem, free=free, speed_factor_order=order).solve()
+        for free in counts
+        for order in orders
+    }
+
 
 if __name__ == '__main__':
-    problem = Landing(solver=DirectSolverParameters(deadline=10.0))
-    print('free parameters    tau = t      dt/ds of degree 2    of degree 4')
-    for free in (2, 3, 4, 6):
-        times = [replace(problem, free=free, speed_factor_order=k).solve().cost for k in (0, 2, 4)]
-        print(f'{free:15d}    ' + '    '.join(f'{t_f:.3f} s' for t_f in times))
+    print('free of each    degree of dt/ds    varied parameters    J [s]     t_f [s]')
+    for (free, order), plan in table((2, 3, 6, 9), (0, 2)).items():
+        count = plan.parameters.size
+        print(f'{free:12d}    {order:15d}    {count:17d}    {plan.cost:.4f}   {plan.duration:.3f}')

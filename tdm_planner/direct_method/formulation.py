@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
 from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
@@ -25,6 +26,8 @@ Values = NDArray[Any]
 Conditions = Sequence[float | None] | Mapping[int, float]
 Components = Sequence[Values] | Values
 Outputs = Mapping[str, Sequence[Values]]
+
+MOST_FREE = 200  # parameters of one output
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,11 @@ class Output:
     `shapes`, it is a function (1) of Taranenko instead, and all coefficients that the conditions
     leave are varied. `derivatives` by time are computed for `invert`. `scale` is a typical
     change along the arc, estimated from the conditions unless given.
+
+    Raises
+    ------
+    InvalidProblem
+        If one of them is not what it should be.
     """
 
     start: Conditions = ()
@@ -46,11 +54,41 @@ class Output:
     derivatives: int = 2
     scale: float | None = None
 
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for where in ('start', 'end'):
+            check_orders(where, self.conditions(where))
+        whole(self.free, 'free', 0, MOST_FREE)
+        whole(self.derivatives, 'derivatives', 0, HIGHEST_ORDER)
+        if self.scale is not None:
+            number(self.scale, 'scale', positive=True)
+        if self.shapes is not None and not isinstance(self.shapes, Shapes):
+            raise InvalidProblem(
+                f'shapes = {shown(self.shapes)} is not a family of shapes, such as SineSeries(3)'
+            )
+        if self.shapes is not None and self.free:
+            raise InvalidProblem(
+                f'free = {self.free} is for polynomials: of shapes, all coefficients that the '
+                'conditions leave are varied'
+            )
+
     def conditions(self, where: str) -> dict[int, float]:
         """Boundary values at `where`, start or end, by order of the derivative."""
         given = self.start if where == 'start' else self.end
-        pairs = given.items() if isinstance(given, Mapping) else enumerate(given)
-        return {order: float(value) for order, value in pairs if value is not None}
+        try:
+            if isinstance(given, str | bytes):
+                raise TypeError
+            pairs = list(given.items() if isinstance(given, Mapping) else enumerate(given))
+        except TypeError:
+            raise InvalidProblem(
+                f'{where} = {shown(given)} must be a sequence of boundary values '
+                '(x, x., x.., ...), or a mapping from order to value'
+            ) from None
+        return {
+            order: number(value, f'derivative {shown(order)} at the {where}')
+            for order, value in pairs
+            if value is not None
+        }
 
 
 @dataclass(frozen=True)
@@ -70,16 +108,21 @@ class Duration:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        given = {'guess': self.guess, 'shortest': self.shortest, 'longest': self.longest}
+        for what, value in given.items():
+            if value is not None or what == 'guess':
+                number(value, f'the duration: {what}', positive=True)
+        whole(self.speed_factor_order, 'speed_factor_order', 0, HIGHEST_ORDER)
         shortest, longest = self.bounds
-        if not 0 < shortest <= self.guess <= longest < np.inf:
+        if not shortest <= self.guess <= longest:
             raise InvalidProblem(
-                f'the duration {self.guess:g} s must be positive and lie between the shortest, '
-                f'{shortest:g} s, and the longest, {longest:g} s'
+                f'the duration {self.guess:g} s must lie between the shortest, {shortest:g} s, '
+                f'and the longest, {longest:g} s'
             )
-        if self.speed_factor_order < 0 or (self.fixed and self.speed_factor_order):
+        if self.fixed and self.speed_factor_order:
             raise InvalidProblem(
-                f'speed_factor_order = {self.speed_factor_order} is not allowed: must be 0 or '
-                'greater, and 0 where the duration is fixed'
+                f'speed_factor_order = {self.speed_factor_order} is not allowed: must be 0 where '
+                'the duration is fixed'
             )
 
     @property
@@ -97,6 +140,13 @@ class Integrated:
     start: float
     end: float | None = None
     scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        number(self.start, 'the start of an integrated state')
+        if self.end is not None:
+            number(self.end, 'the end of an integrated state')
+        number(self.scale, 'the scale of an integrated state', positive=True)
 
 
 class Formulation(ABC):
@@ -164,13 +214,22 @@ def stack(components: Components, count: int, what: str) -> Values:
     InvalidProblem
         Naming `what`, if their number or shapes do not match.
     """
-    parts = list(components)
+    try:
+        parts = [np.asarray(part) for part in components]
+    except (TypeError, ValueError):
+        raise InvalidProblem(
+            f'{what} has {shown(components)}, expected a sequence of {count} components, each a '
+            'number or an array over the nodes'
+        ) from None
     if len(parts) != count:
         raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
+    for index, part in enumerate(parts):
+        if part.dtype.kind not in 'biufc':
+            raise InvalidProblem(f'{what} has component {index} = {shown(part)}, not a number')
     try:
         return np.stack(np.broadcast_arrays(*parts), axis=-1)
     except ValueError:
-        shapes = ', '.join(str(np.shape(part)) for part in parts)
+        shapes = ', '.join(str(part.shape) for part in parts)
         raise InvalidProblem(f'{what} has components of shapes {shapes} that differ') from None
 
 

@@ -96,11 +96,13 @@ class NonlinearProgram(ABC):
     """Performance index and constraints as functions of the scaled varied parameters Xi (n,).
 
     `lower` and `upper` (n,) bound Xi. Scaling is the program's: a change of 1 in any component
-    should matter about as much as in any other.
+    should matter about as much as in any other. `budget` is set by the minimiser: once it is
+    spent a linearisation may be cut short, as it will not be used.
     """
 
     lower: Array
     upper: Array
+    budget: Budget | None = None
 
     @abstractmethod
     def evaluate(self, xi: Array) -> Point:

@@ -21,6 +21,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tdm_planner.direct_method.checks import (
+    check_arc,
+    check_conditions,
+    check_derivative,
+    check_orders,
+    common_shape,
+    real_array,
+)
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -49,7 +57,7 @@ class PolynomialBasis:
         InvalidProblem
             If an order is repeated or negative, or the conditions do not determine a polynomial.
         """
-        return _basis(tuple(start), tuple(end))
+        return _basis(check_orders('start', start), check_orders('end', end))
 
     @property
     def order(self) -> int:
@@ -70,11 +78,6 @@ class PolynomialBasis:
 @lru_cache(maxsize=256)
 def _basis(start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
     size = len(start) + len(end)
-    for where, orders in (('start', start), ('end', end)):
-        if len(set(orders)) != len(orders) or any(k < 0 for k in orders):
-            raise InvalidProblem(
-                f'the derivatives given at the {where}, {list(orders)}, must be distinct and >= 0'
-            )
     if size == 0:
         raise InvalidProblem('a polynomial needs at least one boundary condition')
     rows = [[_derivative_of_power(p, k, 0) for p in range(size)] for k in start]
@@ -156,22 +159,12 @@ class PolynomialReference:
         tau_f: float,
         tau_0: float = 0.0,
     ) -> None:
-        if not (np.isfinite([tau_0, tau_f]).all() and tau_f > tau_0):
-            raise InvalidProblem(
-                f'the virtual arc must end after it starts, but tau_0 = {tau_0:g}, '
-                f'tau_f = {tau_f:g}'
-            )
-        self.tau_0, self.tau_f = float(tau_0), float(tau_f)
+        self.tau_0, self.tau_f = check_arc(tau_0, tau_f)
+        for where, given in (('start', start), ('end', end)):
+            check_conditions(where, given)
         self.basis = PolynomialBasis.of(tuple(start), tuple(end))
         orders = np.array([*start, *end])
-        try:
-            values = np.array(np.broadcast_arrays(*start.values(), *end.values()), dtype=float)
-        except ValueError:
-            raise InvalidProblem(
-                'the boundary values of a polynomial must share a shape'
-            ) from None
-        if not np.isfinite(values).all():
-            raise InvalidProblem('a boundary value of a polynomial is not a finite number')
+        values = common_shape([*start.values(), *end.values()], 'the boundary values')
         self._span = self.tau_f - self.tau_0
         self._scales = self._span**orders
         scales = self._scales.reshape(-1, *(1,) * (values.ndim - 1))
@@ -184,14 +177,13 @@ class PolynomialReference:
 
     def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
-        s = self._unit(tau)
-        shapes = self.basis.values(s, order)
+        shapes = self.basis.values(self._unit(tau), check_derivative(order))
         return np.asarray(np.tensordot(shapes, self._data, axes=(-1, 0)) / self._span**order)
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
         """Derivative of `x(tau, order)` with respect to the end derivatives, (n..., m)."""
-        shapes = self.basis.values(self._unit(tau), order)
+        shapes = self.basis.values(self._unit(tau), check_derivative(order))
         return np.asarray(shapes * self._scales / self._span**order)
 
     def _unit(self, tau: ArrayLike) -> Array:
-        return (np.asarray(tau, dtype=float) - self.tau_0) / self._span
+        return (real_array(tau, 'tau') - self.tau_0) / self._span

@@ -9,8 +9,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tdm_planner.exceptions import InvalidProblem
-
 Array = NDArray[np.float64]
 
 
@@ -53,31 +51,3 @@ class ReferenceBasis(Protocol):
 
     def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative at s (...) of every free shape."""
-
-
-def check_arc(tau_0: float, tau_f: float) -> None:
-    """Check the ends of a virtual arc.
-
-    Raises
-    ------
-    InvalidProblem
-        If tau_f <= tau_0, or one of them is not finite.
-    """
-    if not (np.isfinite([tau_0, tau_f]).all() and tau_f > tau_0):
-        raise InvalidProblem(
-            f'the virtual arc must end after it starts, but tau_0 = {tau_0:g}, tau_f = {tau_f:g}'
-        )
-
-
-def check_orders(where: str, orders: tuple[int, ...]) -> None:
-    """Check the orders of the derivatives given at one end.
-
-    Raises
-    ------
-    InvalidProblem
-        If an order is repeated or negative.
-    """
-    if len(set(orders)) != len(orders) or any(order < 0 for order in orders):
-        raise InvalidProblem(
-            f'the derivatives given at the {where}, {list(orders)}, must be distinct and >= 0'
-        )

@@ -12,9 +12,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
+
+_MOST = 100  # terms, and exponents: more cannot be told apart in floating point
 
 
 class Shapes(ABC):
@@ -34,6 +37,8 @@ class Shapes(ABC):
 
     def __add__(self, other: Shapes) -> Shapes:
         """Return the shapes of both families."""
+        if not isinstance(other, Shapes):
+            return NotImplemented
         return CombinedShapes((self, other))
 
 
@@ -61,8 +66,7 @@ class SineSeries(Shapes):
 
     def __post_init__(self) -> None:
         """Check the number of terms."""
-        if self.terms < 1:
-            raise InvalidProblem(f'a sine series needs at least one term, not {self.terms}')
+        whole(self.terms, 'the number of terms of a sine series', 1, _MOST)
 
     @property
     def size(self) -> int:
@@ -97,11 +101,10 @@ class PowerProducts(Shapes):
         if not self.exponents:
             raise InvalidProblem('a family of power products needs at least one pair of exponents')
         for pair in self.exponents:
-            if min(pair) < 1:
-                raise InvalidProblem(
-                    f'exponents {pair} are not allowed: both must be at least 1, for the product '
-                    'to vanish at both ends'
-                )
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise InvalidProblem(f'exponents {shown(pair)} are not a pair (m1, m2)')
+            for exponent in pair:  # at least 1, for the product to vanish at both ends
+                whole(exponent, f'an exponent of {pair}', 1, _MOST)
         if len(set(self.exponents)) != len(self.exponents):
             raise InvalidProblem(f'the exponents {self.exponents} must be distinct')
 
@@ -128,11 +131,16 @@ def product_derivative(s: Array, first: int, second: int, derivative: int) -> Ar
 
 def symmetric_powers(terms: int) -> PowerProducts:
     """Return s^k (s - 1)^k, k = 1..`terms`: symmetric about the middle of the arc."""
-    if terms < 1:
-        raise InvalidProblem(f'a series of powers needs at least one term, not {terms}')
-    return PowerProducts(tuple((k, k) for k in range(1, terms + 1)))
+    count = whole(terms, 'the number of terms of a series of powers', 1, _MOST)
+    return PowerProducts(tuple((k, k) for k in range(1, count + 1)))
 
 
 def power_products(exponents: Sequence[tuple[int, int]]) -> PowerProducts:
     """Return s^m1 (s - 1)^m2 for every pair (m1, m2)."""
-    return PowerProducts(tuple((int(a), int(b)) for a, b in exponents))
+    try:
+        pairs = tuple(tuple(pair) for pair in exponents)
+    except TypeError:
+        raise InvalidProblem(
+            f'the exponents {shown(exponents)} must be pairs, such as [(1, 2), (2, 2)]'
+        ) from None
+    return PowerProducts(pairs)  # type: ignore[arg-type]  # checked when it is made

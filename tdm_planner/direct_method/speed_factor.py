@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
-from tdm_planner.direct_method.reference_function import check_arc
+from tdm_planner.direct_method.checks import check_arc, check_derivative, real_array
 from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.exceptions import InvalidProblem
 
@@ -34,21 +34,22 @@ class ArcTime(ABC):
     """
 
     def __init__(self, coefficients: ArrayLike, tau_f: float, tau_0: float = 0.0) -> None:
-        check_arc(tau_0, tau_f)
-        values = np.atleast_1d(np.array(coefficients, dtype=float))
+        self.tau_0, self.tau_f = check_arc(tau_0, tau_f)
+        values = np.atleast_1d(
+            real_array(coefficients, 'a coefficient of the speed factor')
+        ).copy()
         if values.ndim != 1 or values.size == 0:
             raise InvalidProblem(
                 f'the coefficients of a speed factor have shape {values.shape}, expected (n,)'
             )
-        if not (np.isfinite(values).all() and (values > 0).all()):
-            worst = int(np.argmin(np.where(np.isfinite(values), values, -np.inf)))
+        if not (values > 0).all():
+            worst = int(np.argmin(values))
             raise InvalidProblem(
                 f'coefficient {worst} of the speed factor is {values[worst]:g}: all must be '
                 'positive, for time to run forward'
             )
         values.flags.writeable = False
         self.coefficients = values
-        self.tau_0, self.tau_f = float(tau_0), float(tau_f)
 
     @property
     def degree(self) -> int:
@@ -74,7 +75,7 @@ class ArcTime(ABC):
 
     def arc_at(self, time: ArrayLike) -> Array:
         """Return tau (...) at the time(s) [s], clipped to the arc: the inverse of `time`."""
-        wanted = np.clip(np.asarray(time, dtype=float), 0.0, self.duration)
+        wanted = np.clip(real_array(time, 'the time'), 0.0, self.duration)
         low = np.full(wanted.shape, self.tau_0)
         high = np.full(wanted.shape, self.tau_f)
         tau = self.tau_0 + (self.tau_f - self.tau_0) * wanted / self.duration
@@ -88,7 +89,7 @@ class ArcTime(ABC):
         return np.asarray(tau)
 
     def _unit(self, tau: ArrayLike) -> Array:
-        return (np.asarray(tau, dtype=float) - self.tau_0) / (self.tau_f - self.tau_0)
+        return (real_array(tau, 'tau') - self.tau_0) / (self.tau_f - self.tau_0)
 
 
 class SpeedFactor(ArcTime):
@@ -100,6 +101,7 @@ class SpeedFactor(ArcTime):
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
         """Derivative of `lambda(tau, order)` with respect to the coefficients, (..., n)."""
+        order = check_derivative(order)
         basis = bernstein_basis(self.degree, self._unit(tau), order)
         return np.asarray(basis / (self.tau_f - self.tau_0) ** order)
 
@@ -119,7 +121,7 @@ class TimeFactor(ArcTime):
 
     def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the `order`-th derivative of lambda by tau, at tau (...)."""
-        s = self._unit(tau)
+        s, order = self._unit(tau), check_derivative(order)
         rates = [bernstein_basis(self.degree, s, k) @ self.coefficients for k in range(order + 1)]
         span = self.tau_f - self.tau_0
         return np.asarray(reciprocal(rates)[order] * span ** (1 - order))

@@ -15,7 +15,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tdm_planner.direct_method.reference_function import check_arc, check_orders
+from tdm_planner.direct_method.checks import (
+    check_arc,
+    check_conditions,
+    check_derivative,
+    check_orders,
+    common_shape,
+    real_array,
+    shown,
+)
 from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
@@ -53,7 +61,11 @@ class TaranenkoBasis:
         InvalidProblem
             If an order is repeated or negative, or the value itself is missing at an end.
         """
-        return _basis(shapes, tuple(start), tuple(end))
+        if not isinstance(shapes, Shapes):
+            raise InvalidProblem(
+                f'{shown(shapes)} is not a family of shapes, such as SineSeries(3)'
+            )
+        return _basis(shapes, check_orders('start', start), check_orders('end', end))
 
     @property
     def unconditional(self) -> bool:
@@ -87,7 +99,6 @@ def _line(s: Array, derivative: int, start: tuple[int, ...], end: tuple[int, ...
 @lru_cache(maxsize=128)
 def _basis(shapes: Shapes, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
     for where, orders in (('start', start), ('end', end)):
-        check_orders(where, orders)
         if 0 not in orders:
             raise InvalidProblem(
                 f'the value at the {where} is missing: linear interpolation (1) needs both ends'
@@ -154,15 +165,11 @@ class TaranenkoReference:
         tau_0: float = 0.0,
         varied: ArrayLike | None = None,
     ) -> None:
-        check_arc(tau_0, tau_f)
-        self.tau_0, self.tau_f = float(tau_0), float(tau_f)
+        self.tau_0, self.tau_f = check_arc(tau_0, tau_f)
+        for where, given in (('start', start), ('end', end)):
+            check_conditions(where, given)
         self.basis = TaranenkoBasis.of(shapes, tuple(start), tuple(end))
-        try:
-            values = np.array(np.broadcast_arrays(*start.values(), *end.values()), dtype=float)
-        except ValueError:
-            raise InvalidProblem('the boundary values of a function must share a shape') from None
-        if not np.isfinite(values).all():
-            raise InvalidProblem('a boundary value of a reference function is not a finite number')
+        values = common_shape([*start.values(), *end.values()], 'the boundary values')
         self._span = self.tau_f - self.tau_0
         scales = self._span ** np.array([*start, *end])
         self._given = values * scales.reshape(-1, *(1,) * (values.ndim - 1))
@@ -183,17 +190,18 @@ class TaranenkoReference:
 
     def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
-        s = self._unit(tau)
+        s, order = self._unit(tau), check_derivative(order)
         value = np.tensordot(self.basis.given(s, order), self._given, axes=(-1, 0))
         value = value + np.tensordot(self.basis.varied(s, order), self.varied, axes=(-1, 0))
         return np.asarray(value / self._span**order)
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
         """Derivative of `x(tau, order)` with respect to the varied coefficients, (n..., mv)."""
+        order = check_derivative(order)
         return np.asarray(self.basis.varied(self._unit(tau), order) / self._span**order)
 
     def _unit(self, tau: ArrayLike) -> Array:
-        return (np.asarray(tau, dtype=float) - self.tau_0) / self._span
+        return (real_array(tau, 'tau') - self.tau_0) / self._span
 
     def _check_conditions(self) -> None:
         basis = self.basis
@@ -214,11 +222,9 @@ class TaranenkoReference:
 
     def _checked(self, varied: ArrayLike | None) -> Array:
         shape = (len(self.basis.free), *self._given.shape[1:])
-        values = np.zeros(shape) if varied is None else np.asarray(varied, dtype=float)
+        values = np.zeros(shape) if varied is None else real_array(varied, 'a varied coefficient')
         if values.shape != shape:
             raise InvalidProblem(
                 f'the varied coefficients have shape {values.shape}, expected {shape}'
             )
-        if not np.isfinite(values).all():
-            raise InvalidProblem('a varied coefficient is not a finite number')
         return values

@@ -16,25 +16,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
+from tdm_planner.direct_method.arc_outputs import ArcOutputs
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.differentiation import choose_scheme, jacobians, Scheme
-from tdm_planner.direct_method.formulation import components, Formulation, Output, stack
+from tdm_planner.direct_method.formulation import components, Formulation
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
     NonlinearProgram,
     Point,
-)
-from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
-from tdm_planner.direct_method.virtual_domain import (
-    arc_derivatives,
-    reciprocal,
-    time_derivatives,
 )
 from tdm_planner.exceptions import InvalidProblem
 
@@ -44,6 +41,7 @@ Values = NDArray[Any]
 _NEAR = 1.0  # margin within which a node gets a row
 _HESSIAN_STEP = 1e-5
 _LEAST_CURVATURE = 1e-4
+_HESSIAN_BATCH = 400  # candidates between two looks at the clock
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,31 +52,6 @@ class ArcMotion:
     states: Values
     controls: Values
     rate: Values
-
-
-@dataclass(frozen=True, eq=False)
-class _Tabulated:
-    """An output's basis at the points of the arc, derivative by derivative."""
-
-    output: Output
-    basis: OrthonormalBasis
-    given: list[Array]
-    varied: list[Array]
-    scale: float
-
-
-def chebyshev_nodes(count: int) -> Array:
-    """Return `count` Chebyshev-Lobatto nodes on the unit interval."""
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)))
-
-
-def quadrature_weights(nodes: Array) -> Array:
-    """Return weights (K,) that integrate polynomials through Chebyshev-Lobatto `nodes`."""
-    count = nodes.size
-    k = np.arange(count)
-    modes = np.cos(np.pi * np.outer(k, k) / (count - 1))
-    moments = np.where(k % 2 == 0, 1.0 / (1.0 - np.where(k % 2 == 0, k, 0) ** 2.0), 0.0)
-    return np.linalg.solve(modes, moments)
 
 
 class Transcription(NonlinearProgram):
@@ -98,34 +71,24 @@ class Transcription(NonlinearProgram):
         self, formulation: Formulation, nodes: Array, reserve: Mapping[str, float] | None = None
     ) -> None:
         self.formulation = formulation
-        self.nodes = nodes
+        self.nodes = check_nodes(nodes)
         self.reserve = dict(reserve or {})
         self.evaluations = 0
         self.cost_scale = 1.0
-        self._equality_count = 0
-        self.integrated = dict(formulation.integrated())
-        unknown = set(self.integrated) - set(formulation.state_names)
-        if unknown:
-            raise InvalidProblem(
-                f"integrated state '{unknown.pop()}' is not one of the states "
-                + ', '.join(formulation.state_names)
-            )
-        self._duration = formulation.duration()
-        self._degree = self._duration.speed_factor_order
-        middles = 0.5 * (nodes[1:] + nodes[:-1])
-        self._points = np.sort([*nodes, *middles]) if self.integrated else nodes
-        self._stride = 2 if self.integrated else 1
-        self._outputs = self._tabulate()
-        self._weights = quadrature_weights(chebyshev_nodes(nodes.size))
-        timing = 0 if self._duration.fixed else self._degree + 1
-        sizes = [timing, *(tabulated.basis.size for tabulated in self._outputs.values())]
-        self._slices = np.cumsum([0, *sizes])
-        shortest, longest = self._duration.bounds
-        self.lower = np.full(sum(sizes), -1e3)
-        self.upper = np.full(sum(sizes), 1e3)
-        self.lower[:timing] = shortest / self._duration.guess
-        self.upper[:timing] = longest / self._duration.guess
         self.scheme: Scheme = 'complex_step'
+        self._equality_count = 0
+        self._stated = CheckedFormulation(formulation)
+        self.integrated = self._stated.integrated()
+        middles = 0.5 * (self.nodes[1:] + self.nodes[:-1])
+        points = np.sort([*self.nodes, *middles]) if self.integrated else self.nodes
+        self._stride = 2 if self.integrated else 1
+        duration = self._stated.duration()
+        self._arc = ArcOutputs(self._stated.outputs(), duration, points)
+        shortest, longest = duration.bounds
+        self.lower = np.full(self._arc.size, -1e3)
+        self.upper = np.full(self._arc.size, 1e3)
+        self.lower[self._arc.timing] = shortest / duration.guess
+        self.upper[self._arc.timing] = longest / duration.guess
 
     @property
     def size(self) -> int:
@@ -136,8 +99,12 @@ class Transcription(NonlinearProgram):
     def first_guess(self) -> Array:
         """The guessed duration, and nothing beside the boundary conditions."""
         xi = np.zeros(self.size)
-        xi[: self._slices[1]] = 1.0
+        xi[self._arc.timing] = 1.0
         return xi
+
+    @cached_property
+    def _weights(self) -> Array:
+        return quadrature_weights(self.nodes)
 
     def begin(self, xi: Array) -> None:
         """Scale the cost and choose the scheme of differentiation at a first point (n,).
@@ -145,12 +112,15 @@ class Transcription(NonlinearProgram):
         Raises
         ------
         InvalidProblem
-            Naming function, node and value, if something is not a finite number there.
+            Naming function, node and value, if something is not a finite number there, or depends
+            on other candidates that are computed at once.
         """
         with np.errstate(all='ignore'):
             self._check_finite(self.motion(xi[None]))
             self.cost_scale = 1.0
-            cost = abs(float(self._values(xi[None])[0, 0]))
+            values = self._values(xi[None])[0]
+            self._check_independent(xi, values)
+            cost = abs(float(values[0]))
             self.cost_scale = cost if cost > 1e-9 else 1.0
             self.scheme = choose_scheme(self._values, xi)
 
@@ -162,20 +132,18 @@ class Transcription(NonlinearProgram):
 
     def motion(self, xi: Values) -> ArcMotion:
         """Motion of candidates (B, n) at the nodes."""
-        mu, times = self._timing(xi, self._points)
-        y = self._output_values(xi, mu)
+        mu, times, y = self._arc.values(xi)
         every = slice(None, None, self._stride)
-        z = self._integrate(y, mu[0]) if self.integrated else {}
+        z = self._integrate(y, mu) if self.integrated else {}
         at_nodes = {name: [value[:, every] for value in jet] for name, jet in y.items()}
-        states, controls = self._invert(at_nodes, z)
-        return ArcMotion(times[:, every], states, controls, mu[0][:, every])
+        states, controls = self._stated.invert(at_nodes, z)
+        return ArcMotion(times[:, every], states, controls, mu[:, every])
 
     def cost(self, motion: ArcMotion) -> Values:
         """Return J of the candidates, (B,)."""
-        form, x, u = self.formulation, components(motion.states), components(motion.controls)
-        running = np.asarray(form.running_cost(motion.times, x, u)) * motion.rate
-        final = np.asarray(form.final_cost(motion.times[:, -1], x[:, :, -1]))
-        return np.asarray(final + np.sum(running * self._weights, axis=-1))
+        running = self._stated.running_cost(motion.times, motion.states, motion.controls)
+        final = self._stated.final_cost(motion.times[:, -1], motion.states[:, -1])
+        return np.asarray(final + np.sum(running * motion.rate * self._weights, axis=-1))
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled J and the violations of equalities and margins."""
@@ -225,13 +193,20 @@ class Transcription(NonlinearProgram):
             count = self._equality_count
             weights[1 : 1 + count] = multipliers.equalities
             weights[1 + count + multipliers.tags] = -multipliers.inequalities
+        used = weights != 0
 
         def lagrangian(points: Any) -> Any:
             return self._values(points)[:, used] @ weights[used, None]
 
-        used = weights != 0
         step = _HESSIAN_STEP if self.scheme == 'complex_step' else 100 * _HESSIAN_STEP
-        gradients = jacobians(lagrangian, xi + step * np.eye(xi.size), self.scheme)[:, 0]
+        rows = max(1, _HESSIAN_BATCH // xi.size)
+        gradients = np.zeros((xi.size, xi.size))
+        moved = xi + step * np.eye(xi.size)
+        for first in range(0, xi.size, rows):
+            if self.budget is not None and self.budget.spent:
+                return np.eye(xi.size)  # the search ends here and has no use for it
+            batch = slice(first, first + rows)
+            gradients[batch] = jacobians(lagrangian, moved[batch], self.scheme)[:, 0]
         hessian = (gradients - weights[used] @ jacobian[used]) / step
         hessian = np.nan_to_num(0.5 * (hessian + hessian.T), posinf=0.0, neginf=0.0)
         eigenvalues, vectors = np.linalg.eigh(hessian)
@@ -242,82 +217,25 @@ class Transcription(NonlinearProgram):
         """Scaled J, equalities, margins of candidates (B, n): (B, 1 + ne + ni)."""
         self.evaluations += len(xi)
         motion = self.motion(xi)
-        form, x, u = self.formulation, components(motion.states), components(motion.controls)
+        times, states, controls = motion.times, motion.states, motion.controls
         equalities = [
-            (motion.states[:, -1, form.state_names.index(name)] - state.end) / state.scale
+            (states[:, -1, self._stated.state_names.index(name)] - state.end) / state.scale
             for name, state in self.integrated.items()
             if state.end is not None
         ]
-        end = form.end_conditions(motion.times[:, -1], x[:, :, -1])
-        equalities += [np.broadcast_to(value, len(xi)) for value in end]
+        equalities += self._stated.end_conditions(times[:, -1], states[:, -1])
         self._equality_count = len(equalities)
         margins = []
-        for name, value in form.margins(motion.times, x, u).items():
-            margin = np.array(np.broadcast_to(value, motion.times.shape))
+        for name, value in self._stated.margins(times, states, controls).items():
+            margin = np.array(value)
             margin[:, 1:-1] -= self.reserve.get(name, 0.0)
             margins.append(margin)
         head = [(self.cost(motion) / self.cost_scale)[:, None]]
         return np.concatenate([*head, *(value[:, None] for value in equalities), *margins], axis=1)
 
-    def _timing(self, xi: Values, s: Array) -> tuple[list[Values], Values]:
-        """Return mu and its derivatives by s, and t, at s (P,): (B, P) each."""
-        coefficients = self._coefficients(xi)
-        highest = max(len(tabulated.given) for tabulated in self._outputs.values())
-        rates = [
-            coefficients @ bernstein_basis(self._degree, s, order).T for order in range(highest)
-        ]
-        return rates, coefficients @ bernstein_integral(self._degree, s).T
-
-    def _coefficients(self, xi: Values) -> Values:
-        guess = self._duration.guess
-        if self._duration.fixed:
-            return np.full((len(xi), 1), guess)
-        return np.asarray(guess * xi[:, : self._slices[1]])
-
-    def _output_values(self, xi: Values, mu: list[Values]) -> dict[str, list[Values]]:
-        """Derivatives by time of all outputs at the points of the arc, (B, P) each."""
-        ends, _ = self._timing(xi, np.array([0.0, 1.0]))
-        values = {}
-        for (name, tabulated), first, last in zip(
-            self._outputs.items(), self._slices[1:-1], self._slices[2:], strict=True
-        ):
-            given = self._boundary_values(tabulated.output, ends, len(xi))
-            free = tabulated.scale * xi[:, first:last]
-            jet = [
-                given @ fixed.T + free @ varied.T
-                for fixed, varied in zip(tabulated.given, tabulated.varied, strict=True)
-            ]
-            if self._degree == 0:
-                values[name] = [value / mu[0] ** order for order, value in enumerate(jet)]
-            else:
-                values[name] = time_derivatives(jet, reciprocal(mu[: max(1, len(jet) - 1)]))
-        return values
-
-    def _boundary_values(self, output: Output, mu: list[Values], count: int) -> Values:
-        """Derivatives by s at both ends from those by time, (B, mg)."""
-        columns = []
-        for side, where in enumerate(('start', 'end')):
-            given = output.conditions(where)
-            at = [rate[:, side] for rate in mu]
-            if self._degree == 0:
-                found = {order: value * at[0] ** order for order, value in given.items()}
-            else:
-                size = max(given, default=-1) + 1
-                jet = [np.full(count, given.get(order, 0.0)) for order in range(size)]
-                speed = reciprocal(self._rates_for(at, size))
-                found = dict(enumerate(arc_derivatives(jet, speed))) if jet else {}
-            columns += [np.broadcast_to(found[order], count) for order in given]
-        return np.stack(columns, axis=-1) if columns else np.zeros((count, 0))
-
-    @staticmethod
-    def _rates_for(at: list[Values], size: int) -> list[Values]:
-        zeros = [np.zeros_like(at[0])] * max(0, size - len(at))
-        return [*at, *zeros]
-
     def _integrate(self, y: dict[str, list[Values]], mu: Values) -> dict[str, Values]:
         """Integrated states at the nodes, by name, (B, K) each."""
-        names = self.formulation.state_names
-        index = [names.index(name) for name in self.integrated]
+        index = [self._stated.state_names.index(name) for name in self.integrated]
         count = len(mu)
         current = np.tile([state.start for state in self.integrated.values()], (count, 1))
         current = current.astype(mu.dtype)
@@ -325,10 +243,8 @@ class Transcription(NonlinearProgram):
 
         def rate(point: int, z: Values) -> Values:
             here = {name: [value[:, point] for value in jet] for name, jet in y.items()}
-            x, u = self._invert(here, dict(zip(self.integrated, z.T, strict=True)))
-            slopes = self.formulation.derivative(components(x), components(u))
-            stacked = stack(slopes, len(names), 'what derivative returns')
-            return np.asarray(stacked[..., index] * mu[:, point, None])
+            x, u = self._stated.invert(here, dict(zip(self.integrated, z.T, strict=True)))
+            return np.asarray(self._stated.derivative(x, u)[..., index] * mu[:, point, None])
 
         for node in range(self.nodes.size - 1):
             h, point = float(self.nodes[node + 1] - self.nodes[node]), 2 * node
@@ -341,70 +257,27 @@ class Transcription(NonlinearProgram):
         z = np.stack(found, axis=1)
         return {name: z[..., i] for i, name in enumerate(self.integrated)}
 
-    def _invert(self, y: dict[str, list[Values]], z: dict[str, Values]) -> tuple[Values, Values]:
-        form = self.formulation
-        states, controls = form.invert(y, z)
-        shape = next(iter(y.values()))[0].shape
-        found = []
-        for values, names, what in (
-            (states, form.state_names, 'states'),
-            (controls, form.control_names, 'controls'),
-        ):
-            returned = f'what invert returns as {what}'
-            stacked = stack(values, len(names), returned)
-            try:
-                found.append(np.broadcast_to(stacked, (*shape, len(names))))
-            except ValueError:
-                raise InvalidProblem(
-                    f'{returned} has components of shape {stacked.shape[:-1]}, expected {shape}'
-                ) from None
-        return found[0], found[1]
-
-    def _tabulate(self) -> dict[str, _Tabulated]:
-        outputs = dict(self.formulation.outputs())
-        if not outputs:
-            raise InvalidProblem('a formulation needs at least one output')
-        scales = {name: self._scale(output) for name, output in outputs.items()}
-        largest = max(scales.values()) or 1.0
-        tables = {}
-        for name, output in outputs.items():
-            basis = output_basis(name, output, self._degree)
-            orders = range(output.derivatives + 1)
-            tables[name] = _Tabulated(
-                output,
-                basis,
-                [basis.given(self._points, order) for order in orders],
-                [basis.varied(self._points, order) for order in orders],
-                scales[name] or largest,
-            )
-        return tables
-
-    def _scale(self, output: Output) -> float:
-        """Return a typical change of an output along the arc."""
-        if output.scale is not None:
-            return output.scale
-        start, end = output.conditions('start'), output.conditions('end')
-        sizes = [abs(end.get(0, 0.0) - start.get(0, 0.0))]
-        for given in (start, end):
-            sizes += [abs(v) * self._duration.guess**k for k, v in given.items() if k > 0]
-        return max(sizes)
-
     def _check_finite(self, motion: ArcMotion) -> None:
-        form = self.formulation
-        x, u = components(motion.states), components(motion.controls)
-        margins = form.margins(motion.times, x, u)
-        slopes = stack(form.derivative(x, u), len(form.state_names), 'what derivative returns')
-        named = {f"invert gives state '{n}'": v for n, v in zip(form.state_names, x, strict=True)}
-        named |= {
-            f"invert gives control '{n}'": v for n, v in zip(form.control_names, u, strict=True)
+        stated, states, controls = self._stated, motion.states, motion.controls
+        rates = stated.derivative(states, controls)
+        named = {
+            f"{what} '{name}'": value
+            for what, names, values in (
+                ('invert gives state', stated.state_names, states),
+                ('invert gives control', stated.control_names, controls),
+                ('derivative gives the rate of', stated.state_names, rates),
+            )
+            for name, value in zip(names, components(values), strict=True)
         }
-        named |= {
-            f"derivative gives the rate of '{n}'": v
-            for n, v in zip(form.state_names, components(slopes), strict=True)
-        }
+        margins = stated.margins(motion.times, states, controls)
         named |= {f"margins gives '{name}'": value for name, value in margins.items()}
-        named['running_cost gives J'] = form.running_cost(motion.times, x, u)
-        named['final_cost gives J'] = form.final_cost(motion.times[:, -1:], x[:, :, -1:])
+        named['running_cost gives J'] = stated.running_cost(motion.times, states, controls)
+        ends = motion.times[:, -1], states[:, -1]
+        named['final_cost gives J'] = stated.final_cost(*ends)[:, None]
+        named |= {
+            f'end_conditions gives number {index}': value[:, None]
+            for index, value in enumerate(stated.end_conditions(*ends))
+        }
         shape = motion.times.shape
         values = {what: np.broadcast_to(value, shape)[0] for what, value in named.items()}
         first = {what: np.flatnonzero(~np.isfinite(value)) for what, value in values.items()}
@@ -417,3 +290,23 @@ class Transcription(NonlinearProgram):
                 f'{what} = {values[what][node]} at node {node} of {self.nodes.size} '
                 f'(s = {self.nodes[node]:.3g}, t = {motion.times[0, node]:.3g} s)'
             )
+
+    def _check_independent(self, xi: Array, alone: Array) -> None:
+        """Check that a candidate has the same values in company as alone."""
+        together = self._values(np.stack([xi, 1.01 * xi + 0.01]))[0]
+        same = np.isclose(together, alone, rtol=1e-6, atol=1e-9, equal_nan=True)
+        if not same.all():
+            raise InvalidProblem(
+                f'{self._row_name(int(np.argmin(same)))} differs when two candidates are computed '
+                'at once: write it with functions that act on every node alone, without sums, '
+                'extrema or loops over nodes'
+            )
+
+    def _row_name(self, row: int) -> str:
+        """Return where the row of `_values` comes from."""
+        if row == 0:
+            return 'J by running_cost or final_cost'
+        if row <= self._equality_count:
+            return f'end condition {row - 1}'
+        names = self._stated.margin_names
+        return f"margins '{names[(row - 1 - self._equality_count) // self.nodes.size]}'"

@@ -85,8 +85,9 @@ def minimise(
 
     When the budget is spent the best point so far is returned, not converged.
     """
+    program.budget = budget
     search = _Search(program, options or TrustRegionOptions(), np.asarray(xi, dtype=float))
-    while search.continues and not (budget is not None and budget.spent):
+    while search.continues and not search.late:
         search.advance()
     return Minimum(search.point, search.iterations, search.converged, search.multipliers)
 
@@ -110,6 +111,11 @@ class _Search:
     def continues(self) -> bool:
         return not (self.converged or self.failed or self.iterations >= self.options.iterations)
 
+    @property
+    def late(self) -> bool:
+        budget = self.program.budget
+        return budget is not None and budget.spent
+
     def merit(self, point: Point) -> float:
         return point.cost + float(self.penalties @ point.violations)
 
@@ -122,6 +128,8 @@ class _Search:
         self.iterations += 1
         if self.at is None:
             self.at = self.program.linearise(self.point, self.multipliers)
+            if self.late:
+                return
         step = _quadratic_step(self, self.at)
         if step is None:
             self._shrink(self.radius)

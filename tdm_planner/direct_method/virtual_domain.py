@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tdm_planner.direct_method.checks import shown
 from tdm_planner.exceptions import InvalidProblem
 
 # Derivatives may be complex, where a caller differentiates by complex step.
@@ -34,10 +35,9 @@ def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike
     Raises
     ------
     InvalidProblem
-        If `speed` has too few derivatives.
+        If `speed` has too few derivatives or is not positive, or shapes do not match.
     """
-    jet = [np.asarray(value) for value in derivatives]
-    factor = _speed_jet(speed, len(jet) - 1)
+    jet, factor = _jets(derivatives, speed)
     found = jet[:1]
     while len(jet) > 1:
         jet = _product(factor, jet[1:])
@@ -51,10 +51,9 @@ def arc_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
     Raises
     ------
     InvalidProblem
-        If `speed` has too few derivatives.
+        If `speed` has too few derivatives or is not positive, or shapes do not match.
     """
-    wanted = [np.asarray(value) for value in derivatives]
-    factor = _speed_jet(speed, len(wanted) - 1)
+    wanted, factor = _jets(derivatives, speed)
     found = wanted[:1]
     for order in range(1, len(wanted)):
         lower = time_derivatives([*found, np.zeros_like(found[0])], factor[:order])[-1]
@@ -75,18 +74,57 @@ def reciprocal(derivatives: Sequence[ArrayLike]) -> list[Values]:
 
 
 def path_speed(derivatives: Sequence[ArrayLike], speed_factor: ArrayLike) -> Values:
-    """Return V = lambda |x'|, (5), from the x'_i of all coordinates."""
-    total: Any = sum(np.asarray(value) ** 2 for value in derivatives)
-    return np.asarray(np.asarray(speed_factor) * np.sqrt(total))
+    """Return V = lambda |x'|, (5), from the x'_i of all coordinates.
+
+    Raises
+    ------
+    InvalidProblem
+        If the speed factor is not positive, or shapes do not match.
+    """
+    slopes, (factor,) = _jets(derivatives, [speed_factor], 1)
+    total: Any = sum(slope**2 for slope in slopes)
+    return np.asarray(factor * np.sqrt(total))
 
 
-def _speed_jet(speed: Sequence[ArrayLike], size: int) -> list[Values]:
-    if len(speed) < size:
+def _jets(
+    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike], size: int | None = None
+) -> tuple[list[Values], list[Values]]:
+    """Return both as arrays, `size` of the speed factor, by default one less."""
+    jet = _numbers(derivatives, 'the derivatives')
+    if not jet:
+        raise InvalidProblem('no derivatives are given: at least the value itself is needed')
+    size = len(jet) - 1 if size is None else size
+    factor = _numbers(speed, 'the speed factor and its derivatives')
+    if len(factor) < size:
         raise InvalidProblem(
             f'{size} time derivatives need the speed factor and {size - 1} of its derivatives, '
-            f'but only {len(speed)} are given'
+            f'but only {len(factor)} are given'
         )
-    return [np.asarray(value) for value in speed[:size]]
+    factor = factor[:size]
+    if factor and not (factor[0].real > 0).all():
+        wrong = factor[0].real[~(factor[0].real > 0)].flat[0]
+        raise InvalidProblem(
+            f'the speed factor is {wrong:g} somewhere: it must be positive, for time to run '
+            'forward'
+        )
+    try:
+        np.broadcast_shapes(*(value.shape for value in [*jet, *factor]))
+    except ValueError:
+        shapes = ', '.join(sorted({str(value.shape) for value in [*jet, *factor]}))
+        raise InvalidProblem(
+            f'derivatives and speed factor must share a shape, but have {shapes}'
+        ) from None
+    return jet, factor
+
+
+def _numbers(values: Sequence[ArrayLike], what: str) -> list[Values]:
+    try:
+        found = [np.asarray(value) for value in values]
+    except (TypeError, ValueError):
+        found = [np.asarray(None)]
+    if any(value.dtype.kind not in 'iufc' for value in found):
+        raise InvalidProblem(f'{what}, {shown(values)}, must be a sequence of numbers or arrays')
+    return found
 
 
 def _product(first: list[Values], second: list[Values]) -> list[Values]:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.formulation import components
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.transcription import chebyshev_nodes, Transcription
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.base import Plant

@@ -104,7 +104,7 @@ def test_the_basis_is_made_once():
         ({1: 1.0}, {1: 0.0}, 1.0, 'do not determine'),
         ({}, {}, 1.0, 'at least one'),
         ({0: [1.0, 2.0]}, {0: [1.0, 2.0, 3.0]}, 1.0, 'share a shape'),
-        ({-1: 1.0}, {0: 0.0}, 1.0, '>= 0'),
+        ({-1: 1.0}, {0: 0.0}, 1.0, 'from 0 to'),
     ],
 )
 def test_bad_conditions_are_named(start, end, tau_f, words):

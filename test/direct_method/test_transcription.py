@@ -13,7 +13,7 @@ from tdm_planner.direct_method import (
     SineSeries,
     Transcription,
 )
-from tdm_planner.direct_method.transcription import chebyshev_nodes, quadrature_weights
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.exceptions import InvalidProblem
 
 

@@ -1,0 +1,62 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes along the virtual arc, and the weights that integrate over them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.interpolate import CubicSpline
+
+from tdm_planner.direct_method.checks import real_array, whole
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+
+_MOST_NODES = 100_000
+
+
+def chebyshev_nodes(count: int) -> Array:
+    """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3.
+
+    Raises
+    ------
+    InvalidProblem
+        If `count` is not allowed.
+    """
+    last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
+
+
+def check_nodes(nodes: Any) -> Array:
+    """Return nodes (K,), K >= 3.
+
+    Raises
+    ------
+    InvalidProblem
+        If they do not increase from 0 to 1.
+    """
+    found = real_array(nodes, 'the nodes')
+    increasing = found.ndim == 1 and found.size >= 3 and bool((np.diff(found) > 0).all())
+    if not increasing or found[0] != 0 or abs(found[-1] - 1.0) > 1e-12:
+        raise InvalidProblem('the nodes of an arc must increase from 0 to 1, at least 3 of them')
+    return found
+
+
+def quadrature_weights(nodes: Array) -> Array:
+    """Return weights (K,) that integrate functions given at `nodes` (K,) from 0 to 1.
+
+    On Chebyshev-Lobatto nodes those of Clenshaw and Curtis, which are exact for polynomials up to
+    order K - 1; on others those of the cubic spline through the values.
+    """
+    count = nodes.size
+    if np.abs(nodes - chebyshev_nodes(count)).max() > 1e-12:
+        return np.asarray(CubicSpline(nodes, np.eye(count)).integrate(0.0, 1.0))
+    k = np.arange(count)
+    moments = np.where(k % 2 == 0, 1.0 / (1.0 - np.where(k % 2 == 0, k, 0) ** 2.0), 0.0)
+    weights = np.asarray(dct(moments, type=1)) / (count - 1)
+    weights[[0, -1]] *= 0.5
+    return weights
