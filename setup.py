@@ -48,12 +48,13 @@ setup(
         *shared('config'),
         *shared('launch'),
     ],
+    package_data={'tdm_sim.report': ['assets/*']},
     zip_safe=False,
     install_requires=['numpy>=1.22', 'scipy>=1.8', 'PyYAML'],
     extras_require={
         # What makes planning fast and the demo complete; every one of them has a fall-back or a
         # clear message, since a ROS 2 machine may have only Debian's packages.
-        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'rich', 'rosbags'],
+        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'plotly>=6', 'rich', 'rosbags'],
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
@@ -66,6 +67,7 @@ setup(
             'mujoco',
             'pytest',
             'pytest-timeout',
+            'selenium',
             'setuptools<80',
         ],
         'dev': ['mypy', 'ruff', 'scipy-stubs', 'types-PyYAML'],

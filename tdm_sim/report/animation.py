@@ -1,0 +1,147 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page's animation draws: the motion of every vehicle on common, evenly spaced frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_sim.report.charts import COLOURS
+from tdm_sim.report.embedding import packed
+from tdm_sim.report.mission import Mission, Signals, Vehicle
+
+Array = NDArray[np.float64]
+
+# Frames per second of the motion; the page reads between frames.
+FRAME_RATES = {'pendulum': 100.0, 'robot': 25.0}
+FEWEST_FRAMES, MOST_FRAMES = 200, 1500
+
+_PENDULUM = ('theta', 'psi', 'torque')
+_ROBOT = ('x', 'y', 'yaw', 'alpha', 'thrust')
+_ANGLES = ('yaw', 'alpha')
+
+
+def scene(mission: Mission) -> dict[str, Any] | None:
+    """Return the animation's data as JSON holds it; None if the vehicles are of no known kind."""
+    kinds = {vehicle.plant for vehicle in mission.vehicles}
+    if kinds == {'pendulum'}:
+        return _pendulum_scene(mission)
+    if kinds == {'robot'}:
+        return _arena_scene(mission)
+    return None
+
+
+def frame_times(span: tuple[float, float], rate: float) -> Array:
+    """Return the instants of the frames over a span [s]."""
+    count = math.ceil((span[1] - span[0]) * rate) + 1
+    return np.linspace(*span, min(max(count, FEWEST_FRAMES), MOST_FRAMES))
+
+
+def planned_frames(
+    vehicle: Vehicle, times: Array, names: Sequence[str]
+) -> dict[str, Array] | None:
+    """Return planned states and controls at `times`, of the plan in force then; None if no plan.
+
+    Before the first motion its start is shown, after a motion its end; controls act during it.
+    """
+    if not vehicle.plans:
+        return None
+    frames = {name: np.full(times.size, np.nan) for name in names}
+    for index, plan in enumerate(vehicle.plans):
+        inside = times >= (plan.start if index else -math.inf)
+        at = times[inside]
+        moving = (at >= plan.start) & (at <= plan.end)
+        trajectory = plan.trajectory
+        columns = dict(zip(trajectory.state_names, plan.states(at).T, strict=True))
+        controls = moving[:, None] * plan.controls(at)
+        columns |= dict(zip(trajectory.control_names, controls.T, strict=True))
+        for name in names:
+            if name in columns:
+                frames[name][inside] = columns[name]
+    return frames
+
+
+def measured_frames(
+    vehicle: Vehicle, times: Array, names: Sequence[str]
+) -> dict[str, Array] | None:
+    """Return measured states and controls at `times`, NaN where nothing was; None if no states."""
+    if vehicle.states is None:
+        return None
+    return {name: _read(name, times, vehicle.states, vehicle.controls) for name in names}
+
+
+def _read(name: str, times: Array, *sources: Signals | None) -> Array:
+    for signals in sources:
+        if signals is not None and name in signals and signals.times.size:
+            values = signals.column(name)
+            known = np.isfinite(values)
+            if not known.any():
+                break
+            values = values[known]
+            if name in _ANGLES:
+                values = np.unwrap(values)
+            result: Array = np.interp(
+                times, signals.times[known], values, left=np.nan, right=np.nan
+            )
+            return result
+    return np.full(times.size, np.nan)
+
+
+def _columns(frames: Mapping[str, Array] | None) -> dict[str, Any] | None:
+    return None if frames is None else {name: packed(v) for name, v in frames.items()}
+
+
+def _pendulum_scene(mission: Mission) -> dict[str, Any]:
+    (vehicle, *_) = mission.vehicles
+    plant = RotaryPendulum()
+    times = frame_times(mission.span, FRAME_RATES['pendulum'])
+    return {
+        'kind': 'pendulum',
+        'times': packed(times),
+        'arm': mission.number('plant.arm_length') or plant.arm_length,
+        # the rod is drawn as uniform: twice as long as its centre of mass is far
+        'rod': 2.0 * (mission.number('plant.com_distance') or plant.com_distance),
+        'diskLimit': mission.number('limits.disk_angle'),
+        'torqueLimit': mission.number('limits.torque'),
+        'planned': _columns(planned_frames(vehicle, times, _PENDULUM)),
+        'measured': _columns(measured_frames(vehicle, times, _PENDULUM)),
+    }
+
+
+def _arena_scene(mission: Mission) -> dict[str, Any]:
+    times = frame_times(mission.span, FRAME_RATES['robot'])
+    obstacles = mission.numbers('arena.obstacles')
+    circles = [] if obstacles is None else obstacles[: obstacles.size // 3 * 3].reshape(-1, 3)
+    return {
+        'kind': 'arena',
+        'times': packed(times),
+        'length': mission.number('arena.length'),
+        'width': mission.number('arena.width'),
+        'separation': mission.number('arena.minimum_separation'),
+        'thrustLimit': mission.number('limits.thrust'),
+        'obstacles': [list(map(float, circle)) for circle in circles],
+        'robots': [
+            _robot(vehicle, times, k % len(COLOURS)) for k, vehicle in enumerate(mission.vehicles)
+        ],
+    }
+
+
+def _robot(vehicle: Vehicle, times: Array, colour: int) -> dict[str, Any]:
+    plan = vehicle.plan
+    goal = None
+    if plan is not None:
+        end = plan.trajectory
+        goal = [float(end.state(name)[-1]) for name in ('x', 'y', 'yaw')]
+    return {
+        'name': vehicle.name,
+        'colour': colour,
+        'goal': goal,
+        'planned': _columns(planned_frames(vehicle, times, _ROBOT)),
+        'measured': _columns(measured_frames(vehicle, times, _ROBOT)),
+    }

@@ -1,0 +1,255 @@
+// Time histories: plotly charts with linked zoom, linked legends and one cursor in all of them.
+const NARROW = 700;  // px of the page below which it is laid out for a phone
+const KINDS = { planned: 'planned', measured: 'measured', commanded: 'commanded', error: 'error', limit: 'limits',
+  switching: 'switching points' };
+
+// Colours of the page's scheme, dark or light.
+function currentTheme() {
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue(`--${name}`).trim();
+  return { text: colour('text'), grid: colour('grid'), faint: colour('faint'),
+    limit: colour('limit'), switching: colour('soft'),
+    series: Array.from({ length: 8 }, (_, k) => colour(`c${k}`)) };
+}
+
+function traceColour(theme, trace) {
+  const { kind, colour } = trace.meta;
+  return colour === undefined ? theme[kind] : theme.series[colour];
+}
+
+function chartSet(charts, clock) {
+  const views = charts.map((chart) => chartView(chart, clock));
+  const hidden = { kind: new Set(['commanded']), series: new Set() };
+  let linking = false;
+
+  function visible(trace) {
+    return !hidden.kind.has(trace.meta.kind) && !hidden.series.has(trace.meta.series);
+  }
+
+  function drawAll(range) {
+    const theme = currentTheme();
+    return Promise.all(views.map((view) => view.draw(theme, range, visible)));
+  }
+
+  function zoom(range, except) {
+    linking = true;
+    const done = views.filter((view) => view !== except)
+      .map((view) => Plotly.relayout(view.node, { 'xaxis.range': range.slice() }));
+    Promise.all(done).then(() => {
+      linking = false;
+      for (const view of views) view.cursor(clock.t);
+    });
+  }
+
+  function toggle(group, name) {
+    const set = hidden[group];
+    if (!set.delete(name)) set.add(name);
+    for (const view of views) view.restyle(visible, hidden);
+  }
+
+  function connect(initial) {
+    for (const view of views) {
+      view.addLegend(toggle);
+      view.restyle(visible, hidden);
+      view.node.on('plotly_relayout', (change) => {
+        if (linking) return;
+        const low = change['xaxis.range[0]'], high = change['xaxis.range[1]'];
+        if (low !== undefined) zoom([Number(low), Number(high)], view);
+        else if (change['xaxis.range'] || change['xaxis.autorange']) zoom(initial(), null);
+      });
+    }
+  }
+
+  clock.listen((t) => views.forEach((view) => view.cursor(t)));
+  const resize = () => {
+    const theme = currentTheme();
+    for (const view of views) view.resize(theme, hidden);
+  };
+  return { drawAll, zoom, connect, resize };
+}
+
+function chartView(chart, clock) {
+  const node = document.getElementById(`chart-${chart.key}`);
+  for (const trace of chart.data) { trace.x = unpack(trace.x); trace.y = unpack(trace.y); }
+  const panels = chart.layout.meta.panels;
+  const overlay = document.createElement('div');
+  overlay.className = 'overlay';
+  const add = (name) => {
+    const element = document.createElement('div');
+    element.className = name;
+    overlay.appendChild(element);
+    return element;
+  };
+  const cursors = panels.map(() => add('cursor'));
+  const readings = panels.map(() => add('reading'));
+  const legend = [];
+  let margin = {}, height = 0, drawn = false, theme = null;
+
+  function layout(range) {
+    const narrow = document.documentElement.clientWidth < NARROW;
+    margin = { l: narrow ? 46 : 54, r: 10, t: 4, b: 44 };
+    height = margin.t + margin.b + panels.length * (narrow ? 132 : 150);
+    const axis = { gridcolor: theme.grid, linecolor: theme.faint, tickcolor: theme.faint,
+      tickfont: { size: 11 }, automargin: false };
+    const result = {
+      ...chart.layout, width: node.clientWidth, height, margin,
+      font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: theme.text },
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)',
+      dragmode: matchMedia('(pointer: coarse)').matches || narrow ? false : 'zoom',
+      annotations: chart.layout.annotations.map((annotation, k) => ({ ...annotation,
+        text: panelTitle(annotation, panels[k], narrow), font: { size: 12.5 } })),
+    };
+    for (const name of Object.keys(result)) {
+      if (/^[xy]axis/.test(name)) result[name] = { ...result[name], ...axis };
+    }
+    result.xaxis.range = range ? range.slice() : node.layout.xaxis.range.slice();
+    result.xaxis.title = { ...result.xaxis.title, font: { size: 12 }, standoff: 8 };
+    if (drawn) {
+      panels.forEach((_, k) => {
+        const key = `yaxis${k ? k + 1 : ''}`;
+        result[key].range = node.layout[key].range.slice();
+      });
+    }
+    return result;
+  }
+
+  function draw(colours, range, visible) {
+    theme = colours;
+    for (const trace of chart.data) {
+      trace.line.color = traceColour(theme, trace);
+      trace.visible = visible(trace);
+    }
+    const config = { displaylogo: false, responsive: false, doubleClick: 'reset',
+      displayModeBar: false, showTips: false };
+    return Plotly.newPlot(node, chart.data, layout(range), config).then(() => {
+      drawn = true;
+      node.appendChild(overlay);
+      follow();
+      cursor(clock.t);
+    });
+  }
+
+  function resize(colours, hidden) {
+    theme = colours;
+    Plotly.update(node, { 'line.color': node.data.map((trace) => traceColour(theme, trace)) },
+      layout(null)).then(() => {
+      cursor(clock.t);
+      paintLegend(hidden);
+    });
+  }
+
+  // Kinds of curves that are there, and whose they are: each a button.
+  function addLegend(toggle) {
+    const list = document.createElement('ul');
+    list.className = 'legend';
+    const entries = new Map();
+    for (const { meta } of node.data) {
+      if (meta.series) entries.set(`series ${meta.series}`, { group: 'series', name: meta.series, meta });
+    }
+    for (const kind of Object.keys(KINDS)) {
+      const trace = node.data.find(({ meta }) => meta.kind === kind);
+      if (trace) entries.set(`kind ${kind}`, { group: 'kind', name: kind, meta: trace.meta });
+    }
+    for (const { group, name, meta } of entries.values()) {
+      const button = document.createElement('button');
+      button.type = 'button';
+      const swatch = document.createElement('span');
+      swatch.className = `swatch ${group === 'series' ? 'series' : name}`;
+      button.append(swatch, group === 'series' ? name : KINDS[name]);
+      button.addEventListener('click', () => toggle(group, name));
+      const item = document.createElement('li');
+      item.appendChild(button);
+      list.appendChild(item);
+      legend.push({ button, swatch, group, name, meta });
+    }
+    node.before(list);
+  }
+
+  function paintLegend(hidden) {
+    for (const { button, swatch, group, name, meta } of legend) {
+      button.setAttribute('aria-pressed', String(!hidden[group].has(name)));
+      const one = group === 'kind' && meta.series && meta.colour !== undefined;
+      swatch.style.setProperty('--colour', one ? theme.text : traceColour(theme, { meta }));
+    }
+  }
+
+  function restyle(visible, hidden) {
+    paintLegend(hidden);
+    Plotly.restyle(node, { visible: node.data.map(visible) }).then(() => cursor(clock.t));
+  }
+
+  function cursor(t) {
+    if (!drawn) return;
+    const [low, high] = node.layout.xaxis.range.map(Number);
+    const inner = { width: node.layout.width - margin.l - margin.r,
+      height: height - margin.t - margin.b };
+    const share = (t - low) / (high - low);
+    panels.forEach((panel, k) => {
+      const [bottom, top] = node.layout[`yaxis${k ? k + 1 : ''}`].domain;
+      show(cursors[k], share >= 0 && share <= 1);
+      Object.assign(cursors[k].style, {
+        transform: `translateX(${(margin.l + share * inner.width).toFixed(1)}px)`,
+        top: `${margin.t + (1 - top) * inner.height}px`,
+        height: `${(top - bottom) * inner.height}px`,
+      });
+      const line = margin.t + (1 - node.layout.annotations[k].y) * inner.height;
+      Object.assign(readings[k].style, { top: `${line}px`, right: `${margin.r}px` });
+      read(readings[k], k, t, inner.width);
+    });
+  }
+
+  // The values at the cursor in the title's line, as many as there is room for.
+  function read(element, panel, t, width) {
+    const axis = panel ? `y${panel + 1}` : 'y';
+    const title = node.layout.annotations[panel].text.replace(/<[^>]*>/g, '');
+    const room = Math.floor((width - 7.5 * title.length - 12) / 66);
+    let values = [];
+    for (const trace of node.data) {
+      const { kind } = trace.meta;
+      const wanted = kind === 'planned' || kind === 'measured' || kind === 'error';
+      if (!wanted || trace.visible === false || (trace.yaxis || 'y') !== axis) continue;
+      const value = valueAt(trace.x, trace.y, t, trace.line.shape === 'hv');
+      if (Number.isFinite(value)) values.push({ value, kind, colour: traceColour(theme, trace) });
+    }
+    if (values.length > room) values = values.filter(({ kind }) => kind !== 'planned');
+    if (values.length > room) values = [];
+    while (element.children.length < values.length) {
+      element.appendChild(document.createElement('span'));
+    }
+    while (element.children.length > values.length) element.lastChild.remove();
+    values.forEach(({ value, kind, colour }, k) => {
+      const span = element.children[k];
+      span.className = kind;
+      span.style.setProperty('--colour', colour);
+      span.textContent = brief(value);
+    });
+  }
+
+  // Hovering, or drawing a finger across, moves the instant shown everywhere.
+  function follow() {
+    node.addEventListener('pointermove', (event) => {
+      if (event.buttons && event.pointerType === 'mouse') return;  // a zoom box is being drawn
+      const box = node.getBoundingClientRect();
+      const share = (event.clientX - box.left - margin.l) / (box.width - margin.l - margin.r);
+      if (share < 0 || share > 1 || clock.playing) return;
+      const [low, high] = node.layout.xaxis.range.map(Number);
+      clock.set(low + share * (high - low));
+    });
+  }
+
+  return { node, draw, resize, restyle, addLegend, cursor };
+}
+
+// The title as plotly writes it: its name is escaped already, the rest is escaped here.
+function panelTitle(annotation, [, description, unit], narrow) {
+  const escaped = (text) => text.replace(/&/g, '&amp;').replace(/</g, '&lt;');
+  const words = description && !narrow ? ` ${description}` : '';
+  return annotation.text + escaped(words + (unit ? ` [${unit}]` : ''));
+}
+
+function brief(value) {
+  const size = Math.abs(value);
+  const digits = size >= 100 ? 0 : size >= 10 ? 2 : size >= 0.1 || size === 0 ? 3 : 4;
+  const text = size !== 0 && size < 1e-4 ? size.toExponential(1) : size.toFixed(digits);
+  return (value < 0 && Number(text) !== 0 ? '−' : '') + text;
+}

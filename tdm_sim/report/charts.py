@@ -1,0 +1,191 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Charts of time histories: panels one below the other on one time axis, as plotly figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import html
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+import plotly.graph_objects as go
+
+from tdm_sim.report.embedding import packed
+
+Array = NDArray[np.float64]
+Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
+
+# Told apart by people with any colour vision (after Okabe and Ito), on white. The page has a
+# lighter set for dark screens, in the same order (page.css).
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#c05d94', '#9a7400', '#6f6fc8', '#5c7f8a', '#a0522d')
+LIMIT_COLOUR = '#c43d3d'
+SWITCH_COLOUR = '#8a8f98'
+
+# Shares of a panel's height that its title and the gap below it take.
+TITLE_SHARE, FOOT_SHARE = 0.17, 0.06
+_PADDING = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One line: `times` and `values` (n,), NaN a gap; `colour` is the number of its colour.
+
+    The legend switches curves by their kind and by their `series`, the vehicle or pair of vehicles
+    they belong to ('' where there is only one), in all charts. `held`: the value stays until the
+    next sample.
+    """
+
+    kind: Kind
+    times: Array
+    values: Array
+    colour: int
+    series: str = ''
+    held: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One quantity over time, with its limits and the instants at which a control switches."""
+
+    title: str
+    unit: str
+    curves: tuple[Curve, ...]
+    description: str = ''
+    limits: tuple[float, ...] = ()
+    switches: tuple[float, ...] = ()
+
+    def value_range(self) -> tuple[float, float]:
+        """Return the range of the axis: everything drawn, with room above and below."""
+        seen = [curve.values[np.isfinite(curve.values)] for curve in self.curves]
+        values = np.concatenate([*seen, np.array(self.limits)])
+        if not values.size:
+            return -1.0, 1.0
+        low, high = float(values.min()), float(values.max())
+        room = _PADDING * (high - low) or max(1e-3, 0.1 * abs(high))
+        return low - room, high + room
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Panels that belong together; `key` names it in the page, `note` explains it in a line."""
+
+    key: str
+    title: str
+    panels: tuple[Panel, ...]
+    note: str = ''
+
+
+def plotly_figure(chart: Chart, span: tuple[float, float]) -> go.Figure:
+    """Return the chart as a plotly figure, its numbers in single precision.
+
+    All panels share one time axis, so that zooming one zooms all.
+    """
+    figure = go.Figure()
+    for index, panel in enumerate(chart.panels):
+        axis = f'y{index + 1}' if index else 'y'
+        for trace in _traces(panel, span):
+            figure.add_trace(go.Scatter(**trace, yaxis=axis))
+    figure.update_layout(_layout(chart))
+    return figure
+
+
+def plotly_json(figure: go.Figure) -> dict[str, Any]:
+    """Return a figure as plotly.js takes it, with packed arrays and without plotly's template."""
+    data = figure.to_plotly_json()
+    layout = {key: value for key, value in data['layout'].items() if key != 'template'}
+    traces = [
+        {key: _packed_once(value) if key in ('x', 'y') else value for key, value in trace.items()}
+        for trace in data['data']
+    ]
+    return {'data': traces, 'layout': layout}
+
+
+def _packed_once(values: Any) -> Any:
+    # plotly packs arrays itself since its version 6
+    return values if isinstance(values, dict) else packed(values)
+
+
+def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
+    traces = []
+    low, high = panel.value_range()
+    if panel.switches:
+        instants = np.repeat(np.array(panel.switches), 3)
+        edges = np.tile([low, high, np.nan], len(panel.switches))
+        line = {'color': SWITCH_COLOUR, 'width': 1, 'dash': 'dot'}
+        traces.append(_trace('switching', instants, edges, line))
+    # what was measured lies broad and pale below what was planned
+    order = sorted(panel.curves, key=lambda curve: curve.kind != 'measured')
+    traces += [_curve_trace(curve) for curve in order]
+    if panel.limits:
+        ends = np.tile([*span, np.nan], len(panel.limits))
+        levels = np.repeat(np.array(panel.limits), 3)
+        line = {'color': LIMIT_COLOUR, 'width': 1.3, 'dash': 'dash'}
+        traces.append(_trace('limit', ends, levels, line))
+    return traces
+
+
+def _curve_trace(curve: Curve) -> dict[str, Any]:
+    line: dict[str, Any] = {'color': COLOURS[curve.colour % len(COLOURS)], 'width': 1.5}
+    if curve.held:
+        line['shape'] = 'hv'
+    trace = _trace(curve.kind, curve.times, curve.values, line, curve.series)
+    trace['meta']['colour'] = curve.colour % len(COLOURS)
+    if curve.kind == 'measured':
+        line['width'] = 3.5
+        trace['opacity'] = 0.5
+    elif curve.kind == 'commanded':
+        line |= {'width': 1, 'dash': 'dot'}
+    return trace
+
+
+def _trace(
+    kind: Kind, x: Array, y: Array, line: dict[str, Any], series: str = ''
+) -> dict[str, Any]:
+    label = html.escape(f'{series} {kind}'.strip(), quote=False)  # plotly.js reads tags in names
+    return {
+        'name': label,
+        'x': x.astype(np.float32),
+        'y': y.astype(np.float32),
+        'mode': 'lines',
+        'line': line,
+        'hoverinfo': 'skip',
+        'meta': {'kind': kind, 'series': series},
+    }
+
+
+def _layout(chart: Chart) -> dict[str, Any]:
+    count = len(chart.panels)
+    layout: dict[str, Any] = {
+        'hovermode': False,
+        'dragmode': 'zoom',
+        'showlegend': False,  # the page has its own, shared by all charts
+        'xaxis': {'title': {'text': 'time from the start of the motion [s]'}, 'anchor': 'free',
+                  'position': 0, 'zeroline': False},
+        'annotations': [],
+    }  # fmt: skip
+    for index, panel in enumerate(chart.panels):
+        top = 1.0 - index / count
+        bottom = max(0.0, top - (1.0 - FOOT_SHARE) / count)
+        layout[f'yaxis{index + 1 if index else ""}'] = {
+            'domain': [bottom, top - TITLE_SHARE / count],
+            'range': list(panel.value_range()),
+            'zeroline': False,
+            'nticks': 5,
+            'automargin': False,
+        }
+        layout['annotations'].append(
+            {
+                'text': f'<b>{html.escape(panel.title, quote=False)}</b>',
+                'xref': 'paper',
+                'yref': 'paper',
+                'x': 0,
+                'y': top,
+                'xanchor': 'left',
+                'yanchor': 'top',
+                'showarrow': False,
+            }
+        )
+    layout['meta'] = {'panels': [[p.title, p.description, p.unit] for p in chart.panels]}
+    return layout

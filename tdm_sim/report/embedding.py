@@ -1,0 +1,58 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Data inside a page: safe in HTML whatever a recording holds, and small.
+
+Numbers are written as plotly.js reads typed arrays, ``{"dtype": "f4", "bdata": base64}``, which
+takes a third of the room of digits. Names and texts come from files that anybody may have written:
+no string can end the element that holds the data.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+# Within a JSON string these mean the same as the characters; in HTML they mean nothing.
+_ESCAPES = {
+    '<': '\\u003c',
+    '>': '\\u003e',
+    '&': '\\u0026',
+    '\u2028': '\\u2028',
+    '\u2029': '\\u2029',
+}
+
+
+def packed(values: ArrayLike) -> dict[str, str]:
+    """Return numbers (n,) in single precision as plotly.js reads them; NaN is a gap."""
+    data = np.ascontiguousarray(values, dtype='<f4').tobytes()
+    return {'dtype': 'f4', 'bdata': base64.b64encode(data).decode('ascii')}
+
+
+def unpacked(data: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Inverse of `packed`."""
+    return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
+
+
+def json_for_html(data: Any) -> str:
+    """Return `data` as JSON that may stand inside a ``<script>`` element.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not finite, which JSON cannot hold.
+    """
+    text = json.dumps(data, allow_nan=False, separators=(',', ':'))
+    for character, escape in _ESCAPES.items():
+        text = text.replace(character, escape)
+    return text
+
+
+def content_hash(script: str) -> str:
+    """Return the source expression by which a content security policy lets a script run."""
+    digest = hashlib.sha256(script.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"

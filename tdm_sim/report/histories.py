@@ -1,0 +1,225 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time histories of every state and control of a mission, planned and measured, as charts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_sim.report.charts import Chart, Curve, Kind, Panel
+from tdm_sim.report.mission import Mission, PlanInForce, Signals, Vehicle
+
+Array = NDArray[np.float64]
+Group = Literal['states', 'controls']
+
+# Points of all curves together: a page stays below 8 MB however many vehicles there are.
+MOST_POINTS = 200_000
+FEWEST_PER_CURVE, MOST_PER_CURVE = 150, 3000
+
+DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
+    'pendulum': {
+        'theta': 'pendulum from upright',
+        'psi': 'disk',
+        'theta_dot': 'pendulum rate',
+        'psi_dot': 'disk rate',
+        'torque': 'motor of the disk',
+    },
+    'robot': {
+        'x': 'position',
+        'y': 'position',
+        'u': 'velocity along x',
+        'v': 'velocity along y',
+        'yaw': 'attitude',
+        'omega': 'yaw rate',
+        'alpha': 'thruster angle',
+        'thrust': 'thruster',
+        'thruster_rate': 'turning of the thruster',
+        'torque': 'reaction wheel',
+    },
+    'other': {},
+}
+
+
+def points_per_curve(mission: Mission) -> int:
+    """Return how many points a curve may have."""
+    columns = sum(
+        sum(len(s.names) for s in (v.states, v.controls, v.tracking_error) if s is not None) + 10
+        for v in mission.vehicles
+    )
+    return int(np.clip(MOST_POINTS // max(columns, 1), FEWEST_PER_CURVE, MOST_PER_CURVE))
+
+
+def state_chart(mission: Mission) -> Chart:
+    """Every state, planned and measured."""
+    return Chart('states', 'States', _panels(mission, 'states'))
+
+
+def control_chart(mission: Mission) -> Chart:
+    """Every control: planned, commanded by the tracker, carried out by the plant."""
+    return Chart('controls', 'Controls', _panels(mission, 'controls'))
+
+
+def error_chart(mission: Mission) -> Chart:
+    """Every tracking error the trackers published."""
+    names = _ordered(v.tracking_error.names for v in mission.vehicles if v.tracking_error)
+    most = points_per_curve(mission)
+    panels = []
+    for name in names:
+        curves, unit = [], ''
+        for k, vehicle in enumerate(mission.vehicles):
+            errors = vehicle.tracking_error
+            if errors is None or name not in errors:
+                continue
+            unit = unit or errors.unit(name)
+            curves.append(_signal_curve(mission, k, errors, name, 'error', most))
+        panels.append(Panel(name, unit, tuple(curves), _description(mission, name)))
+    return Chart('errors', 'Tracking errors', tuple(panels), 'Measured less planned.')
+
+
+def series_of(mission: Mission, index: int) -> str:
+    """Return the series of a vehicle's curves: its name where there are several vehicles."""
+    return mission.vehicles[index].name if len(mission.vehicles) > 1 else ''
+
+
+def colour_of(mission: Mission, index: int, kind: Kind) -> int:
+    """Return a curve's colour: by vehicle where there are several, else by kind."""
+    if len(mission.vehicles) > 1:
+        return index
+    return {'planned': 0, 'measured': 1, 'commanded': 2, 'error': 1}.get(kind, 0)
+
+
+def limits_of(mission: Mission, plant: str, name: str) -> tuple[float, ...]:
+    """Return the limits of a state or control as far as the mission's parameters tell them."""
+    number = mission.number
+    if plant == 'pendulum':
+        limit = number({'torque': 'limits.torque', 'psi': 'limits.disk_angle'}.get(name, ''))
+        return () if limit is None else (-limit, limit)
+    if plant == 'robot' and name in ('x', 'y'):
+        side = number('arena.length' if name == 'x' else 'arena.width')
+        separation = number('arena.minimum_separation')
+        if side is None or separation is None:
+            return ()
+        return separation / 2, side - separation / 2
+    if plant == 'robot' and name in ('thrust', 'thruster_rate', 'torque'):
+        limit = number(f'limits.{name}')
+        if limit is not None:
+            return (0.0, limit) if name == 'thrust' else (-limit, limit)
+    return ()
+
+
+def _panels(mission: Mission, group: Group) -> tuple[Panel, ...]:
+    most = points_per_curve(mission)
+    names = _ordered(_names(vehicle, group) for vehicle in mission.vehicles)
+    return tuple(_panel(mission, group, name, most) for name in names)
+
+
+def _panel(mission: Mission, group: Group, name: str, most: int) -> Panel:
+    curves: list[Curve] = []
+    limits: set[float] = set()
+    switches: set[float] = set()
+    unit = ''
+    for k, vehicle in enumerate(mission.vehicles):
+        limits.update(limits_of(mission, vehicle.plant, name))
+        for kind, signals in _signals(vehicle, group).items():
+            if signals is None or name not in signals:
+                continue
+            unit = unit or signals.unit(name)
+            curves.append(_signal_curve(mission, k, signals, name, kind, most))
+        planned = [plan for plan in vehicle.plans if name in _plan_names(plan, group)]
+        if planned:
+            unit = unit or _plan_unit(planned[0], group, name)
+            curves.append(_planned_curve(mission, k, planned, group, name, most))
+            switches.update(switch for plan in planned for switch in switching_instants(plan))
+    return Panel(
+        name,
+        unit,
+        tuple(curves),
+        _description(mission, name),
+        tuple(sorted(limits)),
+        tuple(sorted(switches)),
+    )
+
+
+def _signals(vehicle: Vehicle, group: Group) -> dict[Kind, Signals | None]:
+    if group == 'states':
+        return {'measured': vehicle.states}
+    return {'measured': vehicle.applied, 'commanded': vehicle.commands}
+
+
+def _plan_names(plan: PlanInForce, group: Group) -> tuple[str, ...]:
+    trajectory = plan.trajectory
+    return trajectory.state_names if group == 'states' else trajectory.control_names
+
+
+def _plan_unit(plan: PlanInForce, group: Group, name: str) -> str:
+    trajectory = plan.trajectory
+    units = trajectory.state_units if group == 'states' else trajectory.control_units
+    return units[_plan_names(plan, group).index(name)] if units else ''
+
+
+def _names(vehicle: Vehicle, group: Group) -> tuple[str, ...]:
+    found = [_plan_names(plan, group) for plan in vehicle.plans[:1]]
+    found += [s.names for s in _signals(vehicle, group).values() if s is not None]
+    return _ordered(found)
+
+
+def _ordered(groups: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for group in groups for name in group))
+
+
+def _description(mission: Mission, name: str) -> str:
+    return DESCRIPTIONS[mission.vehicles[0].plant].get(name, '')
+
+
+def _signal_curve(
+    mission: Mission, index: int, signals: Signals, name: str, kind: Kind, most: int
+) -> Curve:
+    thin = signals.select(name).thinned(most)
+    colour, series = colour_of(mission, index, kind), series_of(mission, index)
+    return Curve(kind, thin.times, thin.values[:, 0], colour, series)
+
+
+def switching_instants(plan: PlanInForce) -> list[float]:
+    """Return the instants at which a held control of the plan jumps while it is followed [s]."""
+    trajectory = plan.trajectory
+    if trajectory.interpolation != 'zero_order_hold':
+        return []
+    jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
+    instants = plan.start + trajectory.times[1:-1][jumps]
+    return instants[instants <= plan.carried_out_until].tolist()
+
+
+def _planned_curve(
+    mission: Mission, index: int, plans: Sequence[PlanInForce], group: Group, name: str, most: int
+) -> Curve:
+    """Every plan as long as it was followed, with gaps between them."""
+    held = False
+    times, values = [], []
+    for plan in plans:
+        at, trajectory = plan_instants(plan, most // len(plans)), plan.trajectory
+        column = _plan_names(plan, group).index(name)
+        if group == 'controls':
+            held = trajectory.interpolation == 'zero_order_hold'
+            read = plan.controls(at)[:, column]
+        else:
+            read = plan.states(at)[:, column]
+        times += [at, at[-1:]]
+        values += [read, [np.nan]]
+    colour, series = colour_of(mission, index, 'planned'), series_of(mission, index)
+    return Curve('planned', np.concatenate(times), np.concatenate(values), colour, series, held)
+
+
+def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
+    """Return instants at which a plan is drawn while it is followed: its samples and more."""
+    end = plan.carried_out_until
+    samples = plan.start + plan.trajectory.times
+    if samples.size > most:
+        return np.linspace(plan.start, end, most)
+    between = np.linspace(plan.start, end, min(most, 400))
+    instants: Array = np.union1d(samples[samples < end], np.append(between, end))
+    # an instant and its double, rounded differently, would make a needle in a held control
+    return instants[np.append(True, np.diff(instants) > 1e-9)]

@@ -1,0 +1,223 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report as one self-contained HTML page: tables, animation, charts; it needs no network.
+
+Whatever comes from a recording is escaped, and a content security policy lets nothing but the
+page's own scripts run and nothing be loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from datetime import datetime, timezone
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+import re
+
+from plotly.offline import get_plotlyjs
+
+from tdm_planner import __version__
+from tdm_planner.exceptions import InvalidProblem
+from tdm_sim.report import animation
+from tdm_sim.report.charts import Chart, plotly_figure, plotly_json
+from tdm_sim.report.embedding import content_hash, json_for_html
+from tdm_sim.report.histories import control_chart, error_chart, state_chart
+from tdm_sim.report.mission import Mission, Severity
+from tdm_sim.report.tables import events_table, parameters_table, summary_table
+
+_SCRIPTS = ('data.js', 'clock.js', 'pendulum.js', 'arena.js', 'charts.js', 'report.js')
+_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+_PLAYED_IN = 8.0  # s that the motion takes on the screen, about
+_LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
+
+Slots = Mapping[str, str]
+
+
+def write_report(mission: Mission, path: Path) -> int:
+    """Write the report on a mission to `path`; returns the file's size in bytes.
+
+    Raises
+    ------
+    InvalidProblem
+        If the file cannot be written.
+    """
+    page = report_page(mission).encode()
+    try:
+        path.write_bytes(page)
+    except OSError as error:
+        raise InvalidProblem(f"the file '{path}' cannot be written: {error.strerror}") from None
+    return len(page)
+
+
+def report_page(mission: Mission) -> str:
+    """Return the report on a mission as HTML."""
+    charts = mission_charts(mission)
+    scene = animation.scene(mission)
+    data = json_for_html(
+        {
+            'span': list(mission.span),
+            'motion': list(motion_span(mission)),
+            'speed': f'{playing_speed(mission):g}',
+            'scene': scene,
+            'charts': [
+                {'key': chart.key, **plotly_json(plotly_figure(chart, mission.span))}
+                for chart in charts
+            ],
+        }
+    )
+    plotly = get_plotlyjs()
+    script = "'use strict';\n" + '\n'.join(_asset(name) for name in _SCRIPTS)
+    policy = (
+        "default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; "
+        f'script-src {content_hash(plotly)} {content_hash(script)}; '
+        "base-uri 'none'; form-action 'none'"
+    )
+    return _filled(
+        _asset('page.html'),
+        {
+            'policy': policy,
+            'version': __version__,
+            'title': escape(mission.title),
+            'subtitle': escape(_subtitle(mission)),
+            'style': _asset('page.css'),
+            'missing': _missing(mission.missing),
+            'overview': _overview(mission, scene),
+            'charts': _chart_columns(charts),
+            'details': _details(mission),
+            'source': escape(_source(mission)),
+            'speeds': ''.join(f'<option value="{s:g}">{s:g}×</option>' for s in _SPEEDS),
+            'data': data,
+            'plotly': plotly,
+            'script': script,
+        },
+    )
+
+
+def mission_charts(mission: Mission) -> list[Chart]:
+    """Return the charts that have anything to show."""
+    charts = [state_chart(mission), control_chart(mission), error_chart(mission)]
+    return [chart for chart in charts if any(panel.curves for panel in chart.panels)]
+
+
+def motion_span(mission: Mission) -> tuple[float, float]:
+    """Return the part of the time that is shown first: the motion, and what follows closely [s]."""
+    first, last = mission.span
+    ends = [plan.end for vehicle in mission.vehicles for plan in vehicle.plans]
+    if not ends:
+        return first, last
+    end = max(ends)
+    after = max(_LEAST_AFTER, _SHARE_AFTER * end)
+    return max(first, -_LEAD), min(last, end + after)
+
+
+def playing_speed(mission: Mission) -> float:
+    """Return the speed at which the motion is over in a time that is pleasant to watch."""
+    start, end = motion_span(mission)
+    return min(_SPEEDS, key=lambda speed: abs((end - start) / speed - _PLAYED_IN))
+
+
+def _asset(name: str) -> str:
+    return files('tdm_sim.report').joinpath('assets', name).read_text(encoding='utf-8')
+
+
+def _filled(template: str, slots: Slots) -> str:
+    """Fill the template in one pass, so that what is filled in is never taken for a slot."""
+    return re.sub(r'{{(\w+)}}', lambda match: slots[match.group(1)], template)
+
+
+def _subtitle(mission: Mission) -> str:
+    parts = [figures.summary for figures in mission.figures[-1:] if figures.summary]
+    if not mission.was_carried_out:
+        parts.append('planned, not carried out')
+    return ' · '.join(parts or [mission.problem])
+
+
+def _source(mission: Mission) -> str:
+    parts = [f'tdm_planner {__version__}']
+    if mission.source:
+        parts.append(f'from {mission.source}')
+    if mission.recorded_at is not None:
+        at = datetime.fromtimestamp(mission.recorded_at, timezone.utc)
+        parts.append(f'recorded {at:%Y-%m-%d %H:%M:%S} UTC')
+    return ' · '.join(parts)
+
+
+def _missing(sentences: Iterable[str]) -> str:
+    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
+    if not items:
+        return ''
+    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+
+
+def _overview(mission: Mission, scene: Mapping[str, object] | None) -> str:
+    table = summary_table(mission)
+    summary = f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'
+    if scene is None:
+        return f'<section class="overview">{summary}<div id="scene" hidden></div></section>'
+    stage = (
+        '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
+        f'{_key(mission, str(scene["kind"]))}</section>'
+    )
+    return f'<section class="overview two">{stage}{summary}</section>'
+
+
+def _key(mission: Mission, kind: str) -> str:
+    line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
+    entries = {'planned': line.format('rig planned')}
+    if kind == 'arena':
+        entries = {
+            'planned path': line.format('path'),
+            'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
+            'half the minimum separation': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
+            'stroke-dasharray="3 3"></circle>',
+            'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
+            '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',
+        }
+        if mission.was_carried_out:
+            entries['travelled'] = line.format('trail')
+    else:
+        if mission.was_carried_out:
+            entries['measured'] = line.format('rig measured')
+        if mission.number('limits.disk_angle') is not None:
+            entries['limit of the disk'] = line.format('limit')
+        entries['torque'] = (
+            '<path d="M2 12 A 12 12 0 0 1 22 8 M16 4 L22 8 L16 12" stroke="currentColor"></path>'
+        )
+    items = ''.join(
+        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{drawing}</svg>{escape(name)}</li>'
+        for name, drawing in entries.items()
+    )
+    return f'<ul class="key">{items}</ul>'
+
+
+def _chart_columns(charts: Iterable[Chart]) -> str:
+    """Return the charts in two columns of about the same height."""
+    columns: list[list[str]] = [[], []]
+    heights = [0, 0]
+    for chart in charts:
+        shorter = heights.index(min(heights))
+        heights[shorter] += len(chart.panels) + 1
+        note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
+        columns[shorter].append(
+            f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
+            f'<div class="chart" id="chart-{chart.key}"></div></section>'
+        )
+    return ''.join(f'<div class="column">{"".join(column)}</div>' for column in columns if column)
+
+
+def _details(mission: Mission) -> str:
+    parts = []
+    if mission.events:
+        grave = sum(event.level != Severity.OK for event in mission.events)
+        count = f'{len(mission.events)} events, {grave} of them warnings or errors'
+        parts.append(
+            '<section class="card" id="events"><h2>Events</h2>'
+            f'<p class="note">{count}</p><div class="scroll">{events_table(mission)}</div></section>'
+        )
+    if mission.parameters:
+        parts.append(
+            '<section class="card" id="parameters"><details><summary>Parameters of the problem'
+            f'</summary>{parameters_table(mission.parameters)}</details></section>'
+        )
+    return f'<div class="column">{"".join(parts)}</div>' if parts else ''
