@@ -17,6 +17,7 @@ from tdm_sim.report.embedding import packed
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]
+Frames = dict[str, Array]  # by name, (n,)
 
 # Frames per second of the motion; the page reads between frames.
 FRAME_RATES = {'pendulum': 100.0, 'robot': 25.0}
@@ -43,9 +44,7 @@ def frame_times(span: tuple[float, float], rate: float) -> Array:
     return np.linspace(*span, min(max(count, FEWEST_FRAMES), MOST_FRAMES))
 
 
-def planned_frames(
-    vehicle: Vehicle, times: Array, names: Sequence[str]
-) -> dict[str, Array] | None:
+def planned_frames(vehicle: Vehicle, times: Array, names: Sequence[str]) -> Frames | None:
     """Return planned states and controls at `times`, of the plan in force then; None if no plan.
 
     Before the first motion its start is shown, after a motion its end; controls act during it.
@@ -67,9 +66,7 @@ def planned_frames(
     return frames
 
 
-def measured_frames(
-    vehicle: Vehicle, times: Array, names: Sequence[str]
-) -> dict[str, Array] | None:
+def measured_frames(vehicle: Vehicle, times: Array, names: Sequence[str]) -> Frames | None:
     """Return measured states and controls at `times`, NaN where nothing was; None if no states."""
     if vehicle.states is None:
         return None
@@ -117,7 +114,7 @@ def _pendulum_scene(mission: Mission) -> dict[str, Any]:
 def _arena_scene(mission: Mission) -> dict[str, Any]:
     times = frame_times(mission.span, FRAME_RATES['robot'])
     obstacles = mission.numbers('arena.obstacles')
-    circles = [] if obstacles is None else obstacles[: obstacles.size // 3 * 3].reshape(-1, 3)
+    circles = np.zeros(0) if obstacles is None else obstacles[: obstacles.size // 3 * 3]
     return {
         'kind': 'arena',
         'times': packed(times),
@@ -125,7 +122,7 @@ def _arena_scene(mission: Mission) -> dict[str, Any]:
         'width': mission.number('arena.width'),
         'separation': mission.number('arena.minimum_separation'),
         'thrustLimit': mission.number('limits.thrust'),
-        'obstacles': [list(map(float, circle)) for circle in circles],
+        'obstacles': circles.reshape(-1, 3).tolist(),
         'robots': [
             _robot(vehicle, times, k % len(COLOURS)) for k, vehicle in enumerate(mission.vehicles)
         ],

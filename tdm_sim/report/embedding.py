@@ -18,13 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 # Within a JSON string these mean the same as the characters; in HTML they mean nothing.
-_ESCAPES = {
-    '<': '\\u003c',
-    '>': '\\u003e',
-    '&': '\\u0026',
-    '\u2028': '\\u2028',
-    '\u2029': '\\u2029',
-}
+_ESCAPES = {'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'}
 
 
 def packed(values: ArrayLike) -> dict[str, str]:

@@ -190,7 +190,7 @@ def switching_instants(plan: PlanInForce) -> list[float]:
         return []
     jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
     instants = plan.start + trajectory.times[1:-1][jumps]
-    return instants[instants <= plan.carried_out_until].tolist()
+    return [float(at) for at in instants[instants <= plan.carried_out_until]]
 
 
 def _planned_curve(
@@ -198,7 +198,8 @@ def _planned_curve(
 ) -> Curve:
     """Every plan as long as it was followed, with gaps between them."""
     held = False
-    times, values = [], []
+    times: list[Array] = []
+    values: list[Array] = []
     for plan in plans:
         at, trajectory = plan_instants(plan, most // len(plans)), plan.trajectory
         column = _plan_names(plan, group).index(name)
@@ -208,7 +209,7 @@ def _planned_curve(
         else:
             read = plan.states(at)[:, column]
         times += [at, at[-1:]]
-        values += [read, [np.nan]]
+        values += [read, np.array([np.nan])]
     colour, series = colour_of(mission, index, 'planned'), series_of(mission, index)
     return Curve('planned', np.concatenate(times), np.concatenate(values), colour, series, held)
 
@@ -222,4 +223,5 @@ def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
     between = np.linspace(plan.start, end, min(most, 400))
     instants: Array = np.union1d(samples[samples < end], np.append(between, end))
     # an instant and its double, rounded differently, would make a needle in a held control
-    return instants[np.append(True, np.diff(instants) > 1e-9)]
+    apart: Array = instants[np.append(True, np.diff(instants) > 1e-9)]
+    return apart

@@ -86,7 +86,7 @@ def report_page(mission: Mission) -> str:
             'charts': _chart_columns(charts),
             'details': _details(mission),
             'source': escape(_source(mission)),
-            'speeds': ''.join(f'<option value="{s:g}">{s:g}×</option>' for s in _SPEEDS),
+            'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),
             'data': data,
             'plotly': plotly,
             'script': script,
@@ -101,7 +101,7 @@ def mission_charts(mission: Mission) -> list[Chart]:
 
 
 def motion_span(mission: Mission) -> tuple[float, float]:
-    """Return the part of the time that is shown first: the motion, and what follows closely [s]."""
+    """Return the part of the time that is shown first: the motion and what follows closely."""
     first, last = mission.span
     ends = [plan.end for vehicle in mission.vehicles for plan in vehicle.plans]
     if not ends:
@@ -213,7 +213,8 @@ def _details(mission: Mission) -> str:
         count = f'{len(mission.events)} events, {grave} of them warnings or errors'
         parts.append(
             '<section class="card" id="events"><h2>Events</h2>'
-            f'<p class="note">{count}</p><div class="scroll">{events_table(mission)}</div></section>'
+            f'<p class="note">{count}</p>'
+            f'<div class="scroll">{events_table(mission)}</div></section>'
         )
     if mission.parameters:
         parts.append(
