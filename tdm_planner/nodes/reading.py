@@ -161,6 +161,28 @@ def yaw_of(rotation: Any) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
+def robot_motion(motion: Any) -> Trajectory:
+    """Read the motion of a robot alone, without its thruster and controls; yaw is unwrapped.
+
+    The states are x, y, u, v, yaw, omega; there are no controls.
+
+    Raises
+    ------
+    InvalidProblem
+        As `robot_trajectory` does.
+    """
+    _check_motion(motion, None)
+    return Trajectory(
+        times=_instants([point.time_from_start for point in motion.points]),
+        states=_poses(motion),
+        controls=np.zeros((len(motion.points), 0)),
+        state_names=ROBOT_STATES[:6],
+        control_names=(),
+        interpolation='linear',
+        state_units=FloatingRobot.state_units[:6],
+    )
+
+
 def robot_trajectory(
     motion: Any,
     controls: Any,
@@ -180,8 +202,7 @@ def robot_trajectory(
     times = _instants([point.time_from_start for point in motion.points])
     if not np.array_equal(times, _instants([point.time_from_start for point in controls.points])):
         raise InvalidProblem("the samples of 'trajectory' and 'controls' differ in their times")
-    poses = np.array([_pose(point, k) for k, point in enumerate(motion.points)])
-    poses[:, 4] = np.unwrap(poses[:, 4])
+    poses = _poses(motion)
     index = joint_indices(controls.joint_names, ROBOT_JOINTS)
     actuators = np.array([_actuators(p, index, k) for k, p in enumerate(controls.points)])
     return Trajectory(
@@ -197,6 +218,16 @@ def robot_trajectory(
 
 
 def _check_pair(motion: Any, controls: Any, robot: str | None) -> None:
+    _check_motion(motion, robot)
+    if motion.header.stamp != controls.header.stamp:
+        raise InvalidProblem("'trajectory' and 'controls' start at different instants")
+    if len(motion.points) != len(controls.points):
+        raise InvalidProblem(
+            f"'trajectory' has {len(motion.points)} points, 'controls' {len(controls.points)}"
+        )
+
+
+def _check_motion(motion: Any, robot: str | None) -> None:
     if robot is not None and list(motion.joint_names) != [robot]:
         raise InvalidProblem(
             f"trajectory 'joint_names' = {list(motion.joint_names)} must be ['{robot}']"
@@ -205,16 +236,17 @@ def _check_pair(motion: Any, controls: Any, robot: str | None) -> None:
         raise InvalidProblem(
             f"trajectory 'frame_id' = '{motion.header.frame_id}' must be '{ARENA_FRAME}'"
         )
-    if motion.header.stamp != controls.header.stamp:
-        raise InvalidProblem("'trajectory' and 'controls' start at different instants")
     if len(motion.points) < 2:
         raise InvalidProblem(
             f"trajectory 'points' has {len(motion.points)} points: at least two are needed"
         )
-    if len(motion.points) != len(controls.points):
-        raise InvalidProblem(
-            f"'trajectory' has {len(motion.points)} points, 'controls' {len(controls.points)}"
-        )
+
+
+def _poses(motion: Any) -> Array:
+    """Return x, y, u, v, yaw, omega of every point, (n, 6)."""
+    poses = np.array([_pose(point, k) for k, point in enumerate(motion.points)])
+    poses[:, 4] = np.unwrap(poses[:, 4])
+    return poses
 
 
 def _instants(durations: Sequence[object]) -> Array:

@@ -1,0 +1,257 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a recording, whole or damaged: rosbag2 folders and single MCAP or SQLite files.
+
+A recording that is whole is read by `rosbags`. Of one that was cut short - no metadata, no index,
+half a file - everything that can still be read is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+import re
+import shutil
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar, NamedTuple
+
+from tdm_planner.exceptions import TdmError
+
+STORAGES = ('.mcap', '.db3')
+_COMPRESSED = '.zstd'
+_ZSTD = b'\x28\xb5\x2f\xfd'
+_SIDECARS = ('-wal', '-journal')
+_LARGEST_RECORD = 2**30  # bytes; a longer one is damage
+_BLOCK = 2**20
+
+
+class UnreadableRecording(TdmError):
+    """What was given is no recording, or holds nothing a report could tell of."""
+
+    code: ClassVar[str] = 'UNREADABLE'
+
+
+class Raw(NamedTuple):
+    """A message as recorded: received at `stamp` [ns]."""
+
+    topic: str
+    type_name: str
+    stamp: int
+    data: bytes
+
+
+Wanted = Callable[[str, str], bool]
+"""Whether messages of a topic and type are wanted."""
+
+
+def check_recording(path: Path) -> None:
+    """Refuse what cannot be a recording.
+
+    Raises
+    ------
+    UnreadableRecording
+        Saying what it is instead.
+    """
+    if not path.exists():
+        raise UnreadableRecording(f"there is no file or folder '{path}'")
+    if path.is_dir():
+        if not (path / 'metadata.yaml').is_file() and not _files(path):
+            raise UnreadableRecording(
+                f"the folder '{path}' is no recording: it holds neither metadata.yaml nor a .mcap "
+                'or .db3 file'
+            )
+    elif path.suffix == '.bag':
+        raise UnreadableRecording(
+            f"'{path}' is a bag of ROS 1: convert it first, 'rosbags-convert --src {path} --dst "
+            f"{path.stem}'"
+        )
+    elif not _storage(path):
+        raise UnreadableRecording(
+            f"'{path}' is no recording: a report is made of a rosbag2 folder, a .mcap or .db3 "
+            'file, or a plan (.json)'
+        )
+    if not _has_rosbags():
+        raise UnreadableRecording(
+            "reading a recording needs the Python package 'rosbags', which is not installed: "
+            "'pip install rosbags'"
+        )
+
+
+def _has_rosbags() -> bool:
+    try:
+        import rosbags.rosbag2  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def topics(path: Path) -> dict[str, str]:
+    """Return the type of every topic of a whole recording."""
+    from rosbags.rosbag2 import Reader
+
+    with Reader(path) as reader:
+        return {connection.topic: connection.msgtype for connection in reader.connections}
+
+
+def messages(path: Path, wanted: Wanted) -> Iterator[Raw]:
+    """Read a whole recording; raises whatever the library does for one that is damaged."""
+    from rosbags.rosbag2 import Reader
+
+    if path.suffix == _COMPRESSED or _sidecars(path):
+        raise UnreadableRecording(f"'{path}' must be unpacked first")
+    with Reader(path) as reader:
+        chosen = [c for c in reader.connections if wanted(c.topic, c.msgtype)]
+        if not chosen:
+            return
+        for connection, stamp, data in reader.messages(chosen):
+            yield Raw(connection.topic, connection.msgtype, stamp, unpacked(data))
+
+
+def salvaged(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+    """Read what is left of a damaged recording; what is lost is told in `notes`."""
+    files = _files(path) if path.is_dir() else [path]
+    for file in files:
+        with _unpacked_file(file, notes) as plain:
+            read = _salvaged_mcap if plain.suffix == '.mcap' else _salvaged_sqlite
+            yield from read(plain, wanted, notes)
+
+
+def unpacked(data: bytes) -> bytes:
+    """Return a message, unpacked where it was compressed alone."""
+    if data[:4] != _ZSTD:
+        return data
+    import zstandard
+
+    limit = zstandard.frame_content_size(data)
+    if limit > _LARGEST_RECORD:
+        raise ValueError('a compressed message is too large')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST_RECORD)
+
+
+def _storage(path: Path) -> str:
+    """Return which storage a file's name tells of; '' for none."""
+    name = path.name.removesuffix(_COMPRESSED)
+    return next((ending for ending in STORAGES if name.endswith(ending)), '')
+
+
+def _files(folder: Path) -> list[Path]:
+    """Storage files of a folder, in the order they were written."""
+    found = [path for path in folder.iterdir() if path.is_file() and _storage(path)]
+    return sorted(found, key=lambda path: [int(n) for n in re.findall(r'\d{1,9}', path.name)])
+
+
+def _sidecars(path: Path) -> list[Path]:
+    """What SQLite has not yet moved into a file that was not closed."""
+    beside = [path.with_name(path.name + ending) for ending in _SIDECARS]
+    return [file for file in beside if file.is_file() and file.stat().st_size]
+
+
+@contextmanager
+def _unpacked_file(path: Path, notes: list[str]) -> Iterator[Path]:
+    """Return a file that can be read as it is; originals are not touched."""
+    beside = _sidecars(path)
+    if path.suffix != _COMPRESSED and not beside:
+        yield path
+        return
+    with TemporaryDirectory(prefix='tdm_report') as folder:
+        plain = Path(folder, 'recording' + _storage(path))
+        if path.suffix == _COMPRESSED:
+            _unpack(path, plain, notes)
+        else:
+            shutil.copyfile(path, plain)
+        for file in beside:
+            shutil.copyfile(file, plain.with_name(plain.name + file.name.removeprefix(path.name)))
+        yield plain
+
+
+def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
+    import zstandard
+
+    with packed.open('rb') as source, plain.open('wb') as target:
+        stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
+        try:
+            while block := stream.read(_BLOCK):
+                target.write(block)
+        except zstandard.ZstdError:
+            notes.append(f'{packed.name} is damaged: it was unpacked as far as it goes.')
+
+
+def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+    try:
+        from mcap.exceptions import InvalidMagic
+        from mcap.records import Channel, Chunk, Footer, Message, Schema
+        from mcap.stream_reader import breakup_chunk, StreamReader
+    except ImportError:
+        raise UnreadableRecording(
+            f"'{path.name}' was not closed; reading it needs the Python package 'mcap', which is "
+            "not installed: 'pip install mcap'"
+        ) from None
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str, bool]] = {}
+    lost, complete = 0, False
+    with path.open('rb') as file:
+        records = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD).records
+        while True:
+            try:
+                record: Any = next(records)
+            except StopIteration:
+                break
+            except InvalidMagic:
+                # of the beginning or, where the footer has been read, of the end
+                if not (schemas or channels or complete):
+                    notes.append(f'{path.name} is not an MCAP file.')
+                break
+            except Exception:  # the library raises many kinds where a file ends in the middle
+                break
+            complete = complete or isinstance(record, Footer)
+            parts = [record]
+            if isinstance(record, Chunk):
+                try:
+                    parts = breakup_chunk(record, validate_crc=True)
+                except Exception:  # as many kinds for a chunk that is damaged
+                    lost += 1
+                    continue
+            for part in parts:
+                if isinstance(part, Schema):
+                    schemas[part.id] = part.name
+                elif isinstance(part, Channel):
+                    kind = schemas.get(part.schema_id, '')
+                    channels[part.id] = part.topic, kind, wanted(part.topic, kind)
+                elif isinstance(part, Message) and part.channel_id in channels:
+                    topic, kind, is_wanted = channels[part.channel_id]
+                    if is_wanted:
+                        with suppress(Exception):  # of a compressed message that is damaged
+                            yield Raw(topic, kind, part.log_time, unpacked(part.data))
+    if lost:
+        notes.append(f'{path.name}: {lost} damaged block(s) of messages were left out.')
+    if not complete:
+        notes.append(
+            f'{path.name} was cut short: what was recorded last is missing, up to the last block '
+            'of messages that is whole.'
+        )
+
+
+def _salvaged_sqlite(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+    import sqlite3
+
+    # Copied files may be written to (SQLite puts them in order); others are left as they are.
+    mode = 'mode=rw' if _sidecars(path) else 'mode=ro&immutable=1'
+    try:
+        database = sqlite3.connect(f'{path.absolute().as_uri()}?{mode}', uri=True)
+        rows = database.execute('SELECT id, name, type FROM topics').fetchall()
+    except sqlite3.Error as error:
+        notes.append(f'{path.name} cannot be read as a database of messages ({error}).')
+        return
+    known = {key: (str(name), str(kind)) for key, name, kind in rows}
+    chosen = [key for key, (name, kind) in known.items() if wanted(name, kind)]
+    marks = ','.join('?' * len(chosen))
+    query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
+    try:
+        for key, stamp, data in database.execute(query, chosen):
+            with suppress(Exception):  # of a compressed message that is damaged
+                yield Raw(*known[key], int(stamp), unpacked(data))
+    except sqlite3.Error as error:
+        notes.append(f'{path.name} is damaged: messages are missing ({error}).')
+    finally:
+        database.close()

@@ -1,0 +1,25 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A mission from a path: a recording or a plan file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tdm_sim.report.bag_reader import read_bag
+from tdm_sim.report.mission import Mission
+from tdm_sim.report.plan_reader import read_plan
+
+
+def read_mission(path: Path | str, namespace: str | None = None) -> Mission:
+    """Read a rosbag2 folder, a single .mcap or .db3 file, or a plan file (.json).
+
+    `namespace` chooses among several planners in one recording.
+
+    Raises
+    ------
+    TdmError
+        In one sentence, if nothing can be made of it.
+    """
+    path = Path(path)
+    return read_plan(path) if path.suffix.lower() == '.json' else read_bag(path, namespace)

@@ -1,0 +1,99 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes said of themselves during a recording: changes in diagnostics, and warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.trajectory import NANOSECOND
+from tdm_sim.report import untrusted
+from tdm_sim.report.mission import Event, Severity
+from tdm_sim.report.recorded_topics import DIAGNOSTICS, LOG, RecordedTopics
+
+MOST_EVENTS = 300
+
+_WARNING, _ERROR = 30, 40  # levels of a log message
+_PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
+_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message tell of the same matter
+
+
+@dataclass(frozen=True)
+class Status:
+    """A diagnostic status, published at `instant` [ns] by the node `source`."""
+
+    instant: int
+    level: Severity
+    source: str
+    message: str
+    values: dict[str, str]
+
+
+def statuses(topics: RecordedTopics) -> Iterator[Status]:
+    """Return every diagnostic status, in the order recorded."""
+    for received in topics.of_type(DIAGNOSTICS).values():
+        for item in received:
+            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
+            for status in item.message.status:
+                yield Status(
+                    instant=instant,
+                    level=Severity(min(max(int(status.level), 0), 3)),
+                    source=untrusted.text(status.name.split(':')[0], 200),
+                    message=untrusted.text(status.message),
+                    values={
+                        untrusted.text(pair.key, 200): untrusted.text(pair.value)
+                        for pair in status.values[: untrusted.MOST_ENTRIES]
+                    },
+                )
+
+
+def events(topics: RecordedTopics, namespace: str, origin: int) -> tuple[list[Event], int]:
+    """Return what happened, in order of time, and how many events were left out as too many.
+
+    Of the nodes below `namespace` every change is told, of others errors and warnings. Times count
+    from `origin` [ns].
+    """
+    found = [*_changes(topics, namespace, origin)]
+    found += _logged(topics, origin, found)
+    found.sort(key=lambda event: event.time)
+    if len(found) <= MOST_EVENTS:
+        return found, 0
+    gravest = sorted(found, key=lambda event: -event.level)[:MOST_EVENTS]
+    return sorted(gravest, key=lambda event: event.time), len(found) - MOST_EVENTS
+
+
+def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
+    last: dict[str, tuple[Severity, str]] = {}
+    for status in statuses(topics):
+        own = status.source.startswith(f'{namespace.rstrip("/")}/')
+        now = status.level, status.message
+        if status.level == Severity.OK and (status.message in _PASSING or not own):
+            continue
+        if last.get(status.source) != now:
+            last[status.source] = now
+            time = (status.instant - origin) * NANOSECOND
+            yield Event(time, status.level, status.source, status.message)
+
+
+def _logged(topics: RecordedTopics, origin: int, told: list[Event]) -> Iterator[Event]:
+    near: dict[tuple[str, int], list[str]] = {}
+    for event in told:
+        near.setdefault((event.source, int(event.time // _SAME_TIME)), []).append(event.text)
+    for received in topics.of_type(LOG).values():
+        for item in received:
+            log = item.message
+            if log.level < _WARNING:
+                continue
+            event = Event(
+                time=((nanoseconds_of(log.stamp) or item.stamp) - origin) * NANOSECOND,
+                level=Severity.WARN if log.level < _ERROR else Severity.ERROR,
+                source='/' + untrusted.text(log.name, 200).replace('.', '/'),
+                text=untrusted.text(log.msg),
+            )
+            slot = int(event.time // _SAME_TIME)
+            said = [t for k in (slot - 1, slot, slot + 1) for t in near.get((event.source, k), [])]
+            if not any(text in event.text or event.text in text for text in said):
+                near.setdefault((event.source, slot), []).append(event.text)
+                yield event

@@ -1,0 +1,296 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Vehicles of a recording, found by their topics; measured histories by the names of the plans'.
+
+Topics are told by their last name and by what is in them, in whichever namespace they stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.nodes.reading import (
+    PENDULUM_JOINTS,
+    PENDULUM_STATES,
+    ROBOT_JOINTS,
+    ROBOT_STATES,
+)
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.trajectory import NANOSECOND
+from tdm_sim.report.mission import PlanInForce, Plant, Signals
+from tdm_sim.report.recorded_plans import is_pendulum
+from tdm_sim.report.recorded_topics import (
+    BODY_PLAN,
+    JOINT_PLAN,
+    JOINT_STATE,
+    ODOMETRY,
+    RecordedTopics,
+    Stream,
+)
+
+Array = NDArray[np.float64]
+
+_TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a vehicle's topics stand, what it is, and where its planner's do."""
+
+    namespace: str
+    plant: Plant
+    planner: str
+
+
+def namespace_of(topic: str) -> str:
+    """Return the namespace of a topic, without a slash at its end."""
+    return topic.rsplit('/', 1)[0]
+
+
+def find_sites(topics: RecordedTopics, summaries: Mapping[str, object]) -> list[Site]:
+    """Return every vehicle; `summaries` has the namespaces in which planners told of plans."""
+    plants: dict[str, Plant] = {}
+    for topic, kind in sorted(topics.types.items()):
+        found = _plant_of(topics, topic, kind)
+        namespace = namespace_of(topic)
+        if found is not None and plants.get(namespace, 'other') == 'other':
+            plants[namespace] = found
+    sites = []
+    for namespace, plant in plants.items():
+        planner = _planner_of(namespace, plant, summaries)
+        if planner is not None:
+            sites.append(Site(namespace, plant, planner))
+    return sites
+
+
+def _planner_of(namespace: str, plant: Plant, summaries: Mapping[str, object]) -> str | None:
+    above = namespace_of(namespace)
+    for candidate in (namespace, above):
+        if candidate in summaries:
+            return candidate
+    if plant == 'other':
+        return None  # topics called `trajectory` and `joint_states` are not ours alone
+    return above if plant == 'robot' else namespace
+
+
+def _plant_of(topics: RecordedTopics, topic: str, kind: str) -> Plant | None:
+    """Return the plant that a topic tells of."""
+    name = topic.rsplit('/', 1)[-1]
+    if kind == BODY_PLAN and name == 'trajectory':
+        return 'robot'
+    if kind == JOINT_PLAN and name in ('trajectory', 'controls'):
+        received = topics.messages.get(topic)
+        if not received:
+            return None
+        joints = list(received[0].message.joint_names)
+        if name == 'controls':
+            return 'robot' if ROBOT_JOINTS[0] in joints else None
+        return 'pendulum' if is_pendulum(received[0].message) else 'other'
+    if kind == ODOMETRY and name == 'odom':
+        return 'robot' if topics.streams[topic].frame == ARENA_FRAME else None
+    if kind == JOINT_STATE and name in ('joint_states', 'joint_command'):
+        joints = list(topics.streams[topic].joints)
+        if set(PENDULUM_JOINTS) <= set(joints):
+            return 'pendulum'
+        return 'robot' if set(ROBOT_JOINTS) <= set(joints) else 'other'
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What was measured of a vehicle, and what it was told."""
+
+    states: Signals | None
+    commands: Signals | None
+    applied: Signals | None
+    tracking_error: Signals | None
+
+
+def measured(
+    topics: RecordedTopics, site: Site, origin: int, plans: tuple[PlanInForce, ...]
+) -> Measured:
+    """Return measured states and controls, times from `origin` [ns].
+
+    Angles of robots are unwrapped, and counted on the turn on which the first plan starts.
+    """
+
+    def stream(name: str, kind: str) -> Stream | None:
+        found = topics.streams.get(f'{site.namespace}/{name}')
+        right = topics.types.get(f'{site.namespace}/{name}') == kind
+        return found if found is not None and right and found.instants.size else None
+
+    joints, command = stream('joint_states', JOINT_STATE), stream('joint_command', JOINT_STATE)
+    error = stream('tracking_error', JOINT_STATE)
+    errors = None if error is None else _errors(error, site.plant, origin)
+    if site.plant == 'pendulum':
+        return Measured(
+            states=None if joints is None else _pendulum_states(joints, origin),
+            commands=None if command is None else _pendulum_controls(command, origin),
+            applied=None if joints is None else _pendulum_controls(joints, origin),
+            tracking_error=errors,
+        )
+    if site.plant == 'robot':
+        odometry = stream('odom', ODOMETRY)
+        states = None if odometry is None else _robot_states(odometry, joints, origin)
+        return Measured(
+            states=None if states is None else _on_planned_turn(states, plans),
+            commands=None if command is None else _robot_controls(command, origin),
+            applied=None if joints is None else _robot_controls(joints, origin),
+            tracking_error=errors,
+        )
+    states = None if joints is None else _named_states(joints, origin, plans)
+    commands = None if command is None else _named_controls(command, origin, plans)
+    return Measured(states, commands, None, errors)
+
+
+def _signals(
+    stream: Stream, origin: int, columns: Mapping[str, Array], units: Mapping[str, str]
+) -> Signals | None:
+    """Return histories; None if nothing at all was measured."""
+    values = np.stack(list(columns.values()), axis=1)
+    if np.isnan(values).all():
+        return None
+    times = np.asarray((stream.instants - origin) * NANOSECOND, dtype=np.float64)
+    return Signals(times, values, tuple(columns), tuple(units.get(name, '') for name in columns))
+
+
+_PENDULUM_UNITS = dict(zip(PENDULUM_STATES, RotaryPendulum.state_units, strict=True))
+_ROBOT_UNITS = {
+    **dict(zip(ROBOT_STATES, FloatingRobot.state_units, strict=True)),
+    **dict(zip(FloatingRobot.control_names, FloatingRobot.control_units, strict=True)),
+}
+
+
+def _pendulum_states(joints: Stream, origin: int) -> Signals | None:
+    columns = {
+        'theta': joints.column('pendulum.position'),
+        'psi': joints.column('disk.position'),
+        'theta_dot': joints.column('pendulum.velocity'),
+        'psi_dot': joints.column('disk.velocity'),
+    }
+    return _signals(joints, origin, columns, _PENDULUM_UNITS)
+
+
+def _pendulum_controls(stream: Stream, origin: int) -> Signals | None:
+    return _signals(stream, origin, {'torque': stream.column('disk.effort')}, {'torque': 'N m'})
+
+
+def _robot_states(odometry: Stream, joints: Stream | None, origin: int) -> Signals | None:
+    qx, qy, qz, qw = (odometry.column(name) for name in ('qx', 'qy', 'qz', 'qw'))
+    yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+    yaw[~(np.abs(np.sqrt(qx**2 + qy**2 + qz**2 + qw**2) - 1.0) < 1e-3)] = np.nan
+    c, s = np.cos(yaw), np.sin(yaw)
+    vx, vy = odometry.column('vx'), odometry.column('vy')
+    columns = {
+        'x': odometry.column('x'),
+        'y': odometry.column('y'),
+        'u': c * vx - s * vy,
+        'v': s * vx + c * vy,
+        'yaw': _unwrapped(yaw),
+        'omega': odometry.column('omega'),
+    }
+    if joints is not None:
+        columns['alpha'] = np.interp(
+            odometry.instants.astype(float),
+            joints.instants.astype(float),
+            joints.column('thruster.position'),
+            left=np.nan,
+            right=np.nan,
+        )
+    return _signals(odometry, origin, columns, _ROBOT_UNITS)
+
+
+def _robot_controls(stream: Stream, origin: int) -> Signals | None:
+    columns = {
+        'thrust': stream.column('thruster.effort'),
+        'thruster_rate': stream.column('thruster.velocity'),
+        'torque': stream.column('reaction_wheel.effort'),
+    }
+    return _signals(stream, origin, columns, _ROBOT_UNITS)
+
+
+def _unwrapped(angle: Array) -> Array:
+    known = ~np.isnan(angle)
+    unwrapped = angle.copy()
+    unwrapped[known] = np.unwrap(angle[known])
+    return unwrapped
+
+
+def _on_planned_turn(states: Signals, plans: tuple[PlanInForce, ...]) -> Signals:
+    """Shift angles by whole turns to where the first plan that was followed has them."""
+    for plan in plans:
+        values = states.values.copy()
+        for name in {'yaw', 'alpha'} & set(states.names) & set(plan.trajectory.state_names):
+            k = states.names.index(name)
+            planned = plan.states(states.times)[:, plan.trajectory.state_names.index(name)]
+            during = (states.times >= plan.start) & (states.times <= plan.carried_out_until)
+            away = values[during, k] - planned[during]
+            if np.isfinite(away).any():
+                first = away[np.isfinite(away)][0]
+                values[:, k] -= _TURN * np.round(first / _TURN)
+        return Signals(states.times, values, states.names, states.units)
+    return states
+
+
+def _named_states(joints: Stream, origin: int, plans: tuple[PlanInForce, ...]) -> Signals | None:
+    """States of a plan by name, of which the positions of a JointState are."""
+    if not plans:
+        return None
+    plan = plans[-1].trajectory
+    names = [name for name in plan.state_names if f'{name}.position' in joints.columns]
+    if not names:
+        return None
+    columns = {name: joints.column(f'{name}.position') for name in names}
+    return _signals(joints, origin, columns, plan.units)
+
+
+def _named_controls(
+    command: Stream, origin: int, plans: tuple[PlanInForce, ...]
+) -> Signals | None:
+    if not plans:
+        return None
+    plan = plans[-1].trajectory
+    names = [name for name in plan.control_names if f'{name}.effort' in command.columns]
+    if not names:
+        return None
+    columns = {name: command.column(f'{name}.effort') for name in names}
+    return _signals(command, origin, columns, plan.units)
+
+
+def _errors(stream: Stream, plant: Plant, origin: int) -> Signals | None:
+    """What the tracker says of its errors, by the names of the states."""
+    if plant == 'pendulum':
+        sources = {
+            'theta': 'pendulum.position',
+            'psi': 'disk.position',
+            'theta_dot': 'pendulum.velocity',
+            'psi_dot': 'disk.velocity',
+        }
+        return _signals(
+            stream, origin, {n: stream.column(c) for n, c in sources.items()}, _PENDULUM_UNITS
+        )
+    if plant == 'robot':
+        sources = {
+            'x': 'x.position',
+            'y': 'y.position',
+            'u': 'x.velocity',
+            'v': 'y.velocity',
+            'yaw': 'yaw.position',
+            'omega': 'yaw.velocity',
+            'alpha': 'thruster.position',
+        }
+        return _signals(
+            stream, origin, {n: stream.column(c) for n, c in sources.items()}, _ROBOT_UNITS
+        )
+    columns = {
+        joint: stream.column(f'{joint}.position')
+        for joint in stream.joints
+        if f'{joint}.position' in stream.columns
+    }
+    return _signals(stream, origin, columns, {}) if columns else None
