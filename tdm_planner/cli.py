@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 import sys
-from typing import Any
 
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, TdmError
@@ -20,6 +18,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
+from tdm_sim.progress import make_progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
@@ -29,6 +28,7 @@ EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 OPTIONAL_PACKAGES = {
     'rclpy': 'source a ROS 2 installation, or run make setup in the source tree',
     'matplotlib': 'pip install matplotlib',
+    'plotly': "pip install 'plotly>=6'",
     'rich': 'pip install rich',
 }
 
@@ -95,6 +95,9 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument('plant', choices=sorted(SHORT_NAMES))
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
     demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    demo.add_argument(
+        '--view', action='store_true', help='show the report in the browser, until Ctrl-C'
+    )
     demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
     demo.set_defaults(run=_demo)
 
@@ -104,6 +107,15 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
     record.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     record.set_defaults(run=_record)
+
+    report = commands.add_parser('report', help='one HTML page on a recording or a plan')
+    report.add_argument('source', type=Path, metavar='BAG|PLAN', help='rosbag2 or plan.json')
+    report.add_argument(
+        '-o', '--output', type=Path, default=Path('report.html'), metavar='FILE.html'
+    )
+    report.add_argument('--view', action='store_true', help='show it in the browser, until Ctrl-C')
+    report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
+    report.set_defaults(run=_report)
     return parser
 
 
@@ -113,16 +125,19 @@ def _plan(options: argparse.Namespace) -> int:
         check_path(options.plot, ('.png', '.pdf', '.svg'))
     problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
     problem = problem_class.from_parameters(read_parameters(options.params, options.set))
-    with _working('compiling and tabulating', options.quiet):
+    with make_progress(options.quiet) as progress:
+        progress.phase('compiling and tabulating')
         problem.prepare()
-    with _working('planning', options.quiet):
+        progress.phase('planning')
         solution = problem.solve()
-    save_plan(plan_document(problem, solution), options.output)
-    if options.plot is not None:
-        _plot(problem, solution, options.plot)
-    if not options.quiet:
-        print(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')
-        print(f'written to {options.output}' + (f' and {options.plot}' if options.plot else ''))
+        save_plan(plan_document(problem, solution), options.output)
+        if options.plot is not None:
+            progress.phase(f'drawing {options.plot}')
+            _plot(problem, solution, options.plot)
+    progress.line(solution.summary or f'{solution.problem}: J = {solution.cost:.4g}')
+    progress.line(
+        f'written to {options.output}' + (f' and {options.plot}' if options.plot else '')
+    )
     return EXIT_DONE
 
 
@@ -133,20 +148,13 @@ def _plot(problem: Problem, solution: Solution, path: Path) -> None:
     plot_solution(problem, solution, path)
 
 
-def _working(what: str, quiet: bool) -> AbstractContextManager[Any]:
-    """Show that something goes on, on a terminal only."""
-    if quiet or not sys.stderr.isatty():
-        return nullcontext()
-    from rich.console import Console
-
-    return Console(stderr=True).status(f'{what} ...')
-
-
 def _demo(options: argparse.Namespace) -> int:
     from tdm_sim.demo import run_demo
 
     output = options.output or Path(options.plant)
     reached = run_demo(options.plant, output, parameters=options.params, quiet=options.quiet)
+    if options.view:
+        _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED
 
 
@@ -154,6 +162,23 @@ def _record(options: argparse.Namespace) -> int:
     from tdm_sim.recorder import run
 
     return run(options.output, options.topics, options.storage, options.quiet)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from tdm_sim.report.command import make_report
+
+    with make_progress(options.quiet) as progress:
+        make_report(options.source, options.output, progress)
+    progress.line(f'written to {options.output}')
+    if options.view:
+        _show(options.output)
+    return EXIT_DONE
+
+
+def _show(page: Path) -> None:
+    from tdm_sim.report.viewing import show
+
+    show(page)
 
 
 if __name__ == '__main__':

@@ -16,6 +16,7 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
@@ -29,7 +30,8 @@ from tdm_sim.demo_pendulum import PendulumScene
 from tdm_sim.demo_robots import RobotsScene
 from tdm_sim.demo_scene import Scene
 from tdm_sim.processes import NodeProcesses
-from tdm_sim.progress import Progress
+from tdm_sim.progress import make_progress, Progress
+from tdm_sim.report.command import make_report
 from tdm_sim.verdict import Verdict
 
 SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsScene}
@@ -37,7 +39,7 @@ SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsSce
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 20.0  # s for the planner to answer
 _RETRY = 0.2  # s between requests while states are on their way
-_OWN_FILES = ('bag', 'log', 'plan.json', 'plan.png')
+_OWN_FILES = ('bag', 'log', 'plan.json', 'plan.png', 'report.html')
 
 
 class DemoFailed(TdmError):
@@ -49,7 +51,7 @@ class DemoFailed(TdmError):
 def run_demo(
     plant: str, output: Path, parameters: Path | None = None, quiet: bool = False
 ) -> bool:
-    """Run the demo of a plant and leave bag, plan and picture in `output`.
+    """Run the demo of a plant and leave bag, plan, picture and report in `output`.
 
     Returns whether the goal was reached and held without a violated limit.
 
@@ -64,13 +66,14 @@ def run_demo(
     file = config_file(f'{plant}.yaml') if parameters is None else parameters
     scene = SCENES[plant](read_parameters(file), file.resolve())
     _prepare_folder(output)
-    with Progress(quiet) as progress:
+    with make_progress(quiet) as progress:
         verdict = _conduct(scene, output, progress)
         progress.phase(f'writing {output}/plan.json and {output}/plan.png')
         save_plan(scene.plan(), output / 'plan.json')
         scene.draw(output / 'plan.png')
-    progress.console.print(_table(verdict))
-    progress.console.print(f'recorded to {output}/bag', markup=False)
+        make_report(output / 'bag', output / 'report.html', progress)
+    Console(quiet=quiet, highlight=False).print(_table(verdict))
+    progress.line(f'recorded to {output}/bag, report in {output}/report.html')
     for reason in verdict.reasons:
         print(f'tdm demo: {reason}', file=sys.stderr)
     return verdict.reached

@@ -1,39 +1,35 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""A live line on a terminal, plain lines when piped, nothing when quiet."""
+"""How far a command has come: a live line on a terminal, plain lines when piped, or nothing."""
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 import time
 from types import TracebackType
 
-from rich.console import Console
-from rich.status import Status
-
 
 class Progress:
-    """Tell how far a long piece of work has come; a context manager."""
+    """Plain lines, one for every part of the work; none when quiet. A context manager."""
 
     def __init__(self, quiet: bool = False) -> None:
-        self.console = Console(quiet=quiet, highlight=False)
-        self._status: Status | None = None
+        self.quiet = quiet
         self._started = time.monotonic()
-        if self.console.is_terminal and not quiet:
-            self._status = self.console.status('')
 
     def phase(self, text: str) -> None:
         """Begin another part of the work."""
-        elapsed = time.monotonic() - self._started
-        self.console.print(f'[{elapsed:5.1f} s] {text}', markup=False, soft_wrap=True)
+        self.line(f'[{time.monotonic() - self._started:5.1f} s] {text}')
+
+    def line(self, text: str) -> None:
+        """Print a line that stays."""
+        if not self.quiet:
+            print(text, flush=True)
 
     def update(self, text: str) -> None:
         """Replace the live line; not shown when piped."""
-        if self._status is not None:
-            self._status.update(text)
 
     def __enter__(self) -> Progress:
-        if self._status is not None:
-            self._status.start()
         return self
 
     def __exit__(
@@ -42,5 +38,55 @@ class Progress:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        """End the live line."""
+
+
+class LiveProgress(Progress):
+    """Lines that stay, and below them a live one with the time the part at work has taken."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        from rich.console import Console
+        from rich.progress import Progress as Bars
+        from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        self._console = Console(highlight=False)
+        self._bars = Bars(
+            SpinnerColumn(),
+            TextColumn('{task.description}', markup=False),
+            TimeElapsedColumn(),
+            console=self._console,
+            transient=True,
+        )
+        self._task = self._bars.add_task('')
+
+    def phase(self, text: str) -> None:
+        """Begin another part of the work."""
+        super().phase(text)
+        self._bars.reset(self._task, description=text)
+
+    def line(self, text: str) -> None:
+        """Print a line that stays."""
+        self._console.print(text, markup=False, soft_wrap=True)
+
+    def update(self, text: str) -> None:
+        """Replace the live line."""
+        self._bars.update(self._task, description=text)
+
+    def __enter__(self) -> Progress:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+
+def make_progress(quiet: bool = False) -> Progress:
+    """Return what suits where the command prints to; plain lines where rich is not installed."""
+    live = not quiet and sys.stdout.isatty() and importlib.util.find_spec('rich') is not None
+    return LiveProgress() if live else Progress(quiet)
