@@ -15,6 +15,7 @@ from matplotlib.patches import Circle, Rectangle
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -23,14 +24,6 @@ Array = NDArray[np.float64]
 
 LIMIT = '#b3261e'
 _BODIES = 9  # instants at which the bodies are drawn
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredRobot:
-    """What a robot published: times (n,) s from the start of the motion, columns by name (n,)."""
-
-    times: Array
-    columns: Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,14 +183,3 @@ def _draw_distances(
     axis.grid(alpha=0.25)
     if len(plans) <= 4:
         axis.legend(fontsize='x-small', loc='upper right')
-
-
-def pair_distance(one: MeasuredRobot, other: MeasuredRobot) -> tuple[Array, Array]:
-    """Return the instants of `one` [s] that `other` covers too, and the distances then [m]."""
-    inside = (one.times >= other.times[0]) & (one.times <= other.times[-1])
-    times = one.times[inside]
-    apart = [
-        one.columns[axis][inside] - np.interp(times, other.times, other.columns[axis])
-        for axis in ('x', 'y')
-    ]
-    return times, np.hypot(*apart)

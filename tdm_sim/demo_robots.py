@@ -18,7 +18,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-from tdm_planner.formation_plot import FormationView, MeasuredRobot, plot_formation
+from tdm_planner.formation_plot import FormationView, plot_formation
+from tdm_planner.measured_robot import MeasuredRobot
 from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
 from tdm_planner.nodes.robot_messages import odometry_state, ROBOT_JOINTS, robot_trajectory
 from tdm_planner.nodes.robot_nodes import robot_nodes

@@ -7,11 +7,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 import itertools
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.formation_plot import FormationView, MeasuredRobot, pair_distance
+from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.verdict import held_from, HOLD_TIME, Verdict
 
@@ -20,6 +21,22 @@ Array = NDArray[np.float64]
 POSITION_TOLERANCE = 0.02
 YAW_TOLERANCE = 0.03
 LONGEST_SETTLING = 8.0
+
+
+class Arena(Protocol):
+    """What of the surroundings counts: sides, and the separation to be kept [m]."""
+
+    @property
+    def length(self) -> float:
+        """Extent along x."""
+
+    @property
+    def width(self) -> float:
+        """Extent along y."""
+
+    @property
+    def separation(self) -> float:
+        """Smallest distance of two robots; half of it is to be kept from the walls."""
 
 
 def place_errors(robot: MeasuredRobot, goal: Array) -> tuple[Array, Array]:
@@ -38,7 +55,7 @@ def arrived_since(robot: MeasuredRobot, goal: Array) -> float:
 
 
 def judge_formation(
-    view: FormationView,
+    view: Arena,
     plans: Mapping[str, Trajectory],
     goals: Mapping[str, Array],
     measured: Mapping[str, MeasuredRobot],
@@ -75,7 +92,7 @@ def judge_formation(
 
 
 def _distances(
-    view: FormationView, plans: Mapping[str, Trajectory], measured: Mapping[str, MeasuredRobot]
+    view: Arena, plans: Mapping[str, Trajectory], measured: Mapping[str, MeasuredRobot]
 ) -> tuple[list[str], list[tuple[str, str, str]]]:
     if len(plans) < 2:
         return [], []
@@ -97,7 +114,7 @@ def _distances(
 
 
 def _walls(
-    view: FormationView, plans: Mapping[str, Trajectory], measured: Mapping[str, MeasuredRobot]
+    view: Arena, plans: Mapping[str, Trajectory], measured: Mapping[str, MeasuredRobot]
 ) -> tuple[list[str], list[tuple[str, str, str]]]:
     def room(x: Array, y: Array) -> float:
         sides = (x, view.length - x, y, view.width - y)

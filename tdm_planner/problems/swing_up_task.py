@@ -117,16 +117,20 @@ class SwingUpTask:
         check = self.verify(trajectory)
         return Plan({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
 
-    def verify(self, trajectory: Trajectory) -> Verification:
-        """Replay the trajectory and check its end and the limits on a dense grid."""
-        constraints = (
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Limits of a motion: torque and disk angle."""
+        return (
             Constraint('torque', lambda t, x, u: self.torque_limit - np.abs(u[:, 0]), unit='N m'),
             Constraint(
                 'disk_angle', lambda t, x, u: self.disk_angle - np.abs(x[:, 1]), unit='rad'
             ),
         )
+
+    def verify(self, trajectory: Trajectory) -> Verification:
+        """Replay the trajectory and check its end and the limits on a dense grid."""
         goal = self.goal_nearest(trajectory.states[-1])
-        return verify(self.plant, trajectory, goal, TERMINAL_TOLERANCE, constraints)
+        return verify(self.plant, trajectory, goal, TERMINAL_TOLERANCE, self.constraints)
 
     def hold(self) -> Plan | None:
         """Return the plan that does nothing, where the start is the goal; else None."""
