@@ -12,15 +12,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
+from tdm_planner.nodes.pendulum_markers import PendulumPicture
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, Validated
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
+from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import pendulum_push
 from tdm_sim.mismatch import mismatched
-from tdm_sim.plant_node import PlantNode, SimulationParameters
+from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters
 from tdm_sim.simulation import PlantSetup
 
 Array = NDArray[np.float64]
@@ -78,18 +84,21 @@ class PendulumPlantParameters(SimulationParameters):
     initial: InitialState = group(InitialState)
     noise: PendulumNoise = group(PendulumNoise)
     disturbance: PendulumDisturbance = group(PendulumDisturbance)
+    markers: MarkerParameters = group(MarkerParameters)
 
 
 class PendulumPlant(PlantNode):
     """A simulated rotary pendulum.
 
     `joint_states`: [pendulum, disk], positions theta (0 upright, not wrapped) and psi, effort 0
-    and the torque applied. `joint_command`: effort of joint `disk`. The disk has no mechanical
-    stop: angles beyond `limits.disk_angle` are reported, not prevented.
+    and the torque applied. `joint_command`: effort of joint `disk`. `robot_description`: the URDF
+    of the pendulum that the parameters describe, latched. `plant_markers`: see `PendulumPicture`.
+    The disk has no mechanical stop: angles beyond `limits.disk_angle` are reported, not prevented.
     """
 
     def __init__(self, **options: Any) -> None:
         self._largest_disk_angle = 0.0
+        self._described = ''
         super().__init__('pendulum_plant', PendulumPlantParameters, **options)
 
     def make_setup(self, parameters: PendulumPlantParameters) -> PlantSetup:
@@ -107,8 +116,39 @@ class PendulumPlant(PlantNode):
         )
 
     def make_publishers(self) -> None:
-        """Create the publisher of `joint_states`."""
+        """Create the publishers of `joint_states` and `robot_description`."""
         self._joint_states = self.create_publisher(JointState, 'joint_states', 10)
+        self._description = self.create_publisher(String, 'robot_description', LATCHED)
+        given = self.parameters
+        self._picture = PendulumPicture(given.plant, given.limits.disk_angle, given.markers.trail)
+        self._describe()
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Let changed parameters act from now on, in the picture as well."""
+        super().values_changed(names)
+        if any(name.startswith(('plant.', 'limits.', 'markers.')) for name in names):
+            self._describe()
+
+    def _describe(self) -> None:
+        """Publish the URDF and set the picture up, both for the parameters without mismatch."""
+        given = self.parameters
+        description = pendulum_urdf(given.plant)
+        if description != self._described:
+            self._described = description
+            self._description.publish(String(data=description))
+        self._picture.set_up(given.plant, given.limits.disk_angle, given.markers.trail)
+
+    def follow(self, measured: Array, now: Time) -> None:
+        """Lengthen the trail of the tip."""
+        self._picture.add(now.nanoseconds, float(measured[0]), float(measured[1]))
+
+    def moved_elsewhere(self) -> None:
+        """Forget the trail."""
+        self._picture.clear()
+
+    def draw(self, measured: Array, now: Time) -> MarkerArray:
+        """Return the rig."""
+        return self._picture.draw(now.to_msg(), float(measured[0]), float(measured[1]))
 
     def publish_state(self, measured: Array, stamp: Any) -> None:
         """Publish `joint_states`."""

@@ -20,8 +20,10 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.markers import MARKER_DEPTH
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -81,11 +83,27 @@ class SimulationParameters(Validated):
     )
 
 
+@dataclass(frozen=True)
+class MarkerParameters(Validated):
+    """How the plant is drawn, while somebody looks."""
+
+    rate: float = parameter(
+        25.0,
+        'rate of the markers while somebody listens; 0 switches them off',
+        unit='Hz',
+        allowed=Range(0.0, 100.0),
+    )
+    trail: float = parameter(
+        1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
+    )
+
+
 class PlantNode(ParameterNode):
     """A simulated plant in real time; subclasses say which plant and how it looks as messages.
 
-    Subscribes `joint_command`, publishes measured states and `/diagnostics`, serves `reset` and
-    `push`. Changed parameters act at once, without a jump of the state (`initial.*` at `reset`).
+    Subscribes `joint_command`, publishes measured states, `plant_markers` and `/diagnostics`,
+    serves `reset` and `push`. Subclasses declare a group `markers` of `MarkerParameters`. Changed
+    parameters act at once, without a jump of the state (`initial.*` at `reset`).
 
     Raises
     ------
@@ -103,6 +121,8 @@ class PlantNode(ParameterNode):
         self._left_out = 0.0
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
+        self._drawn = 0  # instant [ns]
+        self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self.make_publishers()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
         self.create_subscription(JointState, 'joint_command', self._on_command, 10)
@@ -127,6 +147,16 @@ class PlantNode(ParameterNode):
     @abstractmethod
     def publish_state(self, measured: Array, stamp: Any) -> None:
         """Publish the state (nx,) as measured at `stamp` (builtin_interfaces/Time)."""
+
+    @abstractmethod
+    def draw(self, measured: Array, now: Time) -> MarkerArray:
+        """Return the plant in the state (nx,) measured at the instant `now`."""
+
+    def follow(self, measured: Array, now: Time) -> None:
+        """Remember the state (nx,) for the trail."""
+
+    def moved_elsewhere(self) -> None:
+        """Forget the trail: the plant was put elsewhere."""
 
     @abstractmethod
     def read_command(self, message: JointState) -> Array:
@@ -164,8 +194,10 @@ class PlantNode(ParameterNode):
 
     def _on_timer(self) -> None:
         now = self.advance()
-        self.publish_state(self.simulation.measure(), now.to_msg())
+        measured = self.simulation.measure()
+        self.publish_state(measured, now.to_msg())
         self._published += 1
+        self._show(measured, now)
         if self.simulation.timeouts > self._warned_timeouts:
             self._warned_timeouts = self.simulation.timeouts
             self.get_logger().warning(
@@ -173,6 +205,15 @@ class PlantNode(ParameterNode):
                 'actuators off',
                 throttle_duration_sec=WARNING_PERIOD,
             )
+
+    def _show(self, measured: Array, now: Time) -> None:
+        rate = self.parameters.markers.rate
+        self.follow(measured, now)
+        elapsed = now.nanoseconds - self._drawn
+        if rate == 0.0 or 0 <= elapsed * rate < 1e9 or not self._markers.get_subscription_count():
+            return
+        self._drawn = now.nanoseconds
+        self._markers.publish(self.draw(measured, now))
 
     def _on_command(self, message: JointState) -> None:
         self.advance()
@@ -189,6 +230,7 @@ class PlantNode(ParameterNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
         self.simulation.reset()
+        self.moved_elsewhere()
         response.success = True
         response.message = 'back in the initial state'
         return response

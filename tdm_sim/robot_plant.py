@@ -13,23 +13,26 @@ from typing import Any
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.time import Time
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.plant_node import PlantNode, SimulationParameters, WARNING_PERIOD
+from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters, WARNING_PERIOD
 from tdm_sim.simulation import PlantSetup
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 Array = NDArray[np.float64]
 
 JOINTS = ('thruster', 'reaction_wheel')
-FRAME = 'arena'
 DEFAULT_NAME = 'robot1'
 
 
@@ -95,6 +98,21 @@ class RobotArena(Validated):
 
 
 @dataclass(frozen=True)
+class RobotMarkers(MarkerParameters):
+    """How the robot is drawn, while somebody looks."""
+
+    trail: float = parameter(
+        60.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
+    )
+    separation: float = parameter(
+        0.4,
+        'least distance of two robots, the diameter of the disc drawn around this one',
+        unit='m',
+        allowed=POSITIVE,
+    )
+
+
+@dataclass(frozen=True)
 class RobotPlantParameters(SimulationParameters):
     """Parameters of the node."""
 
@@ -109,6 +127,7 @@ class RobotPlantParameters(SimulationParameters):
     noise: RobotNoise = group(RobotNoise)
     disturbance: RobotDisturbance = group(RobotDisturbance)
     arena: RobotArena = group(RobotArena)
+    markers: RobotMarkers = group(RobotMarkers)
 
 
 class RobotPlant(PlantNode):
@@ -118,7 +137,7 @@ class RobotPlant(PlantNode):
     reaction_wheel], positions alpha and the wheel's angle, velocities the thruster's rate and the
     wheel's speed, efforts thrust [N] and torque [N m] applied. `joint_command`: velocity and
     effort of `thruster` (rate, thrust), effort of `reaction_wheel` (torque). The mismatch also
-    makes thrust and torque differ from what is commanded.
+    makes thrust and torque differ from what is commanded. `plant_markers`: see `RobotPicture`.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -174,6 +193,34 @@ class RobotPlant(PlantNode):
         """Create the publishers of `joint_states` and `odom`."""
         self._joint_states = self.create_publisher(JointState, 'joint_states', 10)
         self._odom = self.create_publisher(Odometry, 'odom', 10)
+        self._picture = RobotPicture(self._look(), self.parameters.markers.trail)
+
+    def _look(self) -> RobotLook:
+        given = self.parameters
+        radius, separation = given.arena.robot_radius, given.markers.separation
+        # A point has no picture: without a radius the body is drawn as large as the disc allows.
+        return RobotLook(
+            self.robot_name, radius or 0.375 * separation, separation, given.limits.thrust
+        )
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Let changed parameters act from now on, in the picture as well."""
+        super().values_changed(names)
+        self._picture.set_up(self._look(), self.parameters.markers.trail)
+
+    def follow(self, measured: Array, now: Time) -> None:
+        """Lengthen the trail."""
+        self._picture.add(now.nanoseconds, float(measured[0]), float(measured[1]))
+
+    def moved_elsewhere(self) -> None:
+        """Forget the trail."""
+        self._picture.clear()
+
+    def draw(self, measured: Array, now: Time) -> MarkerArray:
+        """Return the robot."""
+        x, y, _, _, yaw, _, alpha = measured[:7].tolist()
+        thrust = float(self.simulation.control[0])
+        return self._picture.draw(now.to_msg(), RobotState(x, y, yaw, alpha, thrust))
 
     def publish_state(self, measured: Array, stamp: Any) -> None:
         """Publish `joint_states` and `odom`."""
@@ -190,7 +237,7 @@ class RobotPlant(PlantNode):
         self._joint_states.publish(joints)
         odom = Odometry(child_frame_id=self.robot_name)
         odom.header.stamp = stamp
-        odom.header.frame_id = FRAME
+        odom.header.frame_id = ARENA_FRAME
         odom.pose.pose.position.x, odom.pose.pose.position.y = x, y
         odom.pose.pose.orientation.z = math.sin(yaw / 2.0)
         odom.pose.pose.orientation.w = math.cos(yaw / 2.0)

@@ -54,11 +54,18 @@ class OpaqueFunction:
 class Node:
     package: str
     executable: str
-    namespace: Any
-    parameters: list[Any]
-    ros_arguments: list[Any]
     output: str
+    namespace: Any = ''
+    parameters: list[Any] = field(default_factory=list)
+    arguments: list[str] = field(default_factory=list)
+    ros_arguments: list[Any] = field(default_factory=list)
     condition: IfCondition | None = None
+
+
+@dataclass
+class ParameterValue:
+    value: str
+    value_type: type
 
 
 @dataclass
@@ -109,6 +116,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
         module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
         module('launch_ros'),
         module('launch_ros.actions', Node=Node),
+        module('launch_ros.parameter_descriptions', ParameterValue=ParameterValue),
     ):
         monkeypatch.setitem(sys.modules, made.__name__, made)
 
@@ -134,7 +142,7 @@ def test_every_argument_is_described_and_has_a_default(name: str):
 
 @pytest.mark.usefixtures('stand_ins')
 def test_pendulum_starts_planner_tracker_and_plant():
-    nodes = description('pendulum.launch.py').nodes()
+    nodes = description('pendulum.launch.py').nodes(description='false')
     assert {n.executable for n in nodes} == {'planner', 'tracker', 'pendulum_plant'}
     for node in nodes:
         assert node.package == 'tdm_planner'
@@ -146,12 +154,45 @@ def test_pendulum_starts_planner_tracker_and_plant():
 @pytest.mark.usefixtures('stand_ins')
 def test_pendulum_takes_its_arguments():
     nodes = description('pendulum.launch.py').nodes(
-        plant='false', namespace='rig', params_file='/my.yaml', log_level='debug'
+        plant='false',
+        description='false',
+        namespace='rig',
+        params_file='/my.yaml',
+        log_level='debug',
     )
     assert {n.executable for n in nodes} == {'planner', 'tracker'}
     for node in nodes:
         assert (node.namespace, node.parameters) == ('rig', ['/my.yaml'])
         assert node.ros_arguments == ['--log-level', 'debug']
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path: Path):
+    path = tmp_path / 'mine.yaml'
+    values = {'plant': {'mass': 0.05, 'arm_length': 0.2}}
+    path.write_text(yaml.safe_dump({'/**/planner': {'ros__parameters': values}}))
+    nodes = description('pendulum.launch.py').nodes(params_file=str(path), namespace='/rig')
+    (publisher,) = (n for n in nodes if n.package == 'robot_state_publisher')
+    assert publisher.namespace == 'rig'
+    given = publisher.parameters[0]['robot_description']
+    assert given.value_type is str  # or launch would read the XML as YAML
+    assert '<mass value="0.05"' in given.value
+    assert 'xyz="0.2 0 0"' in given.value
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize(
+    ('name', 'topic'),
+    [('pendulum', '/hall/plant_markers'), ('robots', '/hall/robot2/goal_pose')],
+)
+def test_rviz_opens_on_request_with_the_topics_of_the_namespace(name: str, topic: str):
+    launch = description(f'{name}.launch.py')
+    assert not [n for n in launch.nodes() if n.package == 'rviz2']
+    nodes = description(f'{name}.launch.py').nodes(rviz='true', namespace='hall')
+    (rviz,) = (n for n in nodes if n.package == 'rviz2')
+    option, file = rviz.arguments
+    assert option == '-d'
+    assert f'Value: {topic}\n' in Path(file).read_text()
 
 
 ROBOTS = {

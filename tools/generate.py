@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write config/*.yaml and the README's parameter tables from the parameters' declarations.
+"""Write what follows from the code: config/ with parameters and views, the README's tables.
 
 make config        (python tools/generate.py)
 python tools/generate.py --check   exit 1 where a file is not up to date
@@ -20,8 +20,13 @@ from typing import Any
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_docs import parameter_file, parameter_table
 from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
 from tdm_planner.problems.request import RequestParameters
+from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
+from tdm_planner.views.pendulum_urdf import pendulum_urdf
+from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 
@@ -138,11 +143,16 @@ def with_tables(text: str) -> str:
 
 def generated() -> dict[Path, str]:
     """Return every generated file's path and content."""
-    readme = ROOT / 'README.md'
+    readme, config = ROOT / 'README.md', ROOT / 'config'
     return {
-        ROOT / 'config' / 'pendulum.yaml': pendulum_file(),
-        ROOT / 'config' / 'robots.yaml': robots_file(),
-        ROOT / 'config' / 'robots_air_bearing.yaml': air_bearing_file(),
+        config / 'pendulum.yaml': pendulum_file(),
+        config / 'robots.yaml': robots_file(),
+        config / 'robots_air_bearing.yaml': air_bearing_file(),
+        config / 'pendulum.urdf': pendulum_urdf(RotaryPendulum()),
+        config / 'pendulum.rviz': pendulum_rviz(),
+        config / 'robots.rviz': robots_rviz(DEFAULT_ROBOTS),
+        config / 'foxglove' / 'pendulum.json': pendulum_foxglove(),
+        config / 'foxglove' / 'robots.json': robots_foxglove(DEFAULT_ROBOTS),
         readme: with_tables(readme.read_text(encoding='utf-8')),
     }
 
@@ -165,6 +175,7 @@ def main() -> int:
             )
             print('\n'.join(difference))
         else:
+            path.parent.mkdir(exist_ok=True)
             path.write_text(wanted, encoding='utf-8')
             print(f'written: {path.relative_to(ROOT)}')
     return int(check and stale > 0)

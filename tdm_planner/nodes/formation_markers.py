@@ -1,71 +1,65 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""A formation plan as markers: arena, keep-out zones, planned paths, goals, safety circles."""
+"""Arena, goals and planned paths of a formation as markers in the frame `arena`."""
 
 from __future__ import annotations
 
-import colorsys
+from collections.abc import Mapping
+from types import MappingProxyType
 
-from geometry_msgs.msg import Point, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from tdm_planner.nodes.robot_messages import ARENA_FRAME, to_quaternion
-from tdm_planner.problems.base import Solution
-from tdm_planner.problems.robot_formation import RobotFormation
+from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.nodes.markers import colour_of, GREY, Pen, points_of
+from tdm_planner.nodes.robot_messages import to_quaternion
+from tdm_planner.problems.formation_parameters import Arena
 
 Array = NDArray[np.float64]
 
-_GREY = ColorRGBA(r=0.5, g=0.5, b=0.5, a=1.0)
-_RED = ColorRGBA(r=0.8, g=0.2, b=0.2, a=0.6)
+LONGEST_PATH = 200  # points
+
+_ZONE = ColorRGBA(r=0.8, g=0.2, b=0.2, a=0.6)
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
+_NO_PATHS: Mapping[str, Array] = MappingProxyType({})
 
 
-def formation_markers(problem: RobotFormation, solution: Solution) -> MarkerArray:
-    """Draw a plan; what an earlier plan drew is deleted first."""
-    arena = problem.arena
+def formation_markers(
+    arena: Arena, goals: Mapping[str, Array], paths: Mapping[str, Array] = _NO_PATHS
+) -> MarkerArray:
+    """Draw set-up and plan; what an earlier message drew is deleted first.
+
+    `goals` holds x, y, yaw (3,) [m, rad] and `paths` x, y (n, 2) [m] by robot. Namespaces:
+    `arena`, the walls; `obstacles`, the keep-out zones; and, numbered by robot, `goal`, an arrow;
+    `safety_circle` of half the minimum separation around it; `planned_path`.
+    """
+    pen = Pen(ARENA_FRAME)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
-    walls = _line('arena', 0, corners * [arena.length, arena.width], _GREY, 0.02)
-    markers = [_delete_all(), walls]
-    for k, (x, y, radius) in enumerate(problem.task.obstacles.tolist()):
-        zone = _marker('obstacles', k, Marker.CYLINDER, _RED)
-        zone.scale = Vector3(x=2 * radius, y=2 * radius, z=0.05)
-        zone.pose.position = Point(x=x, y=y)
-        markers.append(zone)
-    count = len(solution.trajectories)
-    for k, trajectory in enumerate(solution.trajectories.values()):
-        colour = ColorRGBA(
-            **dict(zip('rgb', colorsys.hsv_to_rgb(k / count, 0.8, 0.8), strict=True)), a=1.0
-        )
-        path, end = trajectory.states[:, :2], trajectory.states[-1]
-        markers.append(_line('planned_path', k, path[:: max(1, len(path) // 200)], colour, 0.015))
-        goal = _marker('goal', k, Marker.ARROW, colour)
-        goal.pose.position = Point(x=float(end[0]), y=float(end[1]))
-        goal.pose.orientation = to_quaternion(float(end[4]))
-        goal.scale = Vector3(x=0.3, y=0.04, z=0.04)
-        ring = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
-        safety = end[:2] + 0.5 * arena.minimum_separation * ring
-        markers += [goal, _line('safety_circle', k, safety, colour, 0.008)]
+    walls = points_of(corners * [arena.length, arena.width])
+    markers = [pen.delete_all(), pen.line('arena', 0, walls, GREY, 0.02)]
+    zones = arena.obstacles[: len(arena.obstacles) // 3 * 3]
+    for k, (x, y, radius) in enumerate(np.reshape(zones, (-1, 3)).tolist()):
+        size = (2 * radius, 2 * radius, 0.05)
+        if radius > 0:
+            markers.append(pen.solid('obstacles', k, Marker.CYLINDER, _ZONE, size, (x, y)))
+    ring = 0.5 * arena.minimum_separation * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
+    arrow = arena.minimum_separation * np.array([0.5, 0.08, 0.08])
+    for k, (name, goal) in enumerate(goals.items()):
+        x, y, yaw = goal.tolist()
+        colour = colour_of(name)
+        turned = to_quaternion(yaw)
+        markers += [
+            pen.solid('goal', k, Marker.ARROW, colour, arrow.tolist(), (x, y), turned),
+            pen.line('safety_circle', k, points_of(goal[:2] + ring), colour, 0.008),
+        ]
+        if name in paths:
+            path = points_of(_thinned(paths[name]))
+            markers.append(pen.line('planned_path', k, path, colour_of(name, 0.8), 0.015))
     return MarkerArray(markers=markers)
 
 
-def _delete_all() -> Marker:
-    marker = Marker(action=Marker.DELETEALL)
-    marker.header.frame_id = ARENA_FRAME
-    marker.pose.orientation.w = 1.0
-    return marker
-
-
-def _marker(namespace: str, number: int, kind: int, colour: ColorRGBA) -> Marker:
-    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=colour)
-    marker.header.frame_id = ARENA_FRAME
-    return marker
-
-
-def _line(namespace: str, number: int, path: Array, colour: ColorRGBA, width: float) -> Marker:
-    line = _marker(namespace, number, Marker.LINE_STRIP, colour)
-    line.scale.x = width
-    line.points = [Point(x=x, y=y) for x, y in path.tolist()]
-    return line
+def _thinned(path: Array) -> Array:
+    kept = np.linspace(0, len(path) - 1, min(LONGEST_PATH, len(path))).astype(int)
+    return np.asarray(path[kept])

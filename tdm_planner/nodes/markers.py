@@ -1,86 +1,165 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plans and plants as markers for RViz and Foxglove."""
+"""What all pictures for RViz and Foxglove are made of: a pen, colours, trails.
+
+There are two kinds of MarkerArrays. What belongs to a plan is latched and complete: every message
+deletes what the one before it drew. What moves is published again and again under the same
+namespaces and numbers, and disappears by its lifetime when its publisher is gone.
+"""
 
 from __future__ import annotations
 
-import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import re
+import zlib
 
-from geometry_msgs.msg import Point, Vector3
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
-
-from tdm_planner.nodes.messages import WORLD_FRAME
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.trajectory import Trajectory
+from visualization_msgs.msg import Marker
 
 Array = NDArray[np.float64]
 
-LONGEST_PATH = 300  # points
+MARKER_DEPTH = 5  # messages a slow viewer may lag behind
+LIFETIME = 0.5  # s that something moving stays visible without news
 
-_GREY = ColorRGBA(r=0.45, g=0.45, b=0.5, a=1.0)
-_DARK = ColorRGBA(r=0.2, g=0.2, b=0.25, a=1.0)
-_RED = ColorRGBA(r=0.85, g=0.2, b=0.2, a=1.0)
-_BLUE = ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9)
-_GREEN = ColorRGBA(r=0.1, g=0.7, b=0.3, a=0.6)
+GREY = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
+DARK = ColorRGBA(r=0.25, g=0.25, b=0.3, a=1.0)
+WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+RED = ColorRGBA(r=0.85, g=0.2, b=0.2, a=1.0)
+BLUE = ColorRGBA(r=0.2, g=0.5, b=1.0, a=0.9)
+GREEN = ColorRGBA(r=0.1, g=0.75, b=0.35, a=0.7)
+AMBER = ColorRGBA(r=0.95, g=0.7, b=0.1, a=0.8)
+
+# Okabe and Ito's colours, which colour-blind people can tell apart.
+_PALETTE = (
+    (0.902, 0.624, 0.0),
+    (0.337, 0.706, 0.914),
+    (0.0, 0.620, 0.451),
+    (0.941, 0.894, 0.259),
+    (0.835, 0.369, 0.0),
+    (0.800, 0.475, 0.655),
+    (0.0, 0.447, 0.698),
+)
 
 
-def pendulum_points(plant: RotaryPendulum, theta: Array, psi: Array) -> tuple[Array, Array]:
-    """Positions of the pendulum's pivot and tip, (..., 3) m, in the world's frame.
+def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
+    """Return the colour of a robot, the same wherever it is drawn.
 
-    The origin is the disk's centre, z up, psi about z from x, theta from upright; the rod is taken
-    as uniform, twice as long as its centre of mass is far.
+    Names that end in a number take the colours in turn; others by a checksum of the name.
     """
-    theta, psi = np.broadcast_arrays(theta, psi)
-    zero = np.zeros_like(psi)
-    radial = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
-    tangent = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
-    up = np.stack([zero, zero, zero + 1.0], axis=-1)
-    pivot = plant.arm_length * radial
-    rod = np.sin(theta)[..., None] * tangent + np.cos(theta)[..., None] * up
-    return pivot, pivot + 2.0 * plant.com_distance * rod
+    number = re.search(r'\d{1,9}$', name)
+    index = int(number.group()) - 1 if number else zlib.crc32(name.encode())
+    red, green, blue = _PALETTE[index % len(_PALETTE)]
+    return ColorRGBA(r=red, g=green, b=blue, a=alpha)
 
 
-def pendulum_markers(plant: RotaryPendulum, state: Array, plan: Trajectory | None) -> MarkerArray:
-    """Draw the rig in a state (4,), and the planned path of the tip with its goal."""
-    radius = plant.arm_length
-    pivot, tip = pendulum_points(plant, state[0], state[1])
-    height = 2.0 * plant.com_distance + 0.02
-    base = _marker('base', Marker.CYLINDER, _DARK, Vector3(x=radius, y=radius, z=height))
-    base.pose.position.z = -height / 2 - 0.01
-    disk = _marker('disk', Marker.CYLINDER, _GREY, Vector3(x=2 * radius, y=2 * radius, z=0.01))
-    disk.pose.orientation.z = math.sin(state[1] / 2)
-    disk.pose.orientation.w = math.cos(state[1] / 2)
-    above = np.array([0.0, 0.0, 0.006])
-    arm = _marker('arm', Marker.LINE_LIST, _RED, Vector3(x=0.004))
-    arm.points = _points(np.stack([above, pivot + above]))
-    rod = _marker('rod', Marker.LINE_LIST, _RED, Vector3(x=0.008))
-    rod.points = _points(np.stack([pivot, tip]))
-    markers = [base, disk, arm, rod]
-    if plan is not None:
-        markers += _plan_markers(plant, plan)
-    return MarkerArray(markers=markers)
+def points_of(positions: Array) -> list[Point]:
+    """Positions (n, 2) or (n, 3) [m] as messages."""
+    return [Point(**dict(zip('xyz', row, strict=False))) for row in positions.tolist()]
 
 
-def _plan_markers(plant: RotaryPendulum, plan: Trajectory) -> list[Marker]:
-    thin = np.unique(
-        np.linspace(0, plan.times.size - 1, min(LONGEST_PATH, plan.times.size)).astype(int)
-    )
-    _, tips = pendulum_points(plant, plan.states[thin, 0], plan.states[thin, 1])
-    path = _marker('planned_path', Marker.LINE_STRIP, _BLUE, Vector3(x=0.002))
-    path.points = _points(tips)
-    goal = _marker('goal', Marker.SPHERE, _GREEN, Vector3(x=0.02, y=0.02, z=0.02))
-    goal.pose.position = _points(tips[-1:])[0]
-    return [path, goal]
+@dataclass(frozen=True)
+class Pen:
+    """Draws in one frame: every marker gets its frame, `stamp` and `lifetime` [s], 0 for ever."""
+
+    frame: str
+    stamp: Time = field(default_factory=Time)
+    lifetime: float = 0.0
+
+    def marker(
+        self, namespace: str, number: int, kind: int, colour: ColorRGBA, scale: Sequence[float]
+    ) -> Marker:
+        """Return a marker at the origin; `scale` [m] is as its kind reads it."""
+        marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=colour)
+        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
+        marker.scale = Vector3(**dict(zip('xyz', scale, strict=False)))
+        whole = int(self.lifetime)
+        marker.lifetime = Duration(sec=whole, nanosec=round((self.lifetime - whole) * 1e9))
+        return marker
+
+    def solid(
+        self,
+        namespace: str,
+        number: int,
+        kind: int,
+        colour: ColorRGBA,
+        scale: Sequence[float],
+        position: Sequence[float],
+        orientation: Quaternion | None = None,
+    ) -> Marker:
+        """Return a sphere, cylinder, arrow... at a position [m]."""
+        marker = self.marker(namespace, number, kind, colour, scale)
+        marker.pose.position = Point(**dict(zip('xyz', position, strict=False)))
+        if orientation is not None:
+            marker.pose.orientation = orientation
+        return marker
+
+    def line(
+        self,
+        namespace: str,
+        number: int,
+        points: Sequence[Point],
+        colour: ColorRGBA,
+        width: float,
+    ) -> Marker:
+        """Return a line through two points or more."""
+        marker = self.marker(namespace, number, Marker.LINE_STRIP, colour, [width])
+        marker.points = list(points)
+        return marker
+
+    def text(
+        self, namespace: str, number: int, text: str, position: Sequence[float], height: float
+    ) -> Marker:
+        """Return white letters that face the viewer, capitals `height` m high."""
+        kind, scale = Marker.TEXT_VIEW_FACING, (0.0, 0.0, height)
+        marker = self.solid(namespace, number, kind, WHITE, scale, position)
+        marker.text = text
+        return marker
+
+    def delete(self, namespace: str, number: int) -> Marker:
+        """Return what takes one marker away."""
+        marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
+        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
+        return marker
+
+    def delete_all(self) -> Marker:
+        """Return what takes everything away that the topic has drawn."""
+        marker = Marker(action=Marker.DELETEALL)
+        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
+        return marker
 
 
-def _marker(namespace: str, kind: int, colour: ColorRGBA, scale: Vector3) -> Marker:
-    marker = Marker(ns=namespace, id=0, type=kind, action=Marker.ADD, color=colour, scale=scale)
-    marker.header.frame_id = WORLD_FRAME
-    return marker
+class Trail:
+    """Where something has been lately: places at least `spacing` s apart, not older than `age` s.
 
+    An instant [ns] before the last one starts a new trail.
+    """
 
-def _points(positions: Array) -> list[Point]:
-    return [Point(x=x, y=y, z=z) for x, y, z in positions.tolist()]
+    def __init__(self, age: float, spacing: float) -> None:
+        self.age = age
+        self._spacing = spacing
+        self._places: deque[tuple[int, Point]] = deque()
+
+    def add(self, instant: int, x: float, y: float, z: float) -> None:
+        """Remember a place [m], unless the last one is too recent."""
+        places = self._places
+        if places and instant < places[-1][0]:
+            places.clear()
+        if not places or instant - places[-1][0] >= 1e9 * self._spacing:
+            places.append((instant, Point(x=x, y=y, z=z)))
+        while places and instant - places[0][0] > 1e9 * self.age:
+            places.popleft()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._places.clear()
+
+    @property
+    def points(self) -> list[Point]:
+        """The places, oldest first."""
+        return [point for _, point in self._places]

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import sys
 import threading
+from types import MappingProxyType
 from typing import Any
 
 from rclpy.timer import Timer
@@ -36,6 +37,8 @@ from tdm_planner.problems.request import RequestParameters
 from tdm_planner.trajectory import NANOSECOND
 
 _REQUEST = specifications(RequestParameters)
+_NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
+_BUSY = 'a request is being solved: ask again when it is answered'
 
 
 class Planner(ParameterNode):
@@ -65,6 +68,8 @@ class Planner(ParameterNode):
         self._set_replan_timer()
         Worker(self).submit(self._prepare, self._on_prepared)
         self._service = DeferredService(self, Trigger, 'plan', self._on_request)
+        if self._adapter is not None:
+            self._adapter.accept_requests(self._plan_with)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values for which the problem cannot say which parameters it has."""
@@ -139,9 +144,26 @@ class Planner(ParameterNode):
 
         self._requests += 1
         if self._worker.busy:
-            reply(Failure.of(Busy('a request is being solved: ask again when it is answered')))
+            reply(Failure.of(Busy(_BUSY)))
             return
         self._solve(self.parameter_values, reply)
+
+    def _plan_with(
+        self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
+    ) -> None:
+        """Plan with changed parameters; see `tdm_planner.nodes.adapters.base.PlanRequest`."""
+
+        def reply(outcome: Plan | Failure) -> None:
+            done(f'{outcome.code}: {outcome.reason}' if isinstance(outcome, Failure) else '')
+
+        self._requests += 1
+        if self._worker.busy:
+            failure = Failure.of(Busy(_BUSY))
+            self._log_failure(failure, f'{purpose} refused')
+            reply(failure)
+            return
+        values = {**self.parameter_values, **changes}
+        self._solve(values, reply, changes, f'{purpose} refused')
 
     def _warnings(self) -> list[str]:
         """Name, and log, what will not carry the plan out."""
@@ -165,37 +187,62 @@ class Planner(ParameterNode):
         if rate > 0:
             self._replan_timer = self.create_timer(1.0 / rate, self._replan)
 
-    def _solve(self, values: dict[str, Any], reply: Callable[[Plan | Failure], None]) -> None:
+    def _solve(
+        self,
+        values: dict[str, Any],
+        reply: Callable[[Plan | Failure], None],
+        changes: Mapping[str, Any] = _NO_CHANGES,
+        title: str = 'no plan',
+    ) -> None:
         problem_class, adapter = self._problem_class, self._adapter
         faults = self._faults()
         if faults or problem_class is None or adapter is None:
-            reply(self._settle(Failure.of(InvalidProblem('; '.join(faults)))))
+            reply(self._settle(Failure.of(InvalidProblem('; '.join(faults))), title=title))
             return
 
         def job() -> Plan | Failure:
             self._prepared.wait()
             return make_plan(problem_class, values, adapter, self._now)
 
-        self._worker.submit(job, lambda outcome: reply(self._settle(outcome)))
+        self._worker.submit(job, lambda outcome: reply(self._settle(outcome, changes, title)))
         self._diagnostics.update()
 
-    def _settle(self, outcome: Plan | Failure) -> Plan | Failure:
-        """Publish a plan, or keep the one in force and say why there is no new one."""
+    def _settle(
+        self,
+        outcome: Plan | Failure,
+        changes: Mapping[str, Any] = _NO_CHANGES,
+        title: str = 'no plan',
+    ) -> Plan | Failure:
+        """Publish a plan, or keep the one in force and say why there is no new one.
+
+        The parameters that the plan was made with, as far as they were changed, are set first.
+        """
         if isinstance(outcome, Plan):
             try:
+                self._adopt(changes)
                 self._publish(outcome)
             except Exception as error:
                 outcome = Failure.of(error)
         if isinstance(outcome, Failure):
             self._failure = outcome
             self._failures += 1
-            # Two calls: rclpy does not let a place in the code change its severity.
-            if outcome.internal:
-                self.get_logger().error(f'no plan: {outcome.code}: {outcome.reason}')
-            else:
-                self.get_logger().warning(f'no plan: {outcome.code}: {outcome.reason}')
+            self._log_failure(outcome, title)
         self._diagnostics.update()
         return outcome
+
+    def _adopt(self, changes: Mapping[str, Any]) -> None:
+        if changes:
+            parameters = [self._as_ros(name, value) for name, value in changes.items()]
+            result = self.set_parameters_atomically(parameters)
+            if not result.successful:
+                raise InvalidProblem(result.reason)
+
+    def _log_failure(self, failure: Failure, title: str) -> None:
+        # Two calls: rclpy does not let a place in the code change its severity.
+        if failure.internal:
+            self.get_logger().error(f'{title}: {failure.code}: {failure.reason}')
+        else:
+            self.get_logger().warning(f'{title}: {failure.code}: {failure.reason}')
 
     def _publish(self, plan: Plan) -> None:
         assert self._adapter is not None

@@ -2,65 +2,51 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import math
-
-import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
-from visualization_msgs.msg import Marker
+from builtin_interfaces.msg import Time
+from marker_checks import check_markers, Scene
+import numpy as np
+from visualization_msgs.msg import Marker, MarkerArray
 
-from tdm_planner.nodes.markers import LONGEST_PATH, pendulum_markers, pendulum_points
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.trajectory import Trajectory
-
-PLANT = RotaryPendulum()
-
-
-def test_the_picture_moves_as_the_equations_of_motion_say() -> None:
-    """The centre of mass's velocity gives the kinetic energy that `energy` computes."""
-    rng = np.random.default_rng(0)
-    h = 1e-6
-    for theta, psi, theta_dot, psi_dot in rng.normal(size=(20, 4)):
-        times = np.array([-h, h])
-        ends = pendulum_points(PLANT, theta + theta_dot * times, psi + psi_dot * times)
-        centre = np.mean(ends, axis=0)
-        velocity = (centre[1] - centre[0]) / (2 * h)
-        state = np.array([theta, psi, theta_dot, psi_dot])
-        rotation = 0.5 * (
-            PLANT.inertia.disk * psi_dot**2
-            + PLANT.inertia.z * theta_dot**2
-            + PLANT.inertia.x * (math.sin(theta) * psi_dot) ** 2
-            + PLANT.inertia.y * (math.cos(theta) * psi_dot) ** 2
-        )
-        height = PLANT.com_distance * math.cos(theta)
-        energy = 0.5 * PLANT.mass * velocity @ velocity + rotation
-        energy += PLANT.mass * PLANT.gravity * height
-        assert PLANT.energy(state) == pytest.approx(energy, rel=1e-7)
+from tdm_planner.nodes.markers import colour_of, GREY, Pen, points_of, Trail
 
 
-def test_without_a_plan_there_is_only_the_rig() -> None:
-    markers = pendulum_markers(PLANT, np.array([0.0, 0.0, 0.0, 0.0]), None).markers
-    assert [marker.ns for marker in markers] == ['base', 'disk', 'arm', 'rod']
-    tip = markers[-1].points[1]
-    assert (tip.x, tip.y, tip.z) == pytest.approx((0.085, 0.0, 0.129))
-    assert {marker.header.frame_id for marker in markers} == {'world'}
+def rgb(name: str) -> tuple[float, float, float]:
+    colour = colour_of(name)
+    return colour.r, colour.g, colour.b
 
 
-def test_the_path_is_thinned_but_keeps_its_ends() -> None:
-    count = 5000
-    theta = np.linspace(math.pi, 0.0, count)
-    plan = Trajectory(
-        times=np.linspace(0.0, 1.0, count),
-        states=np.stack([theta, 0.1 * theta, 0 * theta, 0 * theta], axis=1),
-        controls=np.zeros((count, 1)),
-        state_names=('theta', 'psi', 'theta_dot', 'psi_dot'),
-        control_names=('torque',),
-    )
-    markers = pendulum_markers(PLANT, plan.states[0], plan).markers
-    path = next(marker for marker in markers if marker.type == Marker.LINE_STRIP)
-    assert len(path.points) == LONGEST_PATH
-    _, tips = pendulum_points(PLANT, plan.states[[0, -1], 0], plan.states[[0, -1], 1])
-    ends = [[point.x, point.y, point.z] for point in (path.points[0], path.points[-1])]
-    assert np.allclose(ends, tips)
+def test_a_name_has_one_colour_and_numbered_names_different_ones() -> None:
+    assert rgb('robot2') == rgb('robot2')
+    assert len({rgb(f'robot{k}') for k in range(1, 8)}) == 7
+    assert len({rgb(name) for name in ('alice', 'bob', 'carol')}) > 1
+    assert colour_of('robot' + '9' * 40).a == 1.0
+
+
+def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
+    pen = Pen('map', Time(sec=3), lifetime=1.5)
+    line = pen.line('way', 4, points_of(np.eye(3)), GREY, 0.1)
+    ball = pen.solid('ball', 0, Marker.SPHERE, GREY, (1.0, 2.0, 3.0), (4.0, 5.0))
+    first = MarkerArray(markers=[line, ball, pen.text('note', 0, 'hello', (0.0, 1.0, 2.0), 0.2)])
+    check_markers(first, 'map', 1.5)
+    assert all(marker.header.stamp.sec == 3 for marker in first.markers)
+    assert (ball.pose.position.x, ball.pose.position.y, ball.pose.position.z) == (4.0, 5.0, 0.0)
+    scene = Scene(first, MarkerArray(markers=[pen.delete('way', 4)]))
+    assert scene.names == {('ball', 0), ('note', 0)}
+    scene.apply(MarkerArray(markers=[pen.delete_all(), line]))
+    assert scene.names == {('way', 4)}
+
+
+def test_a_trail_keeps_its_distance_and_forgets() -> None:
+    trail = Trail(age=1.0, spacing=0.1)
+    for k in range(301):
+        trail.add(10_000_000 * k, 0.01 * k, 0.0, 0.0)
+    found = [point.x for point in trail.points]
+    np.testing.assert_allclose(found, np.arange(2.0, 3.05, 0.1))
+    trail.add(10_000_000, 7.0, 0.0, 0.0)  # the clock went back
+    assert [point.x for point in trail.points] == [7.0]
+    trail.clear()
+    assert trail.points == []

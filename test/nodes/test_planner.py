@@ -13,6 +13,7 @@ from ros_harness import Ros
 
 pytest.importorskip('rclpy')
 
+from marker_checks import check_markers, Scene
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -103,13 +104,14 @@ def test_plan_ids_increase_and_a_late_subscriber_gets_the_last_plan(ros: Ros) ->
     assert late_trajectory(ros).points[0].positions[0] == 3.0
 
 
-def test_markers_show_the_rig_and_the_path(ros: Ros) -> None:
+def test_markers_show_the_path_and_the_goal(ros: Ros) -> None:
     assert plan(ros)[0]
     received = ros.subscribe('/pendulum/markers', MarkerArray, LATCHED)
     assert ros.spin_until(lambda: bool(received))
-    markers = {marker.ns: marker for marker in received[-1].markers}
-    assert set(markers) == {'base', 'disk', 'arm', 'rod', 'planned_path', 'goal'}
-    start, goal = markers['planned_path'].points[0], markers['goal'].pose.position
+    check_markers(received[-1], 'world', 0.0)
+    scene = Scene(received[-1])
+    assert scene.names == {('planned_path', 0), ('goal', 0)}
+    start, goal = scene['planned_path'].points[0], scene['goal'].pose.position
     assert start.z == pytest.approx(-0.129)
     assert (goal.x, goal.y, goal.z) == pytest.approx((0.085, 0.0, 0.129), abs=1e-3)
 

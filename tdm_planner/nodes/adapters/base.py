@@ -5,12 +5,26 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 from rclpy.node import Node
 
 from tdm_planner.problems.base import Problem, Solution
+
+
+class PlanRequest(Protocol):
+    """Asks the planner node for a plan with some parameters changed."""
+
+    def __call__(
+        self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
+    ) -> None:
+        """Plan with `changes`, parameters by name; they are set if there is a plan.
+
+        `purpose` names the request in the log. `done` is called with '' when the plan is
+        published, or with the reason why there is none; parameters and plan in force then stay
+        as they are.
+        """
 
 
 class Adapter(ABC):
@@ -43,6 +57,10 @@ class Adapter(ABC):
     @abstractmethod
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish a plan whose motion starts at the instant `start` [ns]."""
+
+    def accept_requests(self, request: PlanRequest) -> None:
+        """Begin to ask for plans, where the adapter has topics that ask for them."""
+        del request
 
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker that is not connected."""

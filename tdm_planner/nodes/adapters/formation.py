@@ -17,9 +17,11 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.exceptions import NoState
-from tdm_planner.nodes.adapters.base import Adapter
+from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
+from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
+from tdm_planner.nodes.adapters.robot_stand_in import RobotStandIn
 from tdm_planner.nodes.formation_markers import formation_markers
 from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.robot_messages import (
@@ -30,7 +32,9 @@ from tdm_planner.nodes.robot_messages import (
     robot_trajectory_message,
     thruster_angle,
 )
+from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
 
 Array = NDArray[np.float64]
@@ -49,6 +53,7 @@ class _Robot:
     trajectory: Any
     controls: Any
     path: Any
+    stand_in: RobotStandIn
 
 
 class FormationAdapter(Adapter):
@@ -58,20 +63,45 @@ class FormationAdapter(Adapter):
         super().__init__(node, values)
         self._robots = {name: self._connect(name) for name in values['robots']}
         self._in_force: dict[str, PlanInForce] = {}
+        self._goal_tools: list[GoalTool] = []
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
+        self.values_changed(values)
 
     def _connect(self, name: str) -> _Robot:
         node = self.node
+        odometry = NewestMeasurement(node, Odometry, f'{name}/odom', odometry_state)
+        joints = NewestMeasurement(node, JointState, f'{name}/joint_states', thruster_angle)
         return _Robot(
-            NewestMeasurement(node, Odometry, f'{name}/odom', odometry_state),
-            NewestMeasurement(node, JointState, f'{name}/joint_states', thruster_angle),
+            odometry,
+            joints,
             node.create_publisher(MultiDOFJointTrajectory, f'{name}/trajectory', LATCHED),
             node.create_publisher(JointTrajectory, f'{name}/controls', LATCHED),
             node.create_publisher(Path, f'{name}/path', LATCHED),
+            RobotStandIn(node, name, odometry, joints),
         )
 
     def values_changed(self, values: Mapping[str, Any]) -> None:
-        """Nothing to follow: the robots' names are fixed while the node runs."""
+        """Draw the set-up as the parameters have it; a plan in force is drawn as it was made."""
+        self._values = dict(values)
+        for robot in self._robots.values():
+            robot.stand_in.values_changed(values)
+        if self._in_force:
+            return
+        places = {name: values.get(f'formation.{name}') for name in self._robots}
+        anchor = values['formation.anchor']
+        goals = {
+            name: np.array(place_in_arena(anchor, place))
+            for name, place in places.items()
+            if place is not None
+        }
+        self._markers.publish(formation_markers(build(Arena, values, 'arena.'), goals))
+
+    def accept_requests(self, request: PlanRequest) -> None:
+        """Let goal tools move the robots' places in the formation."""
+        self._goal_tools = [
+            GoalTool(self.node, name, lambda: self._values, request, robot.stand_in.publish)
+            for name, robot in self._robots.items()
+        ]
 
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate every robot's newest state, drifting, to the instant the motion starts."""
@@ -125,7 +155,9 @@ class FormationAdapter(Adapter):
             robot.trajectory.publish(robot_trajectory_message(name, trajectory, stamp))
             robot.path.publish(robot_path_message(trajectory, start))
             self._in_force[name] = PlanInForce(trajectory, start)
-        self._markers.publish(formation_markers(problem, solution))
+        ends = {name: plan.states[-1, [0, 1, 4]] for name, plan in solution.trajectories.items()}
+        paths = {name: plan.states[:, :2] for name, plan in solution.trajectories.items()}
+        self._markers.publish(formation_markers(problem.arena, ends, paths))
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of every robot's newest state."""

@@ -28,14 +28,21 @@ class NewestMeasurement:
     """Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
 
     `check` raises InvalidProblem for a message that does not hold the state; such messages are
-    passed over (others may publish on the topic), but named when there is no better one.
+    passed over (others may publish on the topic), but named when there is no better one. Every
+    other message is also given to `observer`.
     """
 
     def __init__(
-        self, node: Node, message_type: Any, topic: str, check: Callable[[Any], Any]
+        self,
+        node: Node,
+        message_type: Any,
+        topic: str,
+        check: Callable[[Any], Any],
+        observer: Callable[[Received], None] | None = None,
     ) -> None:
         self._node = node
         self._check = check
+        self._observer = observer
         self._newest: Received | None = None
         self._fault = ''
         self._subscription = node.create_subscription(
@@ -88,3 +95,5 @@ class NewestMeasurement:
         stamp = nanoseconds_of(message.header.stamp)
         arrival = self._node.get_clock().now().nanoseconds
         self._newest = Received(message, stamp or arrival)
+        if self._observer is not None:
+            self._observer(self._newest)

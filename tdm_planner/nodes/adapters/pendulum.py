@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pendulum for the planner node: `joint_states` in, `trajectory` and `markers` out."""
+"""The pendulum for the planner node: `joint_states` in, `trajectory` and markers out."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter
-from tdm_planner.nodes.adapters.measurement import NewestMeasurement
+from tdm_planner.nodes.adapters.measurement import NewestMeasurement, Received
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
-from tdm_planner.nodes.markers import pendulum_markers
+from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
 from tdm_planner.nodes.messages import (
     joint_motion,
     LATCHED,
@@ -30,14 +30,16 @@ from tdm_planner.nodes.messages import (
     PENDULUM_STATES,
     to_stamp,
 )
+from tdm_planner.nodes.pendulum_markers import PendulumPicture, plan_markers
 from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
+from tdm_planner.trajectory import NANOSECOND
 
 Array = NDArray[np.float64]
 
-MARKER_PERIOD = 0.1  # s
+_TRAIL = 1.0  # s
 _FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
 _TRACKED = np.array([0.5, 0.7, 6.0, 8.0])  # deviations of a pendulum that follows its plan
 
@@ -47,18 +49,19 @@ class PendulumAdapter(Adapter):
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         super().__init__(node, values)
-        self._state = NewestMeasurement(node, JointState, 'joint_states', _motion)
         self._trajectories = node.create_publisher(JointTrajectory, 'trajectory', LATCHED)
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
-        self._plant = RotaryPendulum()
+        self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
         self._in_force: PlanInForce | None = None
-        self._timer = node.create_timer(MARKER_PERIOD, self._show)
+        self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
+        self._stand_in = StandIn(node, 'plant_markers', self._draw)
 
     def values_changed(self, values: Mapping[str, Any]) -> None:
         """Draw the rig as the parameters have it, unless they contradict each other."""
         with suppress(InvalidProblem):
-            self._plant = build(RotaryPendulum, values, 'plant.')
+            plant = build(RotaryPendulum, values, 'plant.')
+            self._picture.set_up(plant, values['limits.disk_angle'], _TRAIL)
 
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate the newest state to the instant at which the motion starts.
@@ -99,24 +102,22 @@ class PendulumAdapter(Adapter):
             trajectory = trajectory.with_rates(problem.plant.derivative)
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
         self._in_force = PlanInForce(trajectory, start)
-        self._publish_markers()
+        self._markers.publish(plan_markers(problem.plant, trajectory))
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""
         return {'joint_states': self._state.age(now)}
 
-    def _show(self) -> None:
-        if self._state.newest is not None and self._markers.get_subscription_count() > 0:
-            self._publish_markers()
+    def _moved(self, received: Received) -> None:
+        theta, psi, *_ = _motion(received.message).tolist()
+        self._picture.add(received.instant, theta, psi)
 
-    def _publish_markers(self) -> None:
-        newest = self._state.newest
-        shown = None if newest is None else _motion(newest.message)
-        plan = None if self._in_force is None else self._in_force.trajectory
-        if shown is None and plan is not None:
-            shown = plan.states[0]
-        if shown is not None:
-            self._markers.publish(pendulum_markers(self._plant, shown, plan))
+    def _draw(self) -> MarkerArray | None:
+        newest, now = self._state.newest, self.node.get_clock().now()
+        if newest is None or (now.nanoseconds - newest.instant) * NANOSECOND > OLDEST_SHOWN:
+            return None
+        theta, psi, *_ = _motion(newest.message).tolist()
+        return self._picture.draw(now.to_msg(), theta, psi)
 
 
 def _deviation(state: Array, reference: Array) -> Array:

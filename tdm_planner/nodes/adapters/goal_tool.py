@@ -1,0 +1,116 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Goal tools of RViz and Foxglove: a pose moves a robot's place in the formation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import math
+import textwrap
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.adapters.base import PlanRequest
+from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.nodes.markers import Pen
+from tdm_planner.nodes.robot_messages import yaw_of
+
+NOTICE_TIME = 8.0  # s that a refusal stays visible
+
+_QUEUE = 10
+_LETTERS = 0.1  # m
+_LINE = 44  # letters
+
+
+def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
+    """Return x, y [m] and yaw [rad] of a pose in the arena; its height does not matter.
+
+    Raises
+    ------
+    InvalidProblem
+        If the frame is another, a value is not finite, or the quaternion not of unit length.
+    """
+    frame = message.header.frame_id
+    if frame not in ('', ARENA_FRAME):
+        raise InvalidProblem(f"its frame is '{frame}': must be '{ARENA_FRAME}'")
+    x, y = message.pose.position.x, message.pose.position.y
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InvalidProblem(f'its position is ({x:g}, {y:g}) m: must be finite numbers')
+    return x, y, yaw_of(message.pose.orientation)
+
+
+def place_in_formation(anchor: Sequence[float], pose: Sequence[float]) -> list[float]:
+    """Return a pose of the arena [x, y, yaw] as one in the frame of the formation's anchor."""
+    x, y, yaw = pose
+    across, along = x - anchor[0], y - anchor[1]
+    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
+    return [
+        cosine * across + sine * along,
+        cosine * along - sine * across,
+        math.remainder(yaw - anchor[2], 2 * math.pi),
+    ]
+
+
+def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[float]:
+    """Return a place [x, y, yaw] in the frame of the formation's anchor as a pose of the arena."""
+    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
+    return [
+        anchor[0] + cosine * place[0] - sine * place[1],
+        anchor[1] + sine * place[0] + cosine * place[1],
+        anchor[2] + place[2],
+    ]
+
+
+class GoalTool:
+    """Takes poses for one robot on `<robot>/goal_pose`, and asks for a plan with its place moved.
+
+    The place is the parameter `formation.<robot>`, which is set if there is a plan; otherwise
+    parameter and plan stay as they are, and the reason is logged and shown at the pose by
+    `show`, as text that disappears.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        robot: str,
+        values: Callable[[], Mapping[str, Any]],
+        request: PlanRequest,
+        show: Callable[[MarkerArray], None],
+    ) -> None:
+        self._node, self._robot = node, robot
+        self._values, self._request, self._show = values, request, show
+        self._subscription = node.create_subscription(
+            PoseStamped, f'{robot}/goal_pose', self._on_pose, _QUEUE
+        )
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        robot, values = self._robot, self._values()
+        purpose = f"goal_pose of '{robot}'"
+        parameter, anchor = f'formation.{robot}', values['formation.anchor']
+        try:
+            pose = arena_pose(message)
+        except InvalidProblem as error:
+            reason = f'{error.code}: {error}'
+            self._node.get_logger().warning(f'{purpose} refused: {reason}')
+            place = values.get(parameter) or (0.0, 0.0, 0.0)
+            self._tell(place_in_arena(anchor, place), reason)
+            return
+        self._request(
+            {parameter: place_in_formation(anchor, pose)},
+            purpose,
+            lambda reason: self._tell(pose, reason),
+        )
+
+    def _tell(self, pose: Sequence[float], reason: str) -> None:
+        """Show why there is no plan, or take away what was shown before."""
+        pen = Pen(ARENA_FRAME, lifetime=NOTICE_TIME)
+        if reason:
+            text = textwrap.fill(f'{self._robot}: {reason}', _LINE)
+            marker = pen.text('refusal', 0, text, (pose[0], pose[1], 0.3), _LETTERS)
+        else:
+            marker = pen.delete('refusal', 0)
+        self._show(MarkerArray(markers=[marker]))

@@ -1,0 +1,137 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A floating robot in motion as markers in the frame `arena`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Quaternion
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.nodes.markers import colour_of, LIFETIME, Pen, Trail, WHITE
+
+TRAIL_LIFETIME = 4 * LIFETIME  # trails are long: not every message repeats them
+
+_TRAIL_SPACING = 0.25  # s
+_TRAIL_EVERY = 5  # messages
+_LEAST_THRUST = 1e-3  # of the largest; less is not drawn
+_FLAME, _TIP = ColorRGBA(r=1.0, g=0.85, b=0.3, a=0.95), ColorRGBA(r=1.0, g=0.3, b=0.1, a=0.15)
+
+
+@dataclass(frozen=True)
+class RobotLook:
+    """What a robot looks like.
+
+    `radius` of its body and `separation`, the least distance of two robots [m]; `thrust` is the
+    largest [N].
+    """
+
+    name: str
+    radius: float
+    separation: float
+    thrust: float
+
+
+class RobotState(NamedTuple):
+    """Pose in the arena [m, rad], angle of the thruster from the front [rad] and thrust [N]."""
+
+    x: float
+    y: float
+    yaw: float
+    alpha: float = 0.0
+    thrust: float = 0.0
+
+
+class RobotPicture:
+    """A robot in motion: `add` states to the trail, `draw` as often as it is to be shown.
+
+    Namespaces, each with the number 0: `body`; `heading`, an arrow towards the front; `plume`, the
+    jet of the thruster; `separation`, a disc of half the minimum separation: where two of them
+    touch, the robots are as near as they may be; `name`; `trail`.
+
+    The plume's orientation is psi + alpha, the direction of the force on the robot; the jet itself
+    leaves the opposite side of the body, as gas does. Its length is four radii at full thrust and
+    in proportion below.
+    """
+
+    def __init__(self, look: RobotLook, trail: float) -> None:
+        self.look = look
+        self._trail = Trail(trail, _TRAIL_SPACING)
+        self._drawn = 0
+
+    def set_up(self, look: RobotLook, trail: float) -> None:
+        """Draw another look and length of the trail [s] from now on."""
+        self.look, self._trail.age = look, trail
+
+    def add(self, instant: int, x: float, y: float) -> None:
+        """Lengthen the trail by a place [m] at an instant [ns]."""
+        self._trail.add(instant, x, y, 0.01)
+
+    def clear(self) -> None:
+        """Forget the trail, where the robot did not move but was put elsewhere."""
+        self._trail.clear()
+        self._drawn = 0
+
+    def draw(self, stamp: Time, state: RobotState) -> MarkerArray:
+        """Return the robot in a state."""
+        look, pen = self.look, Pen(ARENA_FRAME, stamp, LIFETIME)
+        x, y, radius = state.x, state.y, look.radius
+        body = (2 * radius, 2 * radius, 0.6 * radius)
+        arrow = (1.5 * radius, 0.25 * radius, 0.25 * radius)
+        disc = (look.separation, look.separation, 0.002)
+        colour = colour_of(look.name)
+        turned = _about_z(state.yaw)
+        markers = [
+            pen.solid('body', 0, Marker.CYLINDER, colour, body, (x, y, 0.3 * radius)),
+            pen.solid('heading', 0, Marker.ARROW, WHITE, arrow, (x, y, 0.75 * radius), turned),
+            pen.solid(
+                'separation', 0, Marker.CYLINDER, colour_of(look.name, 0.25), disc, (x, y, 0.002)
+            ),
+            pen.text('name', 0, look.name, (x, y - 1.7 * radius, 0.7 * radius), 0.6 * radius),
+            self._plume(pen, state),
+        ]
+        if self._drawn % _TRAIL_EVERY == 0:
+            markers.append(self._drawn_trail(stamp, colour))
+        self._drawn += 1
+        return MarkerArray(markers=markers)
+
+    def _plume(self, pen: Pen, state: RobotState) -> Marker:
+        share = min(state.thrust / self.look.thrust, 1.0)
+        if not share > _LEAST_THRUST:
+            return pen.delete('plume', 0)
+        marker = pen.solid(
+            'plume',
+            0,
+            Marker.TRIANGLE_LIST,
+            _FLAME,
+            (1.0, 1.0, 1.0),
+            (state.x, state.y, 0.35 * self.look.radius),
+            _about_z(state.yaw + state.alpha),
+        )
+        # In the marker's frame the force is along x: the jet begins at the body's back, wider
+        # the longer it is.
+        begin = -self.look.radius
+        end = begin - 4.0 * self.look.radius * share
+        half = 0.15 * self.look.radius + 0.45 * self.look.radius * share
+        wings = Point(x=end, y=half), Point(x=end, y=-half)
+        # Both senses of rotation: seen from above and from below.
+        marker.points = [Point(x=begin), *wings, Point(x=begin), *reversed(wings)]
+        marker.colors = [_FLAME, _TIP, _TIP] * 2
+        return marker
+
+    def _drawn_trail(self, stamp: Time, colour: ColorRGBA) -> Marker:
+        pen = Pen(ARENA_FRAME, stamp, TRAIL_LIFETIME)
+        points = self._trail.points
+        if len(points) < 2:
+            return pen.delete('trail', 0)
+        return pen.line('trail', 0, points, colour, 0.12 * self.look.radius)
+
+
+def _about_z(angle: float) -> Quaternion:
+    return Quaternion(z=math.sin(angle / 2), w=math.cos(angle / 2))

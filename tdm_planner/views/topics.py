@@ -1,0 +1,10 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Absolute names of topics and services."""
+
+from __future__ import annotations
+
+
+def absolute(*parts: str) -> str:
+    """Return ``/a/b`` for the parts a and b of a name; empty parts are left out."""
+    return '/' + '/'.join(part.strip('/') for part in parts if part.strip('/'))

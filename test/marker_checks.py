@@ -1,0 +1,95 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every MarkerArray must satisfy for a viewer to draw it, and a viewer's memory."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from visualization_msgs.msg import Marker, MarkerArray
+
+# Which of the scale's components a kind of marker reads.
+SCALES = {
+    Marker.ARROW: 'xyz',
+    Marker.CYLINDER: 'xyz',
+    Marker.SPHERE: 'xyz',
+    Marker.TRIANGLE_LIST: 'xyz',
+    Marker.LINE_STRIP: 'x',
+    Marker.TEXT_VIEW_FACING: 'z',
+}
+
+
+def check_markers(array: MarkerArray, frame: str, lifetimes: dict[str, float] | float) -> None:
+    """Assert that every marker can be drawn; `lifetimes` are in s, by namespace or for all."""
+    assert array.markers
+    seen = set()
+    for marker in array.markers:
+        name = (marker.ns, marker.id)
+        assert marker.header.frame_id == frame, name
+        assert marker.action in (Marker.ADD, Marker.DELETE, Marker.DELETEALL), name
+        check_pose(marker.pose)
+        if marker.action == Marker.DELETEALL:
+            assert not seen, 'what is deleted must be deleted first'
+            continue
+        assert name not in seen, f'{name} is there twice'
+        seen.add(name)
+        assert marker.ns
+        if marker.action == Marker.ADD:
+            expected = lifetimes if isinstance(lifetimes, float) else lifetimes[marker.ns]
+            assert marker.lifetime.sec + 1e-9 * marker.lifetime.nanosec == expected, name
+            check_drawing(marker)
+
+
+def check_drawing(marker: Marker) -> None:
+    for axis in SCALES[marker.type]:
+        assert getattr(marker.scale, axis) > 0.0, (marker.ns, axis)
+    assert all(math.isfinite(getattr(marker.scale, axis)) for axis in 'xyz')
+    for colour in (marker.color, *marker.colors):
+        assert 0.0 < colour.a <= 1.0, marker.ns
+        assert all(0.0 <= getattr(colour, part) <= 1.0 for part in 'rgb')
+    assert len(marker.colors) in (0, len(marker.points))
+    assert all(math.isfinite(getattr(p, axis)) for p in marker.points for axis in 'xyz')
+    if marker.type == Marker.LINE_STRIP:
+        assert len(marker.points) >= 2, marker.ns
+    elif marker.type == Marker.TRIANGLE_LIST:
+        assert marker.points
+        assert len(marker.points) % 3 == 0
+    else:
+        assert not marker.points
+    assert bool(marker.text) == (marker.type == Marker.TEXT_VIEW_FACING)
+
+
+def check_pose(pose: Any) -> None:
+    position, q = pose.position, pose.orientation
+    assert all(math.isfinite(v) for v in (position.x, position.y, position.z)), position
+    assert math.isclose(math.hypot(q.x, q.y, q.z, q.w), 1.0, abs_tol=1e-9), q
+
+
+class Scene:
+    """What a viewer shows after it has received messages; lifetimes are left out."""
+
+    def __init__(self, *arrays: MarkerArray) -> None:
+        self.markers: dict[tuple[str, int], Marker] = {}
+        for array in arrays:
+            self.apply(array)
+
+    def apply(self, array: MarkerArray) -> None:
+        for marker in array.markers:
+            if marker.action == Marker.DELETEALL:
+                self.markers.clear()
+            elif marker.action == Marker.DELETE:
+                self.markers.pop((marker.ns, marker.id), None)
+            else:
+                self.markers[marker.ns, marker.id] = marker
+
+    def __getitem__(self, key: tuple[str, int] | str) -> Marker:
+        return self.markers[(key, 0) if isinstance(key, str) else key]
+
+    @property
+    def names(self) -> set[tuple[str, int]]:
+        return set(self.markers)
+
+    @property
+    def namespaces(self) -> set[str]:
+        return {namespace for namespace, _ in self.markers}
