@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+import re
 
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
@@ -170,6 +171,7 @@ def _mission(
         events=tuple(happened),
         parameters=parameters,
         missing=tuple(dict.fromkeys(notes)),
+        counters=_counters(topics, sites[0].planner),
         source=str(path),
         recorded_at=origin * NANOSECOND,
     )
@@ -273,6 +275,20 @@ def _problem(topics: RecordedTopics, sites: Sequence[Site]) -> str:
         if namespace_of(status.source) == sites[0].planner and 'problem' in status.values:
             return untrusted.text(status.values['problem'], 100)
     return ''
+
+
+def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
+    """Return how many requests the planner had, and how many failed, while it was recorded."""
+    first: dict[str, int] = {}
+    last: dict[str, int] = {}
+    for status in statuses(topics):
+        if namespace_of(status.source) == planner and 'plan id' in status.values:
+            for name in ('requests', 'failures'):
+                count = status.values.get(name, '')
+                if re.fullmatch(r'\d{1,9}', count):
+                    first.setdefault(name, int(count))
+                    last[name] = int(count)
+    return {name: max(last[name] - first[name], 0) for name in last}
 
 
 _Topic = tuple[str, Callable[[Vehicle], object], str]

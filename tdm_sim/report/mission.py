@@ -226,7 +226,8 @@ class Mission:
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `source` is the file or folder it was read from; `recorded_at` is the
+    follows from it; `counters` are the planner's own (requests,
+    failures); `source` is the file or folder it was read from; `recorded_at` is the
     origin's wall-clock time [s since the epoch], None for a plan that was not carried out.
     """
 
@@ -237,6 +238,7 @@ class Mission:
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
+    counters: Mapping[str, int] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None
 

@@ -64,6 +64,8 @@ def _scalars(value: object) -> object:
 
 
 def _scalar(value: object) -> object:
-    if isinstance(value, bool) or value is None:
+    if value is None or isinstance(value, bool):
         return value
+    if isinstance(value, int):
+        return value if number(value) is not None else None
     return text(value) if isinstance(value, str) else number(value)

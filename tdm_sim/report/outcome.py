@@ -1,0 +1,183 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What came of a plan: when the goal was reached for good, with which error, was it held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.measured_robot import MeasuredRobot
+from tdm_sim.report.margins import Limits
+from tdm_sim.report.mission import Mission, Signals, Vehicle
+from tdm_sim.verdict import (
+    held_from,
+    judge_pendulum,
+    MeasuredPendulum,
+    UPRIGHT_TOLERANCE,
+    Verdict,
+)
+from tdm_sim.verdict_formation import arrived_since, judge_formation
+
+Array = NDArray[np.float64]
+
+_TURN = 2 * math.pi
+_ANGLES = ('yaw', 'alpha')
+
+
+def arrival(vehicle: Vehicle) -> float | None:
+    """Return the instant [s] from which the goal was held to the end; inf if it never was.
+
+    None where that cannot be said: nothing measured, no plan, or a plant whose tolerances are not
+    known here. The goal is upright for the pendulum, for a robot its place in the formation.
+    """
+    plan, states = vehicle.plan, _complete(vehicle)
+    if plan is None or states is None:
+        return None
+    after = states.between(vehicle.plans[0].start, math.inf)
+    if not after.times.size:
+        return None
+    if vehicle.plant == 'pendulum':
+        theta = after.column('theta')
+        error = theta - _TURN * np.round(theta[-1] / _TURN)
+        return held_from(after.times, error, UPRIGHT_TOLERANCE)
+    if vehicle.plant == 'robot':
+        return arrived_since(_as_robot(after), goal_of(vehicle))
+    return None
+
+
+def goal_of(robot: Vehicle) -> Array:
+    """Return the x, y, yaw (3,) of the last plan's end."""
+    plan = robot.plan
+    assert plan is not None
+    motion = plan.trajectory
+    return np.array([motion.state(name)[-1] for name in ('x', 'y', 'yaw')])
+
+
+def landing_errors(vehicle: Vehicle) -> dict[str, float]:
+    """Return measured minus planned at the planned end of the last plan, by state."""
+    plan, states = vehicle.plan, vehicle.states
+    if plan is None or states is None:
+        return {}
+    names = [name for name in plan.trajectory.state_names if name in states]
+    measured = states.select(*names).at(np.array([plan.end]))[0]
+    found = {}
+    for name, value in zip(names, measured.tolist(), strict=True):
+        error = value - float(plan.trajectory.state(name)[-1])
+        if name in _ANGLES:
+            error = math.remainder(error, _TURN)
+        if math.isfinite(error):
+            found[name] = error
+    return found
+
+
+def tracking_errors(vehicle: Vehicle) -> Signals | None:
+    """Return measured minus planned while plans were carried out.
+
+    What the tracker published or, where that was not recorded, the difference of states and plans.
+    """
+    if not vehicle.plans:
+        return None
+    start, end = vehicle.plans[0].start, vehicle.plans[-1].end
+    if vehicle.tracking_error is not None:
+        published = vehicle.tracking_error.between(start, end)
+        return published if published.times.size else None
+    return None if vehicle.states is None else _differences(vehicle, start, end)
+
+
+def _differences(vehicle: Vehicle, start: float, end: float) -> Signals | None:
+    assert vehicle.states is not None
+    states = vehicle.states.between(start, end)
+    names = [n for n in vehicle.plans[-1].trajectory.state_names if n in states]
+    if not states.times.size or not names:
+        return None
+    states = states.select(*names)
+    planned = np.full(states.values.shape, np.nan)
+    for plan in vehicle.plans:
+        during = states.times >= plan.start
+        index = [plan.trajectory.state_names.index(n) for n in names]
+        planned[during] = plan.states(states.times[during])[:, index]
+    error = states.values - planned
+    for k, name in enumerate(names):
+        if name in _ANGLES:
+            error[:, k] = np.angle(np.exp(1j * error[:, k]))
+    return Signals(states.times, error, states.names, states.units)
+
+
+def verdict(mission: Mission, limits: Limits) -> Verdict | None:
+    """Judge the mission as a demo is judged; None where not all that takes was recorded."""
+    if any(len(vehicle.plans) != 1 for vehicle in mission.vehicles):
+        return None  # several plans: the demo's judgement knows of one
+    if any(_judged(vehicle) is None for vehicle in mission.vehicles):
+        return None
+    solve_time = mission.figures[0].solve_time if mission.figures else None
+    time = math.nan if solve_time is None else solve_time
+    if limits.formation is not None:
+        plans = {v.name: v.plans[0].trajectory for v in mission.vehicles}
+        goals = {v.name: goal_of(v) for v in mission.vehicles}
+        return judge_formation(limits.formation, plans, goals, _robots(mission), time)
+    torque, angle = mission.number('limits.torque'), mission.number('limits.disk_angle')
+    if len(mission.vehicles) != 1 or torque is None or angle is None:
+        return None
+    return _pendulum_verdict(mission.vehicles[0], torque, angle, time)
+
+
+def _pendulum_verdict(
+    vehicle: Vehicle, torque: float, angle: float, time: float
+) -> Verdict | None:
+    states = _judged(vehicle)
+    if vehicle.plant != 'pendulum' or states is None or vehicle.controls is None:
+        return None
+    start = vehicle.plans[0].start
+    measured = MeasuredPendulum(
+        times=states.times - start,
+        theta=states.column('theta'),
+        psi=states.column('psi'),
+        theta_dot=states.column('theta_dot'),
+        psi_dot=states.column('psi_dot'),
+        torque=vehicle.controls.at(states.times)[:, 0],
+    )
+    return judge_pendulum(vehicle.plans[0].trajectory, measured, torque, angle, time)
+
+
+def _robots(mission: Mission) -> Mapping[str, MeasuredRobot]:
+    found = {}
+    for vehicle in mission.vehicles:
+        states = _judged(vehicle)
+        assert states is not None
+        shifted = states.times - vehicle.plans[0].start
+        found[vehicle.name] = MeasuredRobot(shifted, _columns(states))
+    return found
+
+
+def _judged(vehicle: Vehicle) -> Signals | None:
+    """Complete samples from half a second before the motion on, that reach beyond its end."""
+    states = _complete(vehicle)
+    if states is None or not vehicle.plans:
+        return None
+    during = states.between(vehicle.plans[0].start - 0.5, math.inf)
+    beyond = during.times.size and during.times[-1] > vehicle.plans[-1].end
+    return during if beyond else None
+
+
+def _complete(vehicle: Vehicle) -> Signals | None:
+    """Return the samples in which every state was measured, the thruster's angle aside."""
+    if vehicle.states is None:
+        return None
+    states = vehicle.states
+    needed = [k for k, name in enumerate(states.names) if name != 'alpha']
+    whole = np.isfinite(states.values[:, needed]).all(axis=1)
+    if not whole.any():
+        return None
+    return Signals(states.times[whole], states.values[whole], states.names, states.units)
+
+
+def _as_robot(states: Signals) -> MeasuredRobot:
+    return MeasuredRobot(states.times, _columns(states))
+
+
+def _columns(states: Signals) -> dict[str, Array]:
+    return {name: states.column(name) for name in states.names}
