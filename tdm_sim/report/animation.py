@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page's animation draws: the motion of every vehicle on common, evenly spaced frames."""
+"""What the page's animation draws: the motion of every vehicle on common frames."""
 
 from __future__ import annotations
 
@@ -38,10 +38,13 @@ def scene(mission: Mission) -> dict[str, Any] | None:
     return None
 
 
-def frame_times(span: tuple[float, float], rate: float) -> Array:
-    """Return the instants of the frames over a span [s]."""
-    count = math.ceil((span[1] - span[0]) * rate) + 1
-    return np.linspace(*span, min(max(count, FEWEST_FRAMES), MOST_FRAMES))
+def frame_times(mission: Mission, rate: float) -> Array:
+    """Return the instants of the frames: evenly over the mission, and where a plan starts or ends."""
+    start, end = mission.span
+    count = math.ceil((end - start) * rate) + 1
+    even = np.linspace(start, end, min(max(count, FEWEST_FRAMES), MOST_FRAMES))
+    plans = [plan for vehicle in mission.vehicles for plan in vehicle.plans]
+    return np.union1d(even, [at for plan in plans for at in (plan.start, plan.end)])
 
 
 def planned_frames(vehicle: Vehicle, times: Array, names: Sequence[str]) -> Frames | None:
@@ -97,7 +100,7 @@ def _columns(frames: Mapping[str, Array] | None) -> dict[str, Any] | None:
 def _pendulum_scene(mission: Mission) -> dict[str, Any]:
     (vehicle, *_) = mission.vehicles
     plant = RotaryPendulum()
-    times = frame_times(mission.span, FRAME_RATES['pendulum'])
+    times = frame_times(mission, FRAME_RATES['pendulum'])
     return {
         'kind': 'pendulum',
         'times': packed(times),
@@ -112,7 +115,7 @@ def _pendulum_scene(mission: Mission) -> dict[str, Any]:
 
 
 def _arena_scene(mission: Mission) -> dict[str, Any]:
-    times = frame_times(mission.span, FRAME_RATES['robot'])
+    times = frame_times(mission, FRAME_RATES['robot'])
     obstacles = mission.numbers('arena.obstacles')
     circles = np.zeros(0) if obstacles is None else obstacles[: obstacles.size // 3 * 3]
     return {

@@ -174,6 +174,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             'zeroline': False,
             'nticks': 5,
             'automargin': False,
+            'exponentformat': 'power',
         }
         layout['annotations'].append(
             {
