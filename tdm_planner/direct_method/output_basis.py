@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.formulation import Output
 from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.direct_method.reference_function import ReferenceBasis
-from tdm_planner.direct_method.shapes import product_derivative
+from tdm_planner.direct_method.shapes import product_derivative, Shapes
 from tdm_planner.direct_method.taranenko import TaranenkoBasis
 from tdm_planner.exceptions import InvalidProblem
 
@@ -151,15 +152,19 @@ def output_basis(name: str, output: Output, speed_factor_order: int) -> Orthonor
                 f"output '{name}' has derivatives {sorted(given)} given at the {where}: with a "
                 'speed factor all lower ones must be given too'
             )
-    basis: ReferenceBasis
     try:
-        if output.shapes is None:
-            basis = _polynomials(tuple(start), tuple(end), output.free)
-        else:
-            basis = _taranenko(output, tuple(start), tuple(end))
+        return _orthonormal(output.shapes, tuple(start), tuple(end), output.free)
     except InvalidProblem as error:
         raise InvalidProblem(f"output '{name}': {error}") from None
-    return OrthonormalBasis.of(basis)
+
+
+@lru_cache(maxsize=64)
+def _orthonormal(
+    shapes: Shapes | None, start: tuple[int, ...], end: tuple[int, ...], free: int
+) -> OrthonormalBasis:
+    if shapes is None:
+        return OrthonormalBasis.of(_polynomials(start, end, free))
+    return OrthonormalBasis.of(_taranenko(shapes, start, end))
 
 
 def _polynomials(start: tuple[int, ...], end: tuple[int, ...], free: int) -> ReferenceBasis:
@@ -169,12 +174,11 @@ def _polynomials(start: tuple[int, ...], end: tuple[int, ...], free: int) -> Ref
     return VariedPolynomials.of(start, end, free)
 
 
-def _taranenko(output: Output, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
-    assert output.shapes is not None
-    basis = TaranenkoBasis.of(output.shapes, start, end)
+def _taranenko(shapes: Shapes, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
+    basis = TaranenkoBasis.of(shapes, start, end)
     if not basis.unconditional:
         raise InvalidProblem(
-            f'{output.shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
+            f'{shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
             f'{list(end)} at the end; take more, or others'
         )
     return basis

@@ -104,7 +104,7 @@ class PowerProducts(Shapes):
             if not isinstance(pair, tuple) or len(pair) != 2:
                 raise InvalidProblem(f'exponents {shown(pair)} are not a pair (m1, m2)')
             for exponent in pair:  # at least 1, for the product to vanish at both ends
-                whole(exponent, f'an exponent of {pair}', 1, _MOST)
+                whole(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
         if len(set(self.exponents)) != len(self.exponents):
             raise InvalidProblem(f'the exponents {self.exponents} must be distinct')
 

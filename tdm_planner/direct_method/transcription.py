@@ -15,18 +15,18 @@ J by Clenshaw-Curtis quadrature. Many candidates are computed at once.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite
 from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
 from tdm_planner.direct_method.arc_outputs import ArcOutputs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.differentiation import choose_scheme, jacobians, Scheme
-from tdm_planner.direct_method.formulation import components, Formulation
+from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -41,17 +41,8 @@ Values = NDArray[Any]
 _NEAR = 1.0  # margin within which a node gets a row
 _HESSIAN_STEP = 1e-5
 _LEAST_CURVATURE = 1e-4
-_HESSIAN_BATCH = 400  # candidates between two looks at the clock
-
-
-@dataclass(frozen=True, eq=False)
-class ArcMotion:
-    """B candidates at K nodes: times (B, K), states (B, K, nx), controls (B, K, nu), rate mu."""
-
-    times: Values
-    states: Values
-    controls: Values
-    rate: Values
+_HESSIAN_BATCH = 400  # most candidates between two looks at the clock
+_HESSIAN_WORK = 200_000  # most products in a batch: more make BLAS start threads
 
 
 class Transcription(NonlinearProgram):
@@ -116,7 +107,7 @@ class Transcription(NonlinearProgram):
             on other candidates that are computed at once.
         """
         with np.errstate(all='ignore'):
-            self._check_finite(self.motion(xi[None]))
+            check_finite(self._stated, self.motion(xi[None]), self.nodes)
             self.cost_scale = 1.0
             values = self._values(xi[None])[0]
             self._check_independent(xi, values)
@@ -186,6 +177,14 @@ class Transcription(NonlinearProgram):
         margins = point.cache[1 + count :][at.tags[active]]
         return np.concatenate([point.cache[1 : 1 + count], np.minimum(margins, 0.0)])
 
+    @property
+    def _hessian_rows(self) -> int:
+        """How many rows to compute at once; integration has a price for every batch."""
+        batch = _HESSIAN_BATCH
+        if not self.integrated:
+            batch = min(batch, _HESSIAN_WORK // (self.size * self.nodes.size))
+        return max(1, batch // self.size)
+
     def _hessian(self, xi: Array, jacobian: Array, multipliers: Multipliers | None) -> Array:
         weights = np.zeros(len(jacobian))
         weights[0] = 1.0
@@ -199,7 +198,7 @@ class Transcription(NonlinearProgram):
             return self._values(points)[:, used] @ weights[used, None]
 
         step = _HESSIAN_STEP if self.scheme == 'complex_step' else 100 * _HESSIAN_STEP
-        rows = max(1, _HESSIAN_BATCH // xi.size)
+        rows = self._hessian_rows
         gradients = np.zeros((xi.size, xi.size))
         moved = xi + step * np.eye(xi.size)
         for first in range(0, xi.size, rows):
@@ -256,40 +255,6 @@ class Transcription(NonlinearProgram):
             found.append(current)
         z = np.stack(found, axis=1)
         return {name: z[..., i] for i, name in enumerate(self.integrated)}
-
-    def _check_finite(self, motion: ArcMotion) -> None:
-        stated, states, controls = self._stated, motion.states, motion.controls
-        rates = stated.derivative(states, controls)
-        named = {
-            f"{what} '{name}'": value
-            for what, names, values in (
-                ('invert gives state', stated.state_names, states),
-                ('invert gives control', stated.control_names, controls),
-                ('derivative gives the rate of', stated.state_names, rates),
-            )
-            for name, value in zip(names, components(values), strict=True)
-        }
-        margins = stated.margins(motion.times, states, controls)
-        named |= {f"margins gives '{name}'": value for name, value in margins.items()}
-        named['running_cost gives J'] = stated.running_cost(motion.times, states, controls)
-        ends = motion.times[:, -1], states[:, -1]
-        named['final_cost gives J'] = stated.final_cost(*ends)[:, None]
-        named |= {
-            f'end_conditions gives number {index}': value[:, None]
-            for index, value in enumerate(stated.end_conditions(*ends))
-        }
-        shape = motion.times.shape
-        values = {what: np.broadcast_to(value, shape)[0] for what, value in named.items()}
-        first = {what: np.flatnonzero(~np.isfinite(value)) for what, value in values.items()}
-        wrong = {what: int(nodes[0]) for what, nodes in first.items() if nodes.size}
-        if wrong:
-            # What is wrong at one node spoils the integration of all that follow.
-            what = min(wrong, key=lambda key: wrong[key])
-            node = wrong[what]
-            raise InvalidProblem(
-                f'{what} = {values[what][node]} at node {node} of {self.nodes.size} '
-                f'(s = {self.nodes[node]:.3g}, t = {motion.times[0, node]:.3g} s)'
-            )
 
     def _check_independent(self, xi: Array, alone: Array) -> None:
         """Check that a candidate has the same values in company as alone."""

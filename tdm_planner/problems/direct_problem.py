@@ -26,12 +26,14 @@ planned for by ``tdm plan`` and by the planner node.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tdm_planner.direct_method.formulation import components, Formulation, stack
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import parameter, POSITIVE
@@ -94,6 +96,10 @@ class DirectPlant:
 
     formulation: Formulation
 
+    @cached_property
+    def _stated(self) -> CheckedFormulation:
+        return CheckedFormulation(self.formulation)
+
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the states."""
@@ -122,12 +128,11 @@ class DirectPlant:
         InvalidProblem
             Naming the state, if a rate is not a finite number.
         """
-        slopes = self.formulation.derivative(components(state), components(control))
-        stacked = stack(slopes, len(self.state_names), 'what derivative returns')
+        stacked = self._stated.derivative(state, control)
         if not np.isfinite(stacked).all():
             index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
             raise InvalidProblem(
                 f"derivative gives the rate of '{self.state_names[index[-1]]}' = {stacked[index]} "
                 f'in state {state[index[:-1]]} under control {control[index[:-1]]}'
             )
-        return np.broadcast_to(stacked, state.shape)
+        return stacked

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
-from tdm_planner.direct_method.formulation import components
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
@@ -47,13 +47,14 @@ class DirectSearch(Search[Minimum]):
     ) -> None:
         super().__init__(budget)
         self._problem = problem
+        self._stated = CheckedFormulation(problem)
         self._plant = plant
         self._rng = rng
         self._previous = previous
         self._nodes = self._node_count()
         self._program = Transcription(problem, chebyshev_nodes(self._nodes))
         self._closest = np.inf
-        self._nearest_miss = 'finiteness'
+        self._nearest_miss = ''
 
     def candidates(self) -> Iterator[Minimum]:
         """Minimise from all first guesses while there is time.
@@ -94,23 +95,28 @@ class DirectSearch(Search[Minimum]):
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
+        kind: type[Infeasible] = Infeasible
         if self.rejected:
+            kind = VerificationFailed
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
-            if not self._late:
-                return VerificationFailed(reason)
-        else:
+        elif self._nearest_miss:
             reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
-            if not self._late:
-                return Infeasible(reason)
-        return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
+        elif self._late:
+            reason = 'not one first guess could be followed'
+        else:
+            reason = 'no first guess gives a motion that is finite everywhere'
+        if self._late:
+            return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
+        return kind(reason)
 
     @property
     def _late(self) -> bool:
         return self.budget.elapsed > _COARSE_SHARE * self.budget.seconds
 
     def _node_count(self) -> int:
-        free = [output.free for output in self._problem.outputs().values()]
-        return max(self._problem.nodes, 3 * max(free, default=0) + 15)
+        outputs = self._stated.outputs().values()
+        free = max(o.free if o.shapes is None else o.shapes.size for o in outputs)
+        return max(self._problem.nodes, 3 * free + 15)
 
     def _seeds(self) -> Iterator[Array]:
         """Yield the previous solution, the plain boundary conditions, and random changes.
@@ -155,11 +161,8 @@ class DirectSearch(Search[Minimum]):
         if ends > margins:
             return f'the conditions at the end by {ends:.2g}'
         motion = self._program.motion(minimum.point.xi[None])
-        x, u = components(motion.states), components(motion.controls)
-        least = {
-            name: float(np.min(value))
-            for name, value in self._problem.margins(motion.times, x, u).items()
-        }
+        margins = self._stated.margins(motion.times, motion.states, motion.controls)
+        least = {name: float(np.min(value)) for name, value in margins.items()}
         name = min(least, key=lambda key: least[key])
         return f'{name} by {-least[name]:.2g}'
 
@@ -219,21 +222,15 @@ class DirectSearch(Search[Minimum]):
             tolerance = 1e-3 * np.ptp(trajectory.states, axis=0) + 1e-6
         else:
             tolerance = np.array(problem.terminal_tolerance, dtype=float)
-        samples = _columns(trajectory.times, trajectory.states, trajectory.controls)
+        margins = self._stated.margins(trajectory.times, trajectory.states, trajectory.controls)
         constraints = [
             Constraint(
                 name,
-                lambda t, x, u, name=name: np.broadcast_to(  # type: ignore[misc]
-                    problem.margins(*_columns(t, x, u))[name], t.shape
-                ),
+                lambda t, x, u, name=name: self._stated.margins(t, x, u)[name],  # type: ignore[misc]
                 tolerance=_MARGIN_TOLERANCE,
             )
-            for name in problem.margins(*samples)
+            for name in margins
         ]
         return verify(
             self._plant, trajectory, goal, tolerance, constraints, resolution=duration / 1000
         )
-
-
-def _columns(times: Array, states: Array, controls: Array) -> tuple[Array, Array, Array]:
-    return times, components(states), components(controls)

@@ -117,7 +117,10 @@ def test_motion_along_a_path_has_these_derivatives_by_time(kind):
     [
         (lambda: SpeedFactor([1.0, 0.0], 1.0), 'coefficient 1 of the speed factor is 0'),
         (lambda: TimeFactor([-1.0, 2.0], 1.0), 'coefficient 0 of the speed factor is -1'),
-        (lambda: SpeedFactor([1.0, np.nan], 1.0), 'coefficient of the speed factor has an element nan'),
+        (
+            lambda: SpeedFactor([1.0, np.nan], 1.0),
+            'coefficient of the speed factor has an element nan',
+        ),
         (lambda: SpeedFactor([1.0], 0.0), 'must end after it starts'),
         (lambda: SpeedFactor([[1.0]], 1.0), 'shape'),
         (lambda: SpeedFactor([], 1.0), 'shape'),

@@ -1,0 +1,76 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A motion at the nodes of the arc, and the check that a first one is made of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.formulation import components
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+Values = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ArcMotion:
+    """B candidates at K nodes: times (B, K), states (B, K, nx), controls (B, K, nu), rate mu."""
+
+    times: Values
+    states: Values
+    controls: Values
+    rate: Values
+
+
+def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
+    """Check all that is stated along the first candidate of a motion.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming function, node and value, for the first node where something is not finite: what is
+        wrong there spoils the integration of all that follow.
+    """
+    last = nodes.size - 1
+    found = [
+        (last if at_end else int(np.argmin(np.isfinite(values))), what, values)
+        for what, values, at_end in _stated_values(stated, motion)
+        if not np.isfinite(values).all()
+    ]
+    if found:
+        node, what, values = min(found, key=lambda item: item[0])
+        raise InvalidProblem(
+            f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
+            f'(s = {nodes[node]:.3g}, t = {motion.times[0, node]:.3g} s)'
+        )
+
+
+def _stated_values(
+    stated: CheckedFormulation, motion: ArcMotion
+) -> Iterator[tuple[str, Array, bool]]:
+    """Yield what every function gives along the motion, (K,), or (1,) and True at its end."""
+    times, states, controls = motion.times, motion.states, motion.controls
+    rates = stated.derivative(states, controls)
+    integrated = stated.integrated()  # these are wrong because their rates are
+    for what, names, values in (
+        ('invert gives state', stated.state_names, states),
+        ('invert gives control', stated.control_names, controls),
+        ('derivative gives the rate of', stated.state_names, rates),
+    ):
+        for name, value in zip(names, components(values), strict=True):
+            if what != 'invert gives state' or name not in integrated:
+                yield f"{what} '{name}'", value[0], False
+    for name, value in stated.margins(times, states, controls).items():
+        yield f"margins gives '{name}'", value[0], False
+    yield 'running_cost gives J', stated.running_cost(times, states, controls)[0], False
+    ends = times[:, -1], states[:, -1]
+    yield 'final_cost gives J', stated.final_cost(*ends)[:1], True
+    for index, value in enumerate(stated.end_conditions(*ends)):
+        yield f'end_conditions gives number {index}', value[:1], True
