@@ -69,6 +69,7 @@ setup(
             'pytest-timeout',
             'selenium',
             'setuptools<80',
+            'urdf-parser-py',
         ],
         'dev': ['mypy', 'ruff', 'scipy-stubs', 'types-PyYAML'],
         'benchmark': ['casadi'],

@@ -93,7 +93,7 @@ def test_the_trail_follows_the_tip_and_fades() -> None:
         picture.add(5_000_000 * k, float(value), 0.3)
     trail = Scene(picture.draw(Time(), 1.0, 0.3))['trail']
     _, tips = pendulum_points(PLANT, theta, np.array(0.3))
-    np.testing.assert_allclose([position(p) for p in trail.points], tips[98::2], atol=1e-9)
+    np.testing.assert_allclose([position(p) for p in trail.points], tips[100::2], atol=1e-9)
     alphas = [colour.a for colour in trail.colors]
     assert alphas == sorted(alphas)
     assert alphas[-1] > 10 * alphas[0]

@@ -36,7 +36,7 @@ def in_arena(marker) -> np.ndarray:
     """Points of a marker (n, 2), from its own frame to that of the arena."""
     c, s = math.cos(yaw(marker)), math.sin(yaw(marker))
     points = np.array([[p.x, p.y] for p in marker.points]) @ np.array([[c, s], [-s, c]])
-    return points + [marker.pose.position.x, marker.pose.position.y]
+    return points + np.array([marker.pose.position.x, marker.pose.position.y])
 
 
 @given(st.lists(states, min_size=1, max_size=12))
