@@ -39,7 +39,7 @@ def scene(mission: Mission) -> dict[str, Any] | None:
 
 
 def frame_times(mission: Mission, rate: float) -> Array:
-    """Return the instants of the frames: evenly over the mission, and where a plan starts or ends."""
+    """Return the instants of the frames: evenly spread, and where plans start and end."""
     start, end = mission.span
     count = math.ceil((end - start) * rate) + 1
     even = np.linspace(start, end, min(max(count, FEWEST_FRAMES), MOST_FRAMES))

@@ -27,6 +27,7 @@ DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
         'theta_dot': 'pendulum rate',
         'psi_dot': 'disk rate',
         'torque': 'motor of the disk',
+        'disk_angle': 'end stops of the disk',
     },
     'robot': {
         'x': 'position',
@@ -39,6 +40,8 @@ DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
         'thrust': 'thruster',
         'thruster_rate': 'turning of the thruster',
         'torque': 'reaction wheel',
+        'walls': 'and safety radius',
+        'keep_out': 'zones and safety radius',
     },
     'other': {},
 }
@@ -63,23 +66,6 @@ def control_chart(mission: Mission) -> Chart:
     return Chart('controls', 'Controls', _panels(mission, 'controls'))
 
 
-def error_chart(mission: Mission) -> Chart:
-    """Every tracking error the trackers published."""
-    names = _ordered(v.tracking_error.names for v in mission.vehicles if v.tracking_error)
-    most = points_per_curve(mission)
-    panels = []
-    for name in names:
-        curves, unit = [], ''
-        for k, vehicle in enumerate(mission.vehicles):
-            errors = vehicle.tracking_error
-            if errors is None or name not in errors:
-                continue
-            unit = unit or errors.unit(name)
-            curves.append(_signal_curve(mission, k, errors, name, 'error', most))
-        panels.append(Panel(name, unit, tuple(curves), _description(mission, name)))
-    return Chart('errors', 'Tracking errors', tuple(panels), 'Measured less planned.')
-
-
 def series_of(mission: Mission, index: int) -> str:
     """Return the series of a vehicle's curves: its name where there are several vehicles."""
     return mission.vehicles[index].name if len(mission.vehicles) > 1 else ''
@@ -90,6 +76,11 @@ def colour_of(mission: Mission, index: int, kind: Kind) -> int:
     if len(mission.vehicles) > 1:
         return index
     return {'planned': 0, 'measured': 1, 'commanded': 2, 'error': 1}.get(kind, 0)
+
+
+def description_of(mission: Mission, name: str) -> str:
+    """Return a few words on a state, a control or a constraint; '' if none are known."""
+    return DESCRIPTIONS[mission.vehicles[0].plant].get(name, '')
 
 
 def limits_of(mission: Mission, plant: str, name: str) -> tuple[float, ...]:
@@ -138,7 +129,7 @@ def _panel(mission: Mission, group: Group, name: str, most: int) -> Panel:
         name,
         unit,
         tuple(curves),
-        _description(mission, name),
+        description_of(mission, name),
         tuple(sorted(limits)),
         tuple(sorted(switches)),
     )
@@ -169,10 +160,6 @@ def _names(vehicle: Vehicle, group: Group) -> tuple[str, ...]:
 
 def _ordered(groups: Iterable[Sequence[str]]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for group in groups for name in group))
-
-
-def _description(mission: Mission, name: str) -> str:
-    return DESCRIPTIONS[mission.vehicles[0].plant].get(name, '')
 
 
 def _signal_curve(

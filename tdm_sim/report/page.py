@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
 from html import escape
 from importlib.resources import files
+import itertools
 from pathlib import Path
 import re
 
@@ -21,8 +22,10 @@ from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, plotly_figure, plotly_json
+from tdm_sim.report.comparison import compare, Comparison
+from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
 from tdm_sim.report.embedding import content_hash, json_for_html
-from tdm_sim.report.histories import control_chart, error_chart, state_chart
+from tdm_sim.report.histories import control_chart, state_chart
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.tables import events_table, parameters_table, summary_table
 
@@ -52,7 +55,8 @@ def write_report(mission: Mission, path: Path) -> int:
 
 def report_page(mission: Mission) -> str:
     """Return the report on a mission as HTML."""
-    charts = mission_charts(mission)
+    comparison = compare(mission)
+    charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
     data = json_for_html(
         {
@@ -81,8 +85,8 @@ def report_page(mission: Mission) -> str:
             'title': escape(mission.title),
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
-            'missing': _missing(mission.missing),
-            'overview': _overview(mission, scene),
+            'missing': _missing((*mission.missing, *comparison.missing)),
+            'overview': _overview(mission, comparison, scene),
             'charts': _chart_columns(charts),
             'details': _details(mission),
             'source': escape(_source(mission)),
@@ -94,9 +98,15 @@ def report_page(mission: Mission) -> str:
     )
 
 
-def mission_charts(mission: Mission) -> list[Chart]:
+def mission_charts(mission: Mission, comparison: Comparison) -> list[Chart]:
     """Return the charts that have anything to show."""
-    charts = [state_chart(mission), control_chart(mission), error_chart(mission)]
+    charts = [
+        state_chart(mission),
+        control_chart(mission),
+        distance_chart(mission, comparison),
+        margin_chart(mission, comparison),
+        error_chart(mission, comparison),
+    ]
     return [chart for chart in charts if any(panel.curves for panel in chart.panels)]
 
 
@@ -150,8 +160,8 @@ def _missing(sentences: Iterable[str]) -> str:
     return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
 
 
-def _overview(mission: Mission, scene: Mapping[str, object] | None) -> str:
-    table = summary_table(mission)
+def _overview(mission: Mission, comparison: Comparison, scene: Mapping[str, object] | None) -> str:
+    table = summary_table(mission, comparison)
     summary = f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'
     if scene is None:
         return f'<section class="overview">{summary}<div id="scene" hidden></div></section>'
@@ -192,18 +202,25 @@ def _key(mission: Mission, kind: str) -> str:
 
 
 def _chart_columns(charts: Iterable[Chart]) -> str:
-    """Return the charts in two columns of about the same height."""
-    columns: list[list[str]] = [[], []]
-    heights = [0, 0]
-    for chart in charts:
-        shorter = heights.index(min(heights))
-        heights[shorter] += len(chart.panels) + 1
+    """Return the charts in two columns of about the same height, each in the order given."""
+    charts = list(charts)
+    heights = [len(chart.panels) + 1 for chart in charts]
+
+    def difference(sides: tuple[int, ...]) -> int:
+        return abs(sum(h * (1 - 2 * side) for h, side in zip(heights, sides, strict=True)))
+
+    # the first chart stands on the left and the second, if there is one, beside it
+    fixed = (0, 1)[: len(charts)]
+    free = itertools.product((0, 1), repeat=len(charts) - len(fixed))
+    best = min(((*fixed, *rest) for rest in free), key=difference)
+    columns = ['', '']
+    for chart, side in zip(charts, best, strict=True):
         note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
-        columns[shorter].append(
+        columns[side] += (
             f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
             f'<div class="chart" id="chart-{chart.key}"></div></section>'
         )
-    return ''.join(f'<div class="column">{"".join(column)}</div>' for column in columns if column)
+    return ''.join(f'<div class="column">{column}</div>' for column in columns if column)
 
 
 def _details(mission: Mission) -> str:

@@ -4,18 +4,153 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 
+from tdm_sim.report.comparison import Comparison, Entry, Kind
 from tdm_sim.report.mission import Event, Mission
 
 MOST_EVENTS = 300
 MINUS = '\N{MINUS SIGN}'
 
+_HEADINGS: dict[Kind, str] = {
+    'duration': 'Duration',
+    'cost': 'Cost',
+    'landing': 'Landing',
+    'margin': 'Worst margins',
+    'distance': 'Distances',
+    'tracking': 'Tracking',
+    'planner': 'Planner',
+}
+_NOTHING = 1e-12  # below this a figure is shown as 0
 
-def summary_table(mission: Mission) -> str:
-    """Return planned against achieved."""
-    return ''
+
+def summary_table(mission: Mission, comparison: Comparison) -> str:
+    """Return planned against achieved, of several vehicles the worst; every figure folded up."""
+    several = len(mission.vehicles) > 1
+    entries = comparison.entries
+    worst = _worst(entries) if several else [e for e in entries if not _is_detail(e)]
+    parts = [_verdict(comparison), _table(mission, worst, several)]
+    if len(worst) < len(entries):
+        table = _table(mission, entries, several)
+        parts.append(f'<details><summary>Every figure</summary>{table}</details>')
+    return ''.join(parts)
+
+
+def _verdict(comparison: Comparison) -> str:
+    verdict = comparison.verdict
+    if verdict is None:
+        return ''
+    if verdict.reached:
+        return '<p class="verdict good">Goal reached and held</p>'
+    reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
+    return f'<p class="verdict bad">Goal missed</p><ul class="reasons">{reasons}</ul>'
+
+
+def _is_detail(entry: Entry) -> bool:
+    """Whether an entry is told among every figure only."""
+    return entry.kind == 'tracking' or (entry.kind == 'distance' and ' - ' in entry.name)
+
+
+def _worst(entries: Iterable[Entry]) -> list[Entry]:
+    """Return one entry for all vehicles where every vehicle has one of that name."""
+    groups: dict[tuple[Kind, str], list[Entry]] = {}
+    for entry in entries:
+        if not _is_detail(entry):
+            groups.setdefault((entry.kind, entry.name), []).append(entry)
+    totals = {kind for kind, _ in groups if any(not e.vehicle for e in groups[kind, _])}
+    return [
+        _worst_of(group)
+        for (kind, _), group in groups.items()
+        if not (kind == 'duration' and kind in totals and group[0].vehicle)
+    ]
+
+
+def _worst_of(group: Sequence[Entry]) -> Entry:
+    """Return the smallest margins, else the largest amounts, planned and achieved."""
+    if len(group) == 1:
+        return group[0]
+
+    def gravity(value: float) -> float:
+        return -value if group[0].kind == 'margin' else abs(value)
+
+    def worst(value: Callable[[Entry], float | None]) -> Entry | None:
+        found = [(gravity(v), e) for e in group if (v := value(e)) is not None]
+        return max(found, key=lambda item: item[0])[1] if found else None
+
+    planned, achieved = worst(lambda e: e.planned), worst(lambda e: e.achieved)
+    return replace(
+        group[0],
+        planned=None if planned is None else planned.planned,
+        planned_at=None if planned is None else planned.planned_at,
+        achieved=None if achieved is None else achieved.achieved,
+        achieved_at=None if achieved is None else achieved.achieved_at,
+        vehicle=(achieved or planned or group[0]).vehicle,
+    )
+
+
+def _table(mission: Mission, entries: Sequence[Entry], several: bool) -> str:
+    carried_out = mission.was_carried_out
+    heads = '<th scope="col">planned</th>'
+    heads += '<th scope="col">achieved</th>' if carried_out else ''
+    rows = []
+    for kind, heading in _HEADINGS.items():
+        group = [entry for entry in entries if entry.kind == kind]
+        if group:
+            columns = 3 if carried_out else 2
+            rows.append(
+                f'<tr class="group"><th colspan="{columns}" scope="colgroup">{heading}</th></tr>'
+            )
+            rows += [_row(entry, several, carried_out) for entry in group]
+    return (
+        f'<table class="figures"><thead><tr><td></td>{heads}</tr></thead>'
+        f'<tbody>{"".join(rows)}</tbody></table>'
+    )
+
+
+def _row(entry: Entry, several: bool, carried_out: bool) -> str:
+    name = entry.name.removeprefix('margin of ') if entry.kind == 'margin' else entry.name
+    name = name.removesuffix(' at the planned end')
+    unit = f' [{entry.unit}]' if entry.unit else ''
+    notes = [entry.vehicle] if several and entry.vehicle else []
+    notes += [entry.note] if entry.note else []
+    small = f'<small>{escape(", ".join(notes))}</small>' if notes else ''
+    planned, achieved = entry.planned, entry.achieved
+    if entry.kind == 'planner':
+        # what the planner may take, and what it took
+        allowed = f'at most {number(planned)}' if planned else ''
+        if not carried_out:
+            allowed, achieved = number(achieved), None
+        cells = f'<td>{allowed}</td>'
+        cells += f'<td>{number(achieved)}</td>' if carried_out else ''
+    else:
+        cells = _cell(planned, entry.planned_at, entry)
+        cells += _cell(achieved, entry.achieved_at, entry) if carried_out else ''
+    return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
+
+
+def _cell(value: float | None, instant: float | None, entry: Entry) -> str:
+    if value is None:
+        return '<td></td>'
+    at = ''
+    if instant is not None and entry.kind in ('margin', 'distance', 'tracking'):
+        at = f' <small>at {instant_button(instant)}</small>'
+    violated = entry.kind == 'margin' and entry.violated and value < 0
+    style = ' class="bad"' if violated else ''
+    return f'<td{style}>{number(value)}{at}</td>'
+
+
+def number(value: float | None) -> str:
+    """Return a figure with four significant digits, as HTML."""
+    if value is None:
+        return ''
+    if abs(value) < _NOTHING:
+        return '0'
+    digits, _, exponent = f'{value:.4g}'.partition('e')
+    if exponent:
+        digits = f'{float(digits):.3g}&thinsp;&middot;&thinsp;10<sup>{int(exponent)}</sup>'
+    return digits.replace('-', MINUS)
 
 
 def events_table(mission: Mission) -> str:
@@ -37,7 +172,7 @@ def _event_row(event: Event) -> str:
 
 def instant_button(instant: float) -> str:
     """Return an instant [s] as a button that moves the cursor there."""
-    sign = MINUS if instant < 0 else ''
+    sign = MINUS if instant < -0.005 else ''
     return (
         f'<button type="button" class="link" data-instant="{instant:.6f}">'
         f'{sign}{abs(instant):.2f} s</button>'
@@ -47,13 +182,16 @@ def instant_button(instant: float) -> str:
 def parameters_table(parameters: Mapping[str, object]) -> str:
     """Return parameters by dotted name."""
     rows = ''.join(
-        f'<tr><th><code>{escape(name)}</code></th><td>{escape(_value(value))}</td></tr>'
+        f'<tr><th scope="row"><code>{escape(name)}</code></th>'
+        f'<td>{escape(_value(value))}</td></tr>'
         for name, value in sorted(parameters.items())
     )
     return f'<table><tbody>{rows}</tbody></table>'
 
 
 def _value(value: object) -> str:
+    if value is None:
+        return 'unset'
     if isinstance(value, float):
         return f'{value:g}'
     if isinstance(value, (list, tuple)):
