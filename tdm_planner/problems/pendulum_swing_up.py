@@ -3,8 +3,9 @@
 """Problem `pendulum_swing_up`: from any state to upright at rest in the shortest time.
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
-virtual arc, which together leave no freedom; here the varied parameters are the switching times of
-the torque (see `switching_program`).
+virtual arc, which together leave no freedom; by default the varied parameters are the switching
+times of the torque instead (see `switching_program`). The paper's scheme in a mended form is there
+as well (see `virtual_arc_program`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
+from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
@@ -28,6 +30,7 @@ from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
+from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
 
 Array = NDArray[np.float64]
 
@@ -83,8 +86,9 @@ class PendulumSwingUp(Problem, Validated):
     method: str = parameter(
         'switching',
         'switching: quickest, the torque jumps between its extremes; smooth: the torque is '
-        'continuous, for strong motors that cannot switch',
-        choices=('switching', 'smooth'),
+        'continuous, for strong motors that cannot switch; virtual_arc: the scheme (9)-(16) of '
+        'the paper, for transfers in which theta goes one way all along',
+        choices=('switching', 'smooth', 'virtual_arc'),
     )
     switching_arcs: int = parameter(
         8, 'most arcs of constant torque in a plan', allowed=Range(4, 32)
@@ -118,6 +122,8 @@ class PendulumSwingUp(Problem, Validated):
         """Compile the kernels, or load them."""
         compile_kernels(self.plant)
         compile_kernel(self.plant)
+        if self.method == 'virtual_arc':
+            compile_arc_kernel(self.plant)
 
     def standing_plan(self) -> Plan | None:
         """Return the plan that does nothing, where the pendulum stands upright already."""
@@ -130,6 +136,8 @@ class PendulumSwingUp(Problem, Validated):
         task, tolerance = self.task, self.solver.tolerance
         if self.method == 'smooth':
             return SmoothMethod(task, budget, rng, tolerance)
+        if self.method == 'virtual_arc':
+            return VirtualArcMethod(task, budget, rng, self.switching_arcs, tolerance)
         arcs = previous_arcs(previous)
         return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
 

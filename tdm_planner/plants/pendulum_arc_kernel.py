@@ -1,0 +1,94 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
+
+The coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. The module stands alone
+because numba's cache on disk notices changes in this file only.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+# Real, or complex where derivatives are taken by complex step.
+Values = NDArray[Any]
+
+
+@compiled
+def _accelerate(k: Values, theta: Any, theta_dot: Any, psi_dot: Any, torque: float) -> Any:
+    """Accelerations theta'', psi''."""
+    sine, cosine = np.sin(theta), np.cos(theta)
+    double_sine = 2.0 * sine * cosine
+    b = k[5] * cosine
+    j = k[2] + k[3] * sine * sine + k[4] * cosine * cosine
+    r1 = 0.5 * k[0] * double_sine * psi_dot * psi_dot + k[6] * sine
+    r2 = torque - k[0] * double_sine * theta_dot * psi_dot + k[5] * sine * theta_dot * theta_dot
+    determinant = k[1] * j - b * b
+    return (j * r1 - b * r2) / determinant, (k[1] * r2 - b * r1) / determinant
+
+
+@compiled
+def _speed(energy: Any, least: float) -> Any:
+    """Root of the energy's size, smooth, and at least that of `least`."""
+    return np.sqrt(np.sqrt(energy * energy + least * least))
+
+
+@compiled
+def advance_along(
+    k: Values, theta: Values, at_rest: bool, torques: Values, least: float, states: Values
+) -> None:
+    """Fill `states` (B, N, 4), (E, psi, psi', t), at nodes of the angle `theta` (B, N).
+
+    E = theta'^2 changes by 2 theta'' d theta, the rest by time, which passes as (12) of Yakimenko
+    (2006) has it, dt = 2 d theta / (theta'_j + theta'_(j-1)); Heun's method, of second order in
+    the virtual arc if theta is smooth in it and its derivative vanishes where the pendulum rests.
+    `states[:, 0]` is given; `torques` (N - 1,) [N m] act between the nodes.
+
+    The speed is the root of the size of E, at least of `least`: a negative E, an angle beyond
+    reach, is left for the caller to make positive. At the last node, and at the first if it starts
+    `at_rest`, the speed is zero, so that time depends smoothly on an E that is not yet.
+    """
+    last = theta.shape[1] - 1
+    for b in range(theta.shape[0]):
+        energy, psi, psi_dot, time = states[b, 0]
+        speed = 0.0 * energy
+        if not at_rest:
+            speed = _speed(energy, least)
+        for node in range(1, last + 1):
+            here, there, torque = theta[b, node - 1], theta[b, node], torques[node - 1]
+            change = there - here
+            way = -1.0 if change.real < 0.0 else 1.0
+            forward, sideways = _accelerate(k, here, way * speed, psi_dot, torque)
+            ahead = 0.0 * energy
+            if node < last:
+                ahead = _speed(energy + 2.0 * forward * change, least)
+            elapsed = 2.0 * way * change / (speed + ahead)
+            forward_there, sideways_there = _accelerate(
+                k, there, way * ahead, psi_dot + sideways * elapsed, torque
+            )
+            energy = energy + (forward + forward_there) * change
+            if node < last:
+                ahead = _speed(energy, least)
+                elapsed = 2.0 * way * change / (speed + ahead)
+            before = psi_dot
+            psi_dot = psi_dot + 0.5 * (sideways + sideways_there) * elapsed
+            psi = psi + 0.5 * (before + psi_dot) * elapsed
+            time = time + elapsed
+            speed = ahead
+            states[b, node, 0] = energy
+            states[b, node, 1] = psi
+            states[b, node, 2] = psi_dot
+            states[b, node, 3] = time
+
+
+def compile_arc_kernel(plant: RotaryPendulum) -> None:
+    """Compile the kernel for real and complex numbers, or load it from the disk."""
+    for kind in (np.float64, np.complex128):
+        theta, states = np.array([[0.2, 0.1, 0.0]], dtype=kind), np.zeros((1, 3, 4), dtype=kind)
+        advance_along(np.array(plant.coefficients), theta, True, np.zeros(2), 1.0, states)
