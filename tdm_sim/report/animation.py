@@ -22,6 +22,7 @@ Frames = dict[str, Array]  # by name, (n,)
 # Frames per second of the motion; the page reads between frames.
 FRAME_RATES = {'pendulum': 100.0, 'robot': 25.0}
 FEWEST_FRAMES, MOST_FRAMES = 200, 1500
+MOST_POSES = 6000  # frames of all vehicles together
 
 _PENDULUM = ('theta', 'psi', 'torque')
 _ROBOT = ('x', 'y', 'yaw', 'alpha', 'thrust')
@@ -42,7 +43,8 @@ def frame_times(mission: Mission, rate: float) -> Array:
     """Return the instants of the frames: evenly spread, and where plans start and end."""
     start, end = mission.span
     count = math.ceil((end - start) * rate) + 1
-    even = np.linspace(start, end, min(max(count, FEWEST_FRAMES), MOST_FRAMES))
+    most = min(MOST_FRAMES, MOST_POSES // len(mission.vehicles))
+    even = np.linspace(start, end, max(min(count, most), FEWEST_FRAMES))
     plans = [plan for vehicle in mission.vehicles for plan in vehicle.plans]
     return np.union1d(even, [at for plan in plans for at in (plan.start, plan.end)])
 

@@ -18,7 +18,8 @@ Group = Literal['states', 'controls']
 
 # Points of all curves together: a page stays below 8 MB however many vehicles there are.
 MOST_POINTS = 200_000
-FEWEST_PER_CURVE, MOST_PER_CURVE = 150, 3000
+FEWEST_PER_CURVE, MOST_PER_CURVE = 60, 3000
+_OTHER_CURVES = 24  # distances, limits
 
 DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
     'pendulum': {
@@ -49,11 +50,12 @@ DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
 
 def points_per_curve(mission: Mission) -> int:
     """Return how many points a curve may have."""
-    columns = sum(
-        sum(len(s.names) for s in (v.states, v.controls, v.tracking_error) if s is not None) + 10
-        for v in mission.vehicles
-    )
-    return int(np.clip(MOST_POINTS // max(columns, 1), FEWEST_PER_CURVE, MOST_PER_CURVE))
+    curves = _OTHER_CURVES
+    for vehicle in mission.vehicles:
+        recorded = (vehicle.states, vehicle.commands, vehicle.applied, vehicle.states)
+        curves += sum(len(signals.names) for signals in recorded if signals is not None)
+        curves += 2 * len(_names(vehicle, 'states')) + 2 * len(_names(vehicle, 'controls'))
+    return int(np.clip(MOST_POINTS // curves, FEWEST_PER_CURVE, MOST_PER_CURVE))
 
 
 def state_chart(mission: Mission) -> Chart:
@@ -202,13 +204,16 @@ def _planned_curve(
 
 
 def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
-    """Return instants at which a plan is drawn while it is followed: its samples and more."""
+    """Return about `most` instants at which a plan is drawn while it is followed.
+
+    Its samples as far as they are few, its switches in any case, and instants between them.
+    """
     end = plan.carried_out_until
+    even = np.linspace(plan.start, end, min(max(most // 2, 2), 400))
     samples = plan.start + plan.trajectory.times
-    if samples.size > most:
-        return np.linspace(plan.start, end, most)
-    between = np.linspace(plan.start, end, min(most, 400))
-    instants: Array = np.union1d(samples[samples < end], np.append(between, end))
+    if samples.size > most // 2:
+        samples = np.array(switching_instants(plan))
+    instants: Array = np.union1d(samples[samples < end], even)
     # an instant and its double, rounded differently, would make a needle in a held control
     apart: Array = instants[np.append(True, np.diff(instants) > 1e-9)]
     return apart

@@ -8,11 +8,10 @@ page's own scripts run and nothing be loaded.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from datetime import datetime, timezone
 from html import escape
 from importlib.resources import files
-import itertools
 from pathlib import Path
 import re
 
@@ -26,8 +25,8 @@ from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
 from tdm_sim.report.embedding import content_hash, json_for_html
 from tdm_sim.report.histories import control_chart, state_chart
-from tdm_sim.report.mission import Mission, Severity
-from tdm_sim.report.tables import events_table, parameters_table, summary_table
+from tdm_sim.report.mission import Mission
+from tdm_sim.report.sections import cards, columns, details, missing
 
 _SCRIPTS = ('data.js', 'clock.js', 'pendulum.js', 'arena.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -58,6 +57,7 @@ def report_page(mission: Mission) -> str:
     comparison = compare(mission)
     charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
+    kind = None if scene is None else str(scene['kind'])
     data = json_for_html(
         {
             'span': list(mission.span),
@@ -85,10 +85,9 @@ def report_page(mission: Mission) -> str:
             'title': escape(mission.title),
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
-            'missing': _missing((*mission.missing, *comparison.missing)),
-            'overview': _overview(mission, comparison, scene),
-            'charts': _chart_columns(charts),
-            'details': _details(mission),
+            'missing': missing((*mission.missing, *comparison.missing)),
+            'columns': columns(cards(mission, comparison, charts, kind)),
+            'details': details(mission),
             'source': escape(_source(mission)),
             'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),
             'data': data,
@@ -151,91 +150,3 @@ def _source(mission: Mission) -> str:
         at = datetime.fromtimestamp(mission.recorded_at, timezone.utc)
         parts.append(f'recorded {at:%Y-%m-%d %H:%M:%S} UTC')
     return ' · '.join(parts)
-
-
-def _missing(sentences: Iterable[str]) -> str:
-    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
-    if not items:
-        return ''
-    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
-
-
-def _overview(mission: Mission, comparison: Comparison, scene: Mapping[str, object] | None) -> str:
-    table = summary_table(mission, comparison)
-    summary = f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'
-    if scene is None:
-        return f'<section class="overview">{summary}<div id="scene" hidden></div></section>'
-    stage = (
-        '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
-        f'{_key(mission, str(scene["kind"]))}</section>'
-    )
-    return f'<section class="overview two">{stage}{summary}</section>'
-
-
-def _key(mission: Mission, kind: str) -> str:
-    line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
-    entries = {'planned': line.format('rig planned')}
-    if kind == 'arena':
-        entries = {
-            'planned path': line.format('path'),
-            'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
-            'half the minimum separation': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
-            'stroke-dasharray="3 3"></circle>',
-            'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
-            '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',
-        }
-        if mission.was_carried_out:
-            entries['travelled'] = line.format('trail')
-    else:
-        if mission.was_carried_out:
-            entries['measured'] = line.format('rig measured')
-        if mission.number('limits.disk_angle') is not None:
-            entries['limit of the disk'] = line.format('limit')
-        entries['torque'] = (
-            '<path d="M2 12 A 12 12 0 0 1 22 8 M16 4 L22 8 L16 12" stroke="currentColor"></path>'
-        )
-    items = ''.join(
-        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{drawing}</svg>{escape(name)}</li>'
-        for name, drawing in entries.items()
-    )
-    return f'<ul class="key">{items}</ul>'
-
-
-def _chart_columns(charts: Iterable[Chart]) -> str:
-    """Return the charts in two columns of about the same height, each in the order given."""
-    charts = list(charts)
-    heights = [len(chart.panels) + 1 for chart in charts]
-
-    def difference(sides: tuple[int, ...]) -> int:
-        return abs(sum(h * (1 - 2 * side) for h, side in zip(heights, sides, strict=True)))
-
-    # the first chart stands on the left and the second, if there is one, beside it
-    fixed = (0, 1)[: len(charts)]
-    free = itertools.product((0, 1), repeat=len(charts) - len(fixed))
-    best = min(((*fixed, *rest) for rest in free), key=difference)
-    columns = ['', '']
-    for chart, side in zip(charts, best, strict=True):
-        note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
-        columns[side] += (
-            f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
-            f'<div class="chart" id="chart-{chart.key}"></div></section>'
-        )
-    return ''.join(f'<div class="column">{column}</div>' for column in columns if column)
-
-
-def _details(mission: Mission) -> str:
-    parts = []
-    if mission.events:
-        grave = sum(event.level != Severity.OK for event in mission.events)
-        count = f'{len(mission.events)} events, {grave} of them warnings or errors'
-        parts.append(
-            '<section class="card" id="events"><h2>Events</h2>'
-            f'<p class="note">{count}</p>'
-            f'<div class="scroll">{events_table(mission)}</div></section>'
-        )
-    if mission.parameters:
-        parts.append(
-            '<section class="card" id="parameters"><details><summary>Parameters of the problem'
-            f'</summary>{parameters_table(mission.parameters)}</details></section>'
-        )
-    return f'<div class="column">{"".join(parts)}</div>' if parts else ''

@@ -14,7 +14,7 @@ function arenaScene(scene, holder) {
   function resize() {
     const margin = { left: 34, right: 10, top: 10, bottom: 30 };
     const width = Math.max(200, Math.floor(figure.clientWidth));
-    const room = Math.min(width, 620);
+    const room = Math.min(width, Math.max(320, Math.min(640, window.innerHeight - 240)));
     scale = Math.min((width - margin.left - margin.right) / (box.right - box.left),
       (room - margin.top - margin.bottom) / (box.top - box.bottom));
     const drawn = scale * (box.right - box.left);
@@ -94,7 +94,8 @@ function arenaScene(scene, holder) {
     draw(body, 'line', { class: 'heading', x1: 0, y1: 0, x2: r, y2: 0 });
     const label = named
       ? draw(group, 'text', { class: 'name', 'text-anchor': 'middle' }, robot.name) : null;
-    return { group, trail, body, plume, label, r, half };
+    const wide = label ? label.getComputedTextLength() : 0;
+    return { group, trail, body, plume, label, wide, r, half };
   }
 
   function update(t) {
@@ -104,6 +105,7 @@ function arenaScene(scene, holder) {
         if (robot[kind] && bodies[k]) move(bodies[k][kind], robot[kind], t, index);
       }
     });
+    placeNames();
   }
 
   function move(body, columns, t, index) {
@@ -118,12 +120,32 @@ function arenaScene(scene, holder) {
       `translate(${cx.toFixed(2)} ${cy.toFixed(2)}) rotate(${(-turn * 180 / Math.PI).toFixed(2)})`);
     body.plume.setAttribute('points', plume(body, alpha, thrust));
     if (body.trail) body.trail.setAttribute('points', pointList([...pathOf(columns, index), [cx, cy]]));
-    if (body.label) {
-      const above = cy - body.half - 5 > 14;
-      const half = body.label.getComputedTextLength() / 2;
-      const width = svg.viewBox.baseVal.width;
-      place(body.label, { x: Math.min(Math.max(cx, half + 2), width - half - 2),
-        y: above ? cy - body.half - 5 : cy + body.half + 14 });
+    body.centre = [cx, cy];
+  }
+
+  // Names stand above their robots, or wherever they cover the least of the others.
+  function placeNames() {
+    const shown = bodies.flatMap(({ planned, measured }) => [planned, measured])
+      .filter((body) => body && body.label && body.group.style.display !== 'none');
+    const { width, height } = svg.viewBox.baseVal;
+    const taken = [];
+    for (const body of shown) {
+      const [cx, cy] = body.centre;
+      const half = body.wide / 2 + 2;
+      const spots = [[cx, cy - body.half - 5], [cx, cy + body.half + 14],
+        [cx + body.half + half + 2, cy + 4], [cx - body.half - half - 2, cy + 4]];
+      const others = shown.filter((other) => other !== body)
+        .map(({ centre: [x, y], r }) => [x - r, y - r, x + r, y + r]);
+      const cost = ([x, y]) => {
+        const box = [x - half, y - 12, x + half, y + 3];
+        const outside = box[0] < 0 || box[1] < 0 || box[2] > width || box[3] > height;
+        return (outside ? 1e6 : 0) + [...others, ...taken]
+          .reduce((sum, other) => sum + overlap(box, other), 0);
+      };
+      const costs = spots.map(cost);
+      const [x, y] = spots[costs.indexOf(Math.min(...costs))];
+      taken.push([x - half, y - 12, x + half, y + 3]);
+      place(body.label, { x: Math.min(Math.max(x, half), width - half), y });
     }
   }
 
@@ -157,6 +179,12 @@ function arenaBox(scene, robots) {
   const room = scene.length === null ? 0.3 : 0.05;
   return { left: Math.min(...xs) - room, right: Math.max(...xs) + room,
     bottom: Math.min(...ys) - room, top: Math.max(...ys) + room };
+}
+
+function overlap([left, top, right, bottom], other) {
+  const wide = Math.min(right, other[2]) - Math.max(left, other[0]);
+  const high = Math.min(bottom, other[3]) - Math.max(top, other[1]);
+  return wide > 0 && high > 0 ? wide * high : 0;
 }
 
 function tickStep(span, count) {

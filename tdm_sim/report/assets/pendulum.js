@@ -75,7 +75,7 @@ function pendulumView(scene, holder, name, reach, project) {
   };
 
   function layOut(motion, tips) {
-    const size = Math.max(120, Math.floor(figure.clientWidth));
+    const size = Math.max(120, Math.min(360, Math.floor(figure.clientWidth)));
     centre = size / 2;
     scale = (centre - 14) / (reach * 1.04);
     svg.replaceChildren();

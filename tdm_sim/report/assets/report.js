@@ -7,7 +7,7 @@ function startReport() {
 
   const holder = document.getElementById('scene');
   const makers = { pendulum: pendulumScene, arena: arenaScene };
-  const scene = report.scene ? makers[report.scene.kind](report.scene, holder) : null;
+  const scene = report.scene && holder ? makers[report.scene.kind](report.scene, holder) : null;
   if (scene) {
     scene.resize();
     clock.listen((t) => scene.update(t));

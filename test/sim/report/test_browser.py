@@ -78,6 +78,11 @@ class Page:
     def find(self, selector):
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
+    def click(self, element):
+        """Click, clear of the bar at the foot of the page."""
+        self.run('arguments[0].scrollIntoView({block: "center"})', element)
+        element.click()
+
     def logs(self):
         """Console messages, and addresses requested, since the last call."""
         console = [
@@ -357,20 +362,21 @@ def test_the_legend_switches_curves_in_all_charts(page, reports):
     button = page.find('#chart-states').find_element(
         By.XPATH, 'preceding-sibling::ul//button[normalize-space()="measured"]'
     )
-    button.click()
+    page.click(button)
     page.wait(f'{lines} === {before - 1}')
     assert not any(page.visible('measured'))
     assert button.get_attribute('aria-pressed') == 'false'
-    button.click()
+    page.click(button)
     page.wait(f'{lines} === {before}')
     assert all(page.visible('measured'))
 
 
 def test_the_legend_switches_one_robot(page, reports):
     page.open(reports['robots'])
-    page.find('#chart-states').find_element(
+    button = page.find('#chart-states').find_element(
         By.XPATH, 'preceding-sibling::ul//button[normalize-space()="robot2"]'
-    ).click()
+    )
+    page.click(button)
     seen = page.run(
         'return [...document.querySelectorAll("#chart-states, #chart-controls")]'
         '.flatMap(c => c.data).filter(t => t.meta.kind === "planned")'
@@ -427,10 +433,9 @@ def test_the_cursor_is_linked(page, reports):
 def test_an_event_leads_to_its_instant(page, reports):
     page.open(reports['pendulum'])
     planned, late = page.driver.find_elements(By.CSS_SELECTOR, '#events [data-instant]')
-    page.run('arguments[0].scrollIntoView({block: "center"})', late)
-    late.click()
+    page.click(late)
     assert page.time() == pytest.approx(1.25)
-    planned.click()
+    page.click(planned)
     assert page.time() == pytest.approx(-0.5)
 
 

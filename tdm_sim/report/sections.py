@@ -1,0 +1,135 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sections of the report's page as HTML, and how they are put into two columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+import itertools
+from typing import Literal
+
+from tdm_sim.report.charts import Chart
+from tdm_sim.report.comparison import Comparison
+from tdm_sim.report.mission import Mission, Severity
+from tdm_sim.report.tables import events_table, parameters_table, summary_table
+
+Side = Literal[0, 1]
+
+_STAGE_HEIGHTS = {'pendulum': 440, 'arena': 640}  # px, about
+_PANEL_HEIGHT, _ROW_HEIGHT, _CARD_HEIGHT = 150, 27, 110
+
+
+@dataclass(frozen=True)
+class Card:
+    """A section with about its height [px], on the left (0), on the right (1), or on either."""
+
+    html: str
+    height: int
+    side: Side | None = None
+
+
+def cards(
+    mission: Mission, comparison: Comparison, charts: Iterable[Chart], scene: str | None
+) -> list[Card]:
+    """Return animation, summary and charts, in the order they are read in on a phone."""
+    found = [] if scene is None else [_stage(mission, scene)]
+    return [*found, _summary(mission, comparison), *map(_chart, charts)]
+
+
+def columns(found: Sequence[Card]) -> str:
+    """Return cards in two columns of about the same height, each in the order given."""
+    sides = itertools.product(*((0, 1) if c.side is None else (c.side,) for c in found))
+
+    def difference(sides: Sequence[int]) -> int:
+        return abs(sum(c.height * (1 - 2 * s) for c, s in zip(found, sides, strict=True)))
+
+    best = min(sides, key=difference)
+    halves = ['', '']
+    for order, (card, side) in enumerate(zip(found, best, strict=True)):
+        halves[side] += card.html.replace('<section', f'<section style="order: {order}"', 1)
+    return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
+
+
+def missing(sentences: Iterable[str]) -> str:
+    """Return what is not known and why; nothing if all is."""
+    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
+    if not items:
+        return ''
+    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+
+
+def details(mission: Mission) -> str:
+    """Return events and parameters."""
+    parts = []
+    if mission.events:
+        grave = sum(event.level != Severity.OK for event in mission.events)
+        count = f'{len(mission.events)} events, {grave} of them warnings or errors'
+        parts.append(
+            '<section class="card" id="events"><h2>Events</h2>'
+            f'<p class="note">{count}</p>'
+            f'<div class="scroll">{events_table(mission)}</div></section>'
+        )
+    if mission.parameters:
+        parts.append(
+            '<section class="card" id="parameters"><details><summary>Parameters of the problem'
+            f'</summary>{parameters_table(mission.parameters)}</details></section>'
+        )
+    return ''.join(parts)
+
+
+def _summary(mission: Mission, comparison: Comparison) -> Card:
+    table = summary_table(mission, comparison)
+    shown = table.partition('<details>')[0]
+    height = _CARD_HEIGHT + _ROW_HEIGHT * shown.count('<tr')
+    return Card(f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>', height, 1)
+
+
+def _chart(chart: Chart) -> Card:
+    note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
+    html = (
+        f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
+        f'<div class="chart" id="chart-{chart.key}"></div></section>'
+    )
+    return Card(html, _CARD_HEIGHT + _PANEL_HEIGHT * len(chart.panels))
+
+
+def _stage(mission: Mission, scene: str) -> Card:
+    html = (
+        '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
+        f'{_key(mission, scene)}</section>'
+    )
+    return Card(html, _STAGE_HEIGHTS[scene], 0)
+
+
+def _key(mission: Mission, scene: str) -> str:
+    """Explain the animation's lines."""
+    line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
+    if scene == 'arena':
+        entries = {
+            'planned path': line.format('path'),
+            'travelled': line.format('trail'),
+            'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
+            'half the minimum separation': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
+            'stroke-dasharray="3 3"></circle>',
+            'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
+            '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',
+        }
+    else:
+        entries = {
+            'planned': line.format('rig planned'),
+            'measured': line.format('rig measured'),
+            'limit of the disk': line.format('limit'),
+            'torque': '<path d="M2 12 A 12 12 0 0 1 22 8 M16 4 L22 8 L16 12" '
+            'stroke="currentColor"></path>',
+        }
+    absent = set() if mission.was_carried_out else {'travelled', 'measured'}
+    if mission.number('limits.disk_angle') is None:
+        absent.add('limit of the disk')
+    items = ''.join(
+        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{drawing}</svg>{name}</li>'
+        for name, drawing in entries.items()
+        if name not in absent
+    )
+    return f'<ul class="key">{items}</ul>'
