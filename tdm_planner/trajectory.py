@@ -113,6 +113,28 @@ class Trajectory:
         )
         return replace(self, rates=rates)
 
+    def after(self, elapsed: float) -> Trajectory:
+        """Return the rest of the motion from `elapsed` s after the first sample, times from zero.
+
+        `elapsed` must be less than the duration. A cubic spline through fewer samples is another
+        one, so that the controls of the rest may differ a little between samples.
+        """
+        first = self.times[0] + max(elapsed, 0.0)
+        if not first < self.times[-1]:
+            raise InvalidProblem(
+                f'nothing is left of the trajectory after {elapsed:g} s: it lasts '
+                f'{self.duration:g} s'
+            )
+        later = int(np.searchsorted(self.times, first + NANOSECOND, side='right'))
+        now = self.sample(first)
+        return replace(
+            self,
+            times=np.concatenate([[0.0], to_nanoseconds(self.times[later:] - first)]),
+            states=np.concatenate([now.state[None], self.states[later:]]),
+            controls=np.concatenate([now.control[None], self.controls[later:]]),
+            rates=None,
+        )
+
     def state(self, name: str) -> Array:
         """Samples of the state called `name`, (N,)."""
         return self.states[:, self.state_names.index(name)]

@@ -145,6 +145,13 @@ class RobotStart(Validated):
         allowed=NON_NEGATIVE,
     )
     torque: float = parameter(0.0, 'torque at the start', unit='N m')
+    arrived: float = parameter(
+        0.0,
+        'time for which a robot that stays has been at its goal: the next one keeps its interval '
+        'to that arrival',
+        unit='s',
+        allowed=NON_NEGATIVE,
+    )
 
 
 @dataclass(frozen=True)

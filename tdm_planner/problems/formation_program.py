@@ -106,6 +106,7 @@ class FormationProgram(NonlinearProgram):
         lower[task.staying, :nb] = 0.02
         latest = np.maximum(task.longest - task.coast, 0.1) / model.time_scale
         upper[:, :nb] = latest[:, None]
+        upper[task.staying & (task.arrived > 0.0), :nb] = 0.03  # they are there already
         lower = np.minimum(lower, 0.9 * upper)
         self.lower, self.upper = lower.ravel()[self.free], upper.ravel()[self.free]
 
@@ -175,7 +176,8 @@ class FormationProgram(NonlinearProgram):
         durations[np.arange(n), np.arange(n), : model.nb] = model.time_scale / model.nb
         durations = durations.reshape(n, -1)[:, self.free]
         first = task.weights[0] / self.scale * durations[0]
-        late = np.diff(task.coast + values.motion.durations) - task.interval
+        arrivals = task.coast + values.motion.durations - task.arrived
+        late = np.diff(arrivals) - task.interval
         numbers, rows = self._rows(values, slopes.y)
         groups = [np.zeros(len(number), dtype=np.intp) for number in numbers]
         if self.thruster is not None and values.hodograph is not None:

@@ -30,7 +30,8 @@ class FormationTask:
 
     `thrust` [m/s^2] and `torque` [rad/s^2] are the limits of (17), per mass and inertia, and
     `thruster_rate` [rad/s] the third. `obstacles` (m, 3) holds x, y, radius. `interval` is Delta_t
-    of (28), `weights` w, `longest` the latest arrival considered [s].
+    of (28), `weights` w, `longest` the latest arrival considered [s]. `arrived` (n,) s is the time
+    since which a robot that stays has been at its goal: the others keep their intervals to that.
     """
 
     names: tuple[str, ...]
@@ -56,6 +57,7 @@ class FormationTask:
     weights: Array
     longest: float
     coast: Array
+    arrived: Array
 
     @property
     def n(self) -> int:
@@ -135,6 +137,7 @@ class FormationTask:
     def cost_terms(self, arrivals: Array, gas: Array) -> dict[str, float]:
         """Return the weighted terms of (28): arrival times (n,) s, gas (n,) m/s."""
         time, sequence, gas_weight = self.weights
+        arrivals = arrivals - self.arrived
         late = np.abs(np.diff(arrivals) - self.interval).sum()
         return {
             'time': float(time * arrivals[0]),

@@ -40,6 +40,18 @@ class ReplanParameters(Validated):
         unit='Hz',
         allowed=Range(0.0, 100.0),
     )
+    delay: float = parameter(
+        0.15,
+        'time from a measured state to the take-over by the plan made from it: planning, '
+        'publishing, preparing the feedback',
+        unit='s',
+        allowed=Range(0.0, 10.0, lower_open=True),
+    )
+    improvement: float = parameter(
+        0.1,
+        'share of the cost still to come that a new plan must save to replace one that would do',
+        allowed=Range(0.0, 1.0),
+    )
 
 
 @dataclass(frozen=True)

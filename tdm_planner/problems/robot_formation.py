@@ -169,6 +169,7 @@ class RobotFormation(FormationParameters, Problem):
             weights=np.array([weights.time, weights.sequence, weights.gas]),
             longest=self.solver.longest,
             coast=np.zeros(len(starts)),
+            arrived=np.array([s.arrived for s in starts]),
         )
 
     def _start(self, name: str) -> RobotStart:

@@ -30,7 +30,7 @@ from tdm_planner.problems.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import starts, with_arcs
+from tdm_planner.problems.switching_seeds import Arcs, starts, warm_starts
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,7 @@ _ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 48), 3)
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
+_WARM = 2  # arrivals from an earlier plan that are polished
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -49,7 +50,8 @@ class SwitchingMethod(Search[Candidate]):
     """The search for the quickest switching times.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
-    feasible, `previous` the arcs of an earlier plan to start from as well.
+    feasible. The arcs of a `previous` plan are tried first, and alone: only if they lead to no
+    plan does the search begin anew.
     """
 
     def __init__(
@@ -59,7 +61,7 @@ class SwitchingMethod(Search[Candidate]):
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
-        previous: tuple[Array, float] | None = None,
+        previous: Arcs | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
@@ -74,6 +76,8 @@ class SwitchingMethod(Search[Candidate]):
 
     def candidates(self) -> list[Candidate]:
         """Steer rounds of starts upright and minimise the times of the quickest arrivals."""
+        if self._previous is not None:
+            return self._polished(self._warm_arrivals(self._previous)[:_WARM])
         return self._polished(self._arrivals())[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Plan]:
@@ -89,7 +93,9 @@ class SwitchingMethod(Search[Candidate]):
 
     def widen(self) -> bool:
         """Integrate more finely: the coarse integration may have found what does not exist."""
-        if self.rejected:
+        if self._previous is not None:
+            self._previous = None
+        elif self.rejected:
             self._steps = min(2 * self._steps, FINE_STEPS)
         return True
 
@@ -117,8 +123,6 @@ class SwitchingMethod(Search[Candidate]):
         while budget.elapsed < _STEERED * budget.seconds:
             size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
             batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
-            if self._starts == 0:
-                batch = with_arcs(self._task, batch, self._previous)
             found += steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
             self._remember_closest(batch)
             self._starts += size
@@ -127,6 +131,18 @@ class SwitchingMethod(Search[Candidate]):
             late = budget.elapsed > _ENOUGH * budget.seconds
             if found and (rounds >= len(_ROUNDS) or late):
                 break
+        return distinct(found)
+
+    def _warm_arrivals(self, previous: Arcs) -> list[Candidate]:
+        """Steer the arcs of an earlier plan, a little changed; all distinct arrivals."""
+        batch = warm_starts(self._task, self._rng, previous, self._arcs)
+        if batch is None:
+            return []
+        budget = self.budget
+        found = steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
+        self._remember_closest(batch)
+        self._starts += batch.arcs.size
+        self._arrived += len(found)
         return distinct(found)
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:

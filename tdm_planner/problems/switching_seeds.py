@@ -8,6 +8,7 @@ Torques alternate between their extremes from arc to arc; either sign may come f
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,13 @@ FEWEST_ARCS = 4  # as many unknowns as end conditions
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
+
+
+class Arcs(NamedTuple):
+    """Durations (K,) [s] of arcs of constant torque, and the signs (K,) of their torques."""
+
+    durations: Array
+    signs: Array
 
 
 def starts(
@@ -74,26 +82,47 @@ def pumping_durations(
     return np.where(left > _FINAL_ARCS, durations, np.where(left > 0, final, 0.0)), arcs
 
 
-def previous_arcs(solution: Solution | None) -> tuple[Array, float] | None:
-    """Return durations (K,) and the sign of the first arc of a plan; None if it has no arcs."""
+def previous_arcs(solution: Solution | None) -> Arcs | None:
+    """Return the arcs of constant torque of a plan, read from its controls; None if it has none.
+
+    The rest of a plan that is under way begins in the middle of an arc.
+    """
     if solution is None or not (solution.parameters > 0).any():
         return None
     motion = solution.trajectory
     if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
         return None
-    lasting = int(np.argmax(solution.parameters > 0))
-    return solution.parameters, float(np.sign(motion.controls[0, 0])) * (-1.0) ** lasting
+    torques = motion.controls[:-1, 0]
+    edges = np.flatnonzero(np.diff(torques) != 0.0) + 1
+    firsts = np.concatenate([[0], edges])
+    instants = motion.times[np.concatenate([firsts, [motion.times.size - 1]])]
+    return Arcs(np.diff(instants), np.sign(torques[firsts]))
 
 
-def with_arcs(
-    task: SwingUpTask, batch: ArcBatch, previous: tuple[Array, float] | None
-) -> ArcBatch:
-    """Put the arcs of an earlier plan in the place of the first start."""
-    if previous is None or previous[0].size > batch.durations.shape[1]:
-        return batch
-    durations, sign = previous
-    batch.arcs[0] = durations.size
-    batch.durations[0] = 0.0
-    batch.durations[0, : durations.size] = durations
-    batch.torques[0] = sign * task.torque * (-1.0) ** np.arange(batch.torques.shape[1])
-    return batch
+def warm_starts(
+    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int
+) -> ArcBatch | None:
+    """Return the arcs of an earlier plan, as they are and a little changed; None if too many.
+
+    An arc of no duration is put before or after them, where a new switch may grow.
+    """
+    signs = previous.signs
+    if signs.size > most or (signs[1:] * signs[:-1] != -1.0).any():
+        return None
+    durations, first = [], []
+    for before in (0, 1):
+        for scale in (0.0, 0.03, 0.1):
+            for after in (0, 1):
+                arcs = np.zeros(most)
+                if before + signs.size + after > most:
+                    continue
+                changed = previous.durations * np.exp(scale * rng.normal(size=signs.size))
+                arcs[before : before + signs.size] = changed
+                durations.append(arcs)
+                first.append(signs[0] * (-1.0) ** before)
+    count = len(durations)
+    lasting = np.array([np.flatnonzero(arcs)[-1] + 1 for arcs in durations])
+    varied: Integers = np.clip(lasting + np.arange(count) % 2, FEWEST_ARCS + 1, most)
+    torques = task.torque * np.array(first)[:, None] * (-1.0) ** np.arange(most)
+    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
+    return ArcBatch(np.array(durations), varied, torques, turns, np.full(count, np.inf))

@@ -134,6 +134,10 @@ class StateEstimator:
             state = flow(self._plant, state, control, duration)
         return state
 
+    def move(self, state: Array, control: Array, duration: float) -> Array:
+        """State (nx,) after `duration` s under a held control (nu,), as the model has it."""
+        return flow(self._plant, state, control, duration)
+
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
         noise = self._noise

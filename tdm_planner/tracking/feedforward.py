@@ -31,6 +31,12 @@ class Feedforward:
         mean: Array = (integral[1] - integral[0]) / (end - start)
         return mean
 
+    def means(self, edges: Array) -> Array:
+        """Mean controls (n, nu) between neighbouring `edges` (n + 1,), times that increase."""
+        integral = self._integral(np.clip(edges, self._first, self._last))
+        means: Array = np.diff(integral, axis=0) / np.diff(edges)[:, None]
+        return means
+
 
 def _piecewise_polynomial(trajectory: Trajectory) -> PPoly:
     times, controls = trajectory.times, trajectory.controls

@@ -212,14 +212,19 @@ class PendulumTracker(TrajectoryTracker):
         error = self.error(state, motion.trajectory.states[-1])
         return float(error @ self.upright.cost_to_go @ error) < self.capture_level
 
-    def recover(self, state: Array) -> Array:
-        """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""
+    @cached_property
+    def recovery_gain(self) -> Array:
+        """Gain (4,) of the spring and damper on the disk with which it is brought to rest."""
         plant = self.parameters.plant
-        frequency, limit = plant.natural_frequency, self.parameters.limits.torque
-        inertia = plant.coefficients.disk
+        frequency, inertia = plant.natural_frequency, plant.coefficients.disk
         spring = _RECOVERY_STIFFNESS * inertia * frequency**2
         damper = 2.0 * _RECOVERY_DAMPING * inertia * frequency
-        torque = -spring * state[1] - damper * state[3]
+        return np.array([0.0, spring, 0.0, damper])
+
+    def recover(self, state: Array) -> Array:
+        """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""
+        limit = self.parameters.limits.torque
+        torque = float(-self.recovery_gain @ state)
         return np.array([min(max(torque, -limit), limit)])
 
     def calm(self, state: Array, slack: float) -> bool:

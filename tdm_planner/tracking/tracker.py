@@ -32,6 +32,7 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 _CALM_SLACK = 3.0
+_LOOK_AHEAD = 20  # steps, at most, in which the state at a coming start is foreseen
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 
 
@@ -115,6 +116,7 @@ class TrajectoryTracker(ABC):
         self.current: Motion | None = None
         self.following: Motion | None = None
         self._time = -math.inf
+        self._restless = False
 
     # What a plant's tracker must say.
 
@@ -207,6 +209,7 @@ class TrajectoryTracker(ABC):
         if self.phase in (Phase.TRACKING, Phase.HOLDING):
             self.following = motion
         else:
+            self._restless = self._unquiet
             self.current, self.following = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
@@ -215,14 +218,36 @@ class TrajectoryTracker(ABC):
         if self.state_age(now) > self.parameters.state_timeout:
             return  # nothing to compare with; the comparison is made at the start
         at = max(motion.start, now)
-        if self.phase in (Phase.TRACKING, Phase.HOLDING) and motion.start > now:
-            assert self.current is not None
-            expected = self.current.reference(at)
+        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self._unquiet:
+            expected = self._foreseen(now, at)
         else:
             # From now on nothing is commanded.
             self.history.add(now, np.zeros(len(self.control_names)))
             expected = self.estimator.predict(at)
         self._compare(motion, expected, at)
+
+    @property
+    def _unquiet(self) -> bool:
+        """Whether the plant is being brought to rest, and goes on to be until a plan starts."""
+        if self.phase is Phase.WAITING:
+            return self._restless
+        return self.phase is Phase.RECOVERING and not self.wants_plan
+
+    def _foreseen(self, now: float, at: float) -> Array:
+        """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
+        state, time = self.estimator.predict(now), now
+        longest = max(self.parameters.interval, (at - now) / _LOOK_AHEAD)
+        while time < at - _CLOCK_TOLERANCE:
+            step = min(longest, at - time)
+            state = self.estimator.move(state, self._going_on(time, state), step)
+            time += step
+        return state
+
+    def _going_on(self, time: float, state: Array) -> Array:
+        if self.current is None or self.phase not in (Phase.TRACKING, Phase.HOLDING):
+            return self.recover(state)
+        tracking = self.phase is Phase.TRACKING and not self.captured(self.current, time, state)
+        return (self.track if tracking else self.hold)(self.current, time, state).control
 
     def _compare(self, motion: Motion, state: Array, time: float) -> None:
         midway = time > motion.start + self.parameters.interval
@@ -254,7 +279,8 @@ class TrajectoryTracker(ABC):
 
     def _idle(self, state: Array) -> Array:
         if self.phase is Phase.WAITING and self.current is not None:
-            return self.wait(self.current, state)
+            # A plan made while the plant moves reckons with what brings it to rest meanwhile.
+            return self.recover(state) if self._restless else self.wait(self.current, state)
         if self.phase is Phase.RECOVERING:
             # Plans assume that nothing is commanded until they start.
             self.wants_plan = self.calm(state, _CALM_SLACK if self.wants_plan else 1.0)

@@ -1,0 +1,26 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Receding-horizon replanning: new plans while the plant moves, handed over without a jump.
+
+No ROS, no clock: instants are seconds of one clock, which the caller reads.
+"""
+
+from tdm_planner.replanning.decision import decide, Outlook
+from tdm_planner.replanning.execution import Execution, Mode, Observation
+from tdm_planner.replanning.formation_execution import FormationExecution
+from tdm_planner.replanning.plan_in_force import PlanInForce
+from tdm_planner.replanning.replanner import Replanner, Review
+from tdm_planner.replanning.swing_up_execution import SwingUpExecution
+
+__all__ = [
+    'Execution',
+    'FormationExecution',
+    'Mode',
+    'Observation',
+    'Outlook',
+    'PlanInForce',
+    'Replanner',
+    'Review',
+    'SwingUpExecution',
+    'decide',
+]

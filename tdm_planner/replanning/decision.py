@@ -1,0 +1,64 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a new plan takes over: only where the old one fails, or is beaten by a margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Final
+
+from tdm_planner.problems.base import Solution
+
+LEAST_LEFT: Final = 0.25  # of a plan's cost; with less to come it is kept if it will do
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What becomes of the plan in force if it is carried on, as foreseen.
+
+    `cost` is the performance index J still to come; `trouble` a sentence where the feedback will
+    not keep the plant on it, or a limit is endangered, else empty; `settled` says that the
+    feedback about the goal has the plant: there is nothing left to plan.
+    """
+
+    cost: float = math.inf
+    trouble: str = ''
+    settled: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether the new plan takes over, and why, or why not."""
+
+    take_over: bool
+    reason: str
+
+
+def worth_improving(outlook: Outlook, old: Solution, improvement: float) -> bool:
+    """Whether a plan that would do has so much cost still to come that a better one may matter.
+
+    Near the goal it has not: what noise makes of the little that is left is no reason for a plan.
+    """
+    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * old.cost
+
+
+def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: float) -> Decision:
+    """Keep the plan in force unless a verified one is necessary, or cheaper by a margin.
+
+    `changed` says that another goal or other limits are asked for than those of the plan in force;
+    `new` is the verified plan found, if any; `improvement` the share of the cost still to come
+    that it must save where the old plan would do.
+    """
+    if new is None:
+        return Decision(False, outlook.trouble or 'no better plan was found')
+    if not new.verification.ok:
+        return Decision(False, 'the new plan did not pass its check')
+    if changed:
+        return Decision(True, 'the problem has changed')
+    if outlook.trouble:
+        return Decision(True, outlook.trouble)
+    saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
+    if saved > improvement:
+        return Decision(True, f'it saves {saved:.0%} of the cost still to come')
+    return Decision(False, 'the plan in force does')

@@ -1,0 +1,205 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A formation's plan under its trackers' feedback, and what pushes do to the distances kept.
+
+A robot that was pushed drifts until its thruster has turned and the thrust has taken the drift
+away; then the feedback brings it back. The drift is bounded in closed form, for all robots and
+instants at once, rather than integrated: it has to be looked at before every plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+
+from tdm_planner.problems.formation_parameters import RobotStart
+from tdm_planner.problems.robot_formation import RobotFormation
+from tdm_planner.replanning.decision import Outlook
+from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.plan_in_force import PlanInForce
+from tdm_planner.tracking.estimator import flow
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking.tracker import Motion
+
+Array = NDArray[np.float64]
+
+_STEP = 0.05  # s between the commands that are looked ahead with
+_GRID = 0.1  # s between the instants at which distances are looked at
+_BRAKING = 0.7  # of the largest thrust, that brakes a drift
+_RETURN = 3.0  # s, time constant with which the feedback brings a robot back
+_RESERVE = 0.25  # of arena.tracking_margin that must be left of the distances
+# A robot so near to its goal, and so slow, is kept there by its tracker: m, m/s, rad, rad/s.
+_AT_GOAL = np.array([0.03, 0.015, 0.05, 0.02])
+_TRACKED = 0.8  # of tolerance.path that a deviation may come to
+
+
+class FormationExecution(Execution):
+    """The robots' trackers, with their default gains, as a model of what they will do."""
+
+    def __init__(self, problem: RobotFormation) -> None:
+        self._parameters = RobotTrackerParameters(
+            rate=1.0 / _STEP, plant=problem.plant, limits=problem.limits
+        )
+        self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
+        self._adopted: PlanInForce | None = None
+
+    def adopt(self, plan: PlanInForce) -> None:
+        """Prepare every robot's feedback along its motion."""
+        self._motions = {}
+        for name, trajectory in plan.solution.trajectories.items():
+            tracker = RobotTracker(self._parameters)
+            law = tracker.prepare(trajectory)
+            self._motions[name] = tracker, Motion(trajectory, plan.start, law)
+        self._adopted = plan
+
+    def foresee(
+        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+    ) -> dict[str, Foreseen]:
+        """Step every robot under its feedback from the measured state to the instant `at`."""
+        if self._adopted is not plan:
+            self.adopt(plan)
+        task = self._problem(plan).task
+        found = {}
+        for i, name in enumerate(task.names):
+            arrived = float(task.arrived[i]) if task.staying[i] else 0.0
+            duration = 0.0 if arrived else plan.solution.trajectories[name].duration
+            arrived = max(arrived + plan.elapsed(at) - duration, 0.0)
+            found[name] = replace(self._foresee(name, observations[name], at), arrived=arrived)
+        return found
+
+    def _foresee(self, name: str, seen: Observation, at: float) -> Foreseen:
+        tracker, motion = self._motions[name]
+        state, time = np.concatenate([seen.state, np.ones(2)]), seen.stamp
+        control = np.zeros(3)
+        while time < at - 1e-9:
+            step = min(_STEP, at - time)
+            if seen.mode is Mode.FOLLOWING:
+                act = tracker.track if time < motion.end else tracker.hold
+                control = act(motion, time, state).control
+            elif seen.mode is Mode.RECOVERING:
+                control = tracker.recover(state)
+            state[:7] = flow(self._parameters.plant, state[:7], control, step)
+            time += step
+        return Foreseen(state[:7], control, seen.mode)
+
+    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+        """Carry the deviations on and look at the distances they leave."""
+        problem = self._problem(plan)
+        lost = [name for name, robot in foreseen.items() if robot.mode is not Mode.FOLLOWING]
+        if lost:
+            return Outlook(trouble=f"'{lost[0]}' does not follow the plan in force any more")
+        end = max(plan.end, at + _GRID)
+        times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
+        places = {}
+        for name, robot in foreseen.items():
+            trajectory = plan.solution.trajectories[name]
+            away = self._deviation(plan, name, robot, at, times - at)
+            peak = float(np.hypot(away[:, 0], away[:, 1]).max())
+            if peak > _TRACKED * self._parameters.tolerance.path:
+                return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the plan in force")
+            places[name] = trajectory.sample(times - plan.start).state[:, :2] + away
+        trouble = self._nearness(problem, places)
+        settled = not trouble and all(
+            self._at_goal(plan.solution.trajectories[name].states[-1], robot.state)
+            for name, robot in foreseen.items()
+        )
+        return Outlook(self._cost(plan, foreseen, at), trouble, settled)
+
+    def _deviation(
+        self, plan: PlanInForce, name: str, robot: Foreseen, at: float, since: Array
+    ) -> Array:
+        """Deviations (n, 2) m from the plan, `since` (n,) s after the instant `at`."""
+        reference = plan.solution.trajectories[name].sample(plan.elapsed(at)).state
+        offset, drift = robot.state[:2] - reference[:2], robot.state[2:4] - reference[2:4]
+        speed = float(np.hypot(*drift))
+        largest = self._parameters.limits.thrust / self._parameters.plant.mass
+        heading = math.atan2(-drift[1], -drift[0]) - robot.state[4] - robot.state[6]
+        turn = abs(math.remainder(heading, math.tau)) / self._parameters.limits.thruster_rate
+        braking = speed / (_BRAKING * largest)
+        drifting = np.minimum(since, turn)
+        slowing = np.clip(since - turn, 0.0, braking)
+        path = drifting + slowing - (0.5 * slowing**2 / braking if braking > 0.0 else 0.0)
+        back = np.exp(-np.maximum(since - turn - braking, 0.0) / _RETURN)
+        return np.asarray((offset + drift * path[:, None]) * back[:, None])
+
+    def _nearness(self, problem: RobotFormation, places: Mapping[str, Array]) -> str:
+        arena = problem.arena
+        reserve = _RESERVE * arena.tracking_margin
+        for name, place in places.items():
+            edge = np.minimum(place, np.array([arena.length, arena.width]) - place).min()
+            if edge < arena.minimum_separation / 2:
+                return f"'{name}' would come {edge:.3g} m near a wall"
+        for one, other in itertools.combinations(places, 2):
+            apart = np.linalg.norm(places[one] - places[other], axis=1)
+            # What is too near now cannot be mended by any plan.
+            least = min(arena.minimum_separation + reserve, float(apart[0]) - 1e-3)
+            if apart.min() < least:
+                return f"'{one}' and '{other}' would come within {apart.min():.3g} m"
+        return ''
+
+    def _cost(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> float:
+        """J of what is left of the plan, and the gas that taking the deviations away costs."""
+        rest = plan.remainder(at)
+        if rest is None:
+            return 0.0
+        task = replace(self._problem(plan).task, arrived=np.zeros(len(foreseen)))
+        arrivals, gas = [], []
+        for name in task.names:
+            trajectory = plan.solution.trajectories[name]
+            left = plan.start + trajectory.duration - at
+            arrivals.append(-foreseen[name].arrived if foreseen[name].arrived else left)
+            thrust = rest.trajectories[name].control('thrust')
+            used = trapezoid(thrust, rest.trajectories[name].times) / task.plant.mass
+            drift = foreseen[name].state[2:4] - trajectory.sample(plan.elapsed(at)).state[2:4]
+            gas.append((float(used) if left > 0.0 else 0.0) + float(np.hypot(*drift)))
+        return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
+
+    def _problem(self, plan: PlanInForce) -> RobotFormation:
+        assert isinstance(plan.problem, RobotFormation)
+        return plan.problem
+
+    def problem_from(
+        self, problem: RobotFormation, foreseen: Mapping[str, Foreseen]
+    ) -> RobotFormation:
+        """Return the manoeuvre from the foreseen states; robots kept at their goal stay there."""
+        task = problem.task
+        starts = {}
+        for i, name in enumerate(task.names):
+            robot = foreseen[name]
+            goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
+            x, y, u, v, yaw, omega, alpha = robot.state.tolist()
+            torque, thrust = float(robot.control[2]), float(robot.control[0])
+            if self._at_goal(goal, robot.state):
+                x, y, u, v, yaw, omega, alpha = goal.tolist()
+                torque = thrust = 0.0
+            starts[name] = RobotStart(
+                x=x,
+                y=y,
+                u=u,
+                v=v,
+                yaw=yaw,
+                omega=omega,
+                alpha=alpha,
+                thrust=thrust,
+                torque=torque,
+                arrived=robot.arrived,
+            )
+        return replace(problem, starts=starts)
+
+    def same_question(self, problem: RobotFormation, other: RobotFormation) -> bool:
+        """Whether two manoeuvres differ in nothing but starts and solver."""
+        return replace(problem, starts=other.starts, solver=other.solver) == other
+
+    @staticmethod
+    def _at_goal(goal: Array, state: Array) -> bool:
+        away = state - goal
+        turn = math.remainder(away[4], math.tau)
+        sizes = [math.hypot(*away[:2]), math.hypot(*away[2:4]), abs(turn), abs(away[5])]
+        return bool((np.array(sizes) < _AT_GOAL).all())

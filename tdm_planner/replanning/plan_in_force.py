@@ -1,0 +1,49 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plan that is being carried out, and what of it is still to come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.problems.base import Problem, Solution
+
+Array = NDArray[np.float64]
+
+_SHORTEST = 1e-3  # s; of less nothing is left that a first guess could be made of
+
+
+@dataclass(frozen=True, eq=False)
+class PlanInForce:
+    """A verified plan and the problem it solves; its motion starts at the instant `start` [s]."""
+
+    problem: Problem
+    solution: Solution
+    start: float
+
+    @property
+    def end(self) -> float:
+        """Instant at which the last vehicle arrives [s]."""
+        return self.start + self.solution.duration
+
+    def elapsed(self, time: float) -> float:
+        """Time since the start of the motion [s] at an instant [s]."""
+        return time - self.start
+
+    def remainder(self, time: float) -> Solution | None:
+        """Return what is left of the plan at the instant `time` [s], to start a new one from.
+
+        Its trajectories begin at zero again; switching instants and parameters shift with them.
+        None before the start and where (nearly) nothing is left.
+        """
+        elapsed = self.elapsed(time)
+        if elapsed < 0.0 or self.solution.duration - elapsed < _SHORTEST:
+            return None
+        left = {
+            name: trajectory.after(min(elapsed, trajectory.duration - _SHORTEST))
+            for name, trajectory in self.solution.trajectories.items()
+        }
+        return replace(self.solution, trajectories=left)

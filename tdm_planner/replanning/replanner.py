@@ -1,0 +1,106 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Receding horizon: look at the plan in force, plan anew from where it leads, decide.
+
+A review at the instant t plans from the state foreseen for t + `delay`, when a new plan would take
+over: until then the old one is carried on. Solving has that much time, less what publishing and
+accepting a plan take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import time
+
+from tdm_planner.exceptions import TdmError
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.replanning.decision import decide, Outlook, worth_improving
+from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.plan_in_force import PlanInForce
+
+_SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
+_OPTIONAL = 0.5  # of that, where the plan in force would do
+
+
+@dataclass(frozen=True, eq=False)
+class Review:
+    """The outcome of a review; `plan` is the one to take over, None if the old one is kept.
+
+    `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
+    where nothing had to be solved.
+    """
+
+    plan: PlanInForce | None
+    reason: str
+    outlook: Outlook
+    necessary: bool = False
+    solve_time: float = 0.0
+
+
+class Replanner:
+    """Reviews the plan in force again and again; `adopt` every plan that is published."""
+
+    def __init__(self, execution: Execution, parameters: ReplanParameters) -> None:
+        self.execution = execution
+        self.parameters = parameters
+        self.plan: PlanInForce | None = None
+        self._reviews = 0
+
+    def adopt(self, plan: PlanInForce) -> None:
+        """Take note of the plan that is now in force, from its start on."""
+        self.execution.adopt(plan)
+        self.plan = plan
+
+    def review(
+        self, problem: Problem, observations: Mapping[str, Observation], now: float
+    ) -> Review:
+        """Review the plan in force at the instant `now` [s] for the `problem` asked at present.
+
+        Only the start of the problem is replaced. A plan returned is verified; its motion starts
+        `delay` after `now`.
+        """
+        began = time.perf_counter()
+        plan = self.plan
+        if plan is None or plan.start > now:
+            return Review(None, 'no plan is under way', Outlook(settled=True))
+        at = now + self.parameters.delay
+        foreseen = self.execution.foresee(plan, observations, at)
+        outlook = self.execution.outlook(plan, foreseen, at)
+        changed = not self.execution.same_question(problem, plan.problem)
+        necessary = changed or bool(outlook.trouble)
+        if not necessary and not worth_improving(
+            outlook, plan.solution, self.parameters.improvement
+        ):
+            return Review(None, 'the plan in force does', outlook)
+        allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
+        allowed -= time.perf_counter() - began
+        try:
+            new_problem = self.execution.problem_from(problem, foreseen)
+            new = self._solve(new_problem, plan, foreseen, at, allowed)
+        except TdmError as error:
+            return Review(None, f'{error.code}: {error}', outlook, necessary, self._spent(began))
+        decision = decide(outlook, changed, new, self.parameters.improvement)
+        taking_over = PlanInForce(new_problem, new, at) if decision.take_over else None
+        return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
+
+    def _solve(
+        self,
+        problem: Problem,
+        plan: PlanInForce,
+        foreseen: Mapping[str, Foreseen],
+        at: float,
+        allowed: float,
+    ) -> Solution:
+        followed = all(vehicle.mode is Mode.FOLLOWING for vehicle in foreseen.values())
+        # Another seed each time: what was not found at the last review may be found now.
+        self._reviews += 1
+        return problem.solve(
+            deadline=max(allowed, 1e-3),
+            seed=problem.solver.seed + self._reviews,
+            warm_start=plan.remainder(at) if followed else None,
+        )
+
+    def _spent(self, began: float) -> float:
+        return time.perf_counter() - began

@@ -1,0 +1,136 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A swing-up under its tracker's feedback, looked ahead to the end and beyond."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.plants.pendulum_feedback import compile_feedback, FeedbackTable, roll_feedback
+from tdm_planner.plants.rotary_pendulum import PendulumMotor
+from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
+from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.replanning.decision import Outlook
+from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.plan_in_force import PlanInForce
+from tdm_planner.tracking.pendulum_tracking import (
+    PendulumTracker,
+    PendulumTrackerParameters,
+    SwingUpLaw,
+)
+
+Array = NDArray[np.float64]
+
+_SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
+_DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond a planned limit
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    plan: PlanInForce
+    law: SwingUpLaw
+
+
+class SwingUpExecution(Execution):
+    """The pendulum's tracker, with its default weights, as a model of what it will do.
+
+    `interval` [s] is that of the tracker's commands.
+    """
+
+    def __init__(self, problem: PendulumSwingUp, interval: float = 5e-3) -> None:
+        self._interval = interval
+        self._limit = problem.limits.torque
+        self._tracker = PendulumTracker(
+            PendulumTrackerParameters(
+                rate=1.0 / interval,
+                plant=problem.plant,
+                limits=PendulumMotor(torque=problem.limits.torque),
+            )
+        )
+        self._tracker.prepare_hold()
+        self._law: _Law | None = None
+        compile_feedback(problem.plant)
+
+    def adopt(self, plan: PlanInForce) -> None:
+        """Compute the gains along the plan."""
+        self._law = _Law(plan, self._tracker.prepare(plan.solution.trajectory))
+
+    def foresee(
+        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+    ) -> dict[str, Foreseen]:
+        """Roll the feedback law from the measured state to the instant `at`."""
+        seen = observations[VEHICLE]
+        if at <= seen.stamp:
+            return {VEHICLE: Foreseen(seen.state, np.zeros(1), seen.mode)}
+        table = self._table(plan, seen.mode, seen.stamp, at)
+        state = roll_feedback(self._tracker.parameters.plant, seen.state, table)[-1]
+        control = np.zeros(1)
+        if seen.mode is Mode.FOLLOWING:
+            control = plan.solution.trajectory.sample(plan.elapsed(at)).control
+        return {VEHICLE: Foreseen(state, control, seen.mode)}
+
+    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+        """Roll the feedback law to the end of the plan and a while about upright."""
+        plant, now = self._tracker.parameters.plant, foreseen[VEHICLE]
+        if now.mode is not Mode.FOLLOWING:
+            return Outlook(trouble='the plan in force is not followed any more')
+        left = max(plan.end - at, 0.0)
+        goal = plan.solution.trajectory.states[-1]
+        if self._level(now.state, goal) < 1.0:
+            return Outlook(left, settled=True)
+        until = at + left + _SETTLING / plant.natural_frequency
+        states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
+        if not np.isfinite(states).all() or not self._level(states[-1], goal) < 1.0:
+            return Outlook(left, trouble='the feedback cannot bring it back to the plan in force')
+        assert isinstance(plan.problem, PendulumSwingUp)
+        limit = _DISK_SLACK * plan.problem.limits.disk_angle
+        furthest = float(np.abs(states[:, 1]).max())
+        if furthest > max(limit, abs(float(now.state[1]))):
+            return Outlook(left, trouble=f'the disk would turn to {furthest:.3g} rad')
+        return Outlook(left)
+
+    def problem_from(
+        self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]
+    ) -> PendulumSwingUp:
+        """Return the swing-up from the foreseen state."""
+        return replace(problem, start=PendulumStart(*foreseen[VEHICLE].state.tolist()))
+
+    def same_question(self, problem: PendulumSwingUp, other: PendulumSwingUp) -> bool:
+        """Whether two swing-ups differ in nothing but start and solver."""
+        return replace(problem, start=other.start, solver=other.solver) == other
+
+    def _level(self, state: Array, goal: Array) -> float:
+        """Cost to go about upright, as a share of what its regulator takes without saturating."""
+        error = self._tracker.error(state.copy(), goal)
+        cost = float(error @ self._tracker.upright.cost_to_go @ error)
+        return cost / self._tracker.capture_level
+
+    def _table(self, plan: PlanInForce, mode: Mode, start: float, end: float) -> FeedbackTable:
+        """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
+        count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
+        step = (end - start) / count
+        references, torques, gains = np.zeros((count, 4)), np.zeros(count), np.zeros((count, 4))
+        if mode is Mode.RECOVERING:
+            gains[:] = self._tracker.recovery_gain
+        elif mode is Mode.FOLLOWING:
+            if self._law is None or self._law.plan is not plan:
+                self.adopt(plan)
+            assert self._law is not None
+            law = self._law.law
+            edges: Array = plan.elapsed(start) + step * np.arange(count + 1)
+            elapsed = edges[:-1]
+            after = elapsed >= plan.solution.duration
+            references = law.trajectory.sample(elapsed).state
+            references[after, 2:] = 0.0
+            torques = law.feedforward.means(edges)[:, 0]
+            last = len(law.regulator.gains) - 1
+            index = np.clip(np.round(elapsed / law.step), 0, last).astype(np.intp)
+            gains = np.where(
+                after[:, None], self._tracker.upright.gain, law.regulator.gains[index, 0]
+            )
+        return FeedbackTable(references, torques, gains, step, self._limit)
