@@ -218,4 +218,4 @@ class Trajectory:
 
 def _linear(t: Array, times: Array, values: Array) -> Array:
     columns = [np.interp(t, times, column) for column in values.T]
-    return np.stack(columns, axis=-1)
+    return np.stack(columns, axis=-1) if columns else np.zeros((*t.shape, 0))

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+import os
 from pathlib import Path
 import re
 import shutil
+import struct
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, NamedTuple
 
@@ -23,6 +25,8 @@ _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
 _SIDECARS = ('-wal', '-journal')
 _LARGEST_RECORD = 2**30  # bytes; a longer one is damage
+_LARGEST_PAGE = 65536  # of SQLite, bytes
+_LARGEST_DATABASE = 2**42
 _BLOCK = 2**20
 
 
@@ -150,8 +154,8 @@ def _sidecars(path: Path) -> list[Path]:
 @contextmanager
 def _unpacked_file(path: Path, notes: list[str]) -> Iterator[Path]:
     """Return a file that can be read as it is; originals are not touched."""
-    beside = _sidecars(path)
-    if path.suffix != _COMPRESSED and not beside:
+    beside, size = _sidecars(path), _stated_size(path)
+    if path.suffix != _COMPRESSED and not beside and size <= path.stat().st_size:
         yield path
         return
     with TemporaryDirectory(prefix='tdm_report') as folder:
@@ -162,7 +166,22 @@ def _unpacked_file(path: Path, notes: list[str]) -> Iterator[Path]:
             shutil.copyfile(path, plain)
         for file in beside:
             shutil.copyfile(file, plain.with_name(plain.name + file.name.removeprefix(path.name)))
+        if _stated_size(plain) > plain.stat().st_size and not beside:
+            # SQLite refuses a file that is too short; pages of zeros it only refuses to read.
+            notes.append(f'{path.name} was cut short: what was recorded last is missing.')
+            os.truncate(plain, _stated_size(plain))
         yield plain
+
+
+def _stated_size(path: Path) -> int:
+    """Return how long a database says it is [bytes]; 0 if it is none, or says nothing sensible."""
+    with path.open('rb') as file:
+        head = file.read(32)
+    if len(head) < 32 or not head.startswith(b'SQLite format 3'):
+        return 0
+    page, count = struct.unpack('>H', head[16:18])[0], struct.unpack('>I', head[28:])[0]
+    size = count * (_LARGEST_PAGE if page == 1 else page)
+    return size if size < _LARGEST_DATABASE else 0
 
 
 def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:

@@ -194,11 +194,11 @@ def _achieved_terms(
 
 
 def _gas(robot: Vehicle, duration: float) -> float | None:
-    """Return the integral of the thrust [N s] over the motion."""
+    """Return the integral of the thrust [N s] until the goal is reached, or was to be."""
     if robot.controls is None or 'thrust' not in robot.controls:
         return None
     start = robot.plans[0].start
-    during = robot.controls.between(start, start + duration)
+    during = robot.controls.between(start, max(start + duration, robot.plans[-1].end))
     thrust = during.column('thrust')
     known = np.isfinite(thrust)
     return float(trapezoid(thrust[known], during.times[known])) if known.any() else None

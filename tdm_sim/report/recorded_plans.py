@@ -80,7 +80,7 @@ def in_force(
 ) -> tuple[PlanInForce, ...]:
     """Return plans with times from `origin` [ns], each until the next one starts."""
     starts = [(plan.start - origin) * NANOSECOND for plan in plans]
-    ends = [*starts[1:], None]
+    ends = [*starts[1:], None][: len(starts)]
     return tuple(
         PlanInForce(plan_ids.get(plan.start, ''), start, plan.trajectory, until)
         for plan, start, until in zip(plans, starts, ends, strict=True)
