@@ -7,28 +7,32 @@ determine the motion: what theta(tau) prescribes is only where the nodes lie. Th
 
 - `printed`: (11) as it stands, without the speed omega_(j-1) of the node before;
 - `completed`: with it;
-- `mended`: the state is E = theta.^2, dE/dtheta = 2 theta.., by Heun's method with nodes at the
-  switches of the torque, so that rest and slow motion are no singularities.
+- `mended`: what ``method: virtual_arc`` is made of (`tdm_planner.problems.virtual_arc_program`):
+  the state is E = theta.^2, dE/dtheta = 2 theta.., by Heun's method with nodes at the switches of
+  the torque, so that rest is no singularity.
 
-All three need theta to be monotone. Minimum-time swing-ups are not: they swing back and forth
-before they are up, and every reversal is a point where theta. vanishes though P' does not.
+All three need theta to be monotone, and most swing-ups are not. `momentum_needed` says why.
 
-Run it: ``python docs/paper/pendulum_scheme.py``.
+Run it: ``python docs/paper/pendulum_scheme.py`` (a minute).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import itertools
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.optimize import least_squares
+from scipy.optimize import brentq
 
-from tdm_planner.direct_method import PolynomialReference
+from tdm_planner.direct_method import Budget, minimise, PolynomialReference, TrustRegionOptions
+from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
+from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
+from tdm_planner.problems.virtual_arc_program import reference_shape, VirtualArcProgram
 
 Array = NDArray[np.float64]
 PLANT = RotaryPendulum()
@@ -37,13 +41,12 @@ START, GOAL = np.pi, 0.0
 
 
 class End(NamedTuple):
-    """Where a scheme arrives: time, psi, signed theta.^2 and psi. at the last node; switches."""
+    """Where a scheme arrives: time, psi, signed theta.^2 and psi. at the last node."""
 
     time: float
     psi: float
     energy: float
     psi_dot: float
-    switch_times: Array
 
     @property
     def theta_dot(self) -> float:
@@ -56,18 +59,6 @@ def torque_at(theta: float, switches: Array) -> float:
     return -TORQUE if np.count_nonzero(switches > theta) % 2 == 0 else TORQUE
 
 
-def nodes(count: int, switches: Array) -> Array:
-    """Angles at `count` equidistant nodes of tau and, added, at the switches.
-
-    The reference function begins at rest with P'' = -1: where P'' vanishes too, no time passes
-    in the first step of any of the schemes, or it passes at the wrong rate.
-    """
-    reference = PolynomialReference({0: START, 1: 0.0, 2: -1.0}, {0: GOAL, 1: 0.0, 2: 1.0}, 3.0)
-    theta = reference(np.linspace(0.0, reference.tau_f, count))
-    assert (np.diff(theta) < 0).all()
-    return np.sort(np.concatenate([theta, switches]))[::-1]
-
-
 def rates(theta: float, theta_dot: float, psi_dot: float, torque: float) -> tuple[float, float]:
     """Theta.. and psi.. of the plant."""
     sine, cosine = float(np.sin(theta)), float(np.cos(theta))
@@ -75,7 +66,11 @@ def rates(theta: float, theta_dot: float, psi_dot: float, torque: float) -> tupl
 
 
 def printed(count: int, switches: Array, completed: bool = False) -> End:
-    """(11)-(15), Euler steps over the virtual arc; `completed` adds omega_(j-1) to (11)."""
+    """(11)-(15), Euler steps over the virtual arc; `completed` adds omega_(j-1) to (11).
+
+    The reference function begins at rest with P'' = -1: where P'' vanishes too, no time passes
+    in the first step, or it passes at the wrong rate.
+    """
     reference = PolynomialReference({0: START, 1: 0.0, 2: -1.0}, {0: GOAL, 1: 0.0, 2: 1.0}, 3.0)
     tau = np.linspace(0.0, reference.tau_f, count)
     theta = reference(tau)
@@ -90,34 +85,18 @@ def printed(count: int, switches: Array, completed: bool = False) -> End:
         time += elapsed  # (14)
         psi, psi_dot, omega = psi + psi_dot * elapsed, psi_dot + sideways * elapsed, new  # (15)
         if not np.isfinite(time) or elapsed <= 0.0:
-            return End(np.nan, np.nan, np.nan, np.nan, np.zeros(0))
-    return End(time, psi, omega**2, psi_dot, np.zeros(0))
+            return End(np.nan, np.nan, np.nan, np.nan)
+    return End(time, psi, omega**2, psi_dot)
 
 
-def mended(count: int, switches: Array, floor: float = 1e-5) -> End:
-    """The energy form by Heun's method; speeds are at least `floor` w0, the energy is not cut."""
-    theta = nodes(count, switches)
-    least = (floor * PLANT.natural_frequency) ** 2
-    energy, psi, psi_dot, time = 0.0, 0.0, 0.0, 0.0
-    passed = {}
-    for here, there in itertools.pairwise(theta):
-        if here == there:
-            continue
-        torque = torque_at(0.5 * (here + there), switches)
-        speed = np.sqrt(max(energy, least))
-        forward, sideways = rates(here, -speed, psi_dot, torque)
-        ahead = energy + 2.0 * forward * (there - here)
-        elapsed = 2.0 * (here - there) / (speed + np.sqrt(max(ahead, least)))
-        later = rates(there, -np.sqrt(max(ahead, least)), psi_dot + sideways * elapsed, torque)
-        energy += (forward + later[0]) * (there - here)
-        elapsed = 2.0 * (here - there) / (speed + np.sqrt(max(energy, least)))
-        before = psi_dot
-        psi_dot += 0.5 * (sideways + later[1]) * elapsed
-        psi += 0.5 * (before + psi_dot) * elapsed
-        time += elapsed
-        passed[there] = time
-    times = np.array([passed[angle] for angle in sorted(switches)[::-1] if angle in passed])
-    return End(time, psi, energy, psi_dot, times)
+def mended(count: int, switch: float) -> End:
+    """The scheme of ``method: virtual_arc`` with one switch at an angle, `count` nodes or so."""
+    task = problem(START, TORQUE).task
+    program = VirtualArcProgram(task, TORQUE * np.array([-1.0, 1.0]), 0, count // 2)
+    share = (START - switch) / (START - GOAL)
+    tau = brentq(lambda t: reference_shape(np.array(t), 0.0) - share, 0.0, 1.0, xtol=1e-14)
+    energy, psi, psi_dot, time = program.along(np.array([[tau]]), to_rest=False)[0, -1]
+    return End(time, psi, energy, psi_dot)
 
 
 def truth(switches: Array) -> End:
@@ -133,63 +112,100 @@ def truth(switches: Array) -> End:
         event.terminal = True  # type: ignore[attr-defined]
         return event
 
-    x, time, times = np.array([START, 0.0, 0.0, 0.0]), 0.0, []
+    x, time = np.array([START, 0.0, 0.0, 0.0]), 0.0
     for k, angle in enumerate([*sorted(switches)[::-1], GOAL]):
         torque = -TORQUE if k % 2 == 0 else TORQUE
         piece = solve_ivp(
             motion, (time, time + 2.0), x, 'DOP853', events=reaches(angle), rtol=1e-11, atol=1e-12
         )
         x, time = piece.y[:, -1], float(piece.t[-1])
-        times.append(time)
-    return End(time, x[1], x[2] ** 2, x[3], np.array(times[:-1]))
+    return End(time, x[1], x[2] ** 2, x[3])
 
 
-def residual(switches: Array, count: int, floor: float, home: bool = False) -> Array:
-    """What must vanish on arrival: theta.^2 (signed) and psi., scaled; psi as well if `home`."""
-    w0 = PLANT.natural_frequency
-    with np.errstate(all='ignore'):
-        end = mended(count, np.clip(switches, GOAL + 1e-6, START - 1e-6), floor)
-        values = np.array([end.energy / w0**2, end.psi_dot / w0, end.psi][: 3 if home else 2])
-    return np.clip(np.nan_to_num(values, nan=1e3), -1e3, 1e3)
+def problem(theta: float, torque: float, method: str = 'virtual_arc') -> PendulumSwingUp:
+    """From rest at an angle, with all the torque."""
+    return PendulumSwingUp(
+        limits=PendulumLimits(torque=torque),
+        torque_reserve=0.0,
+        start=PendulumStart(theta=theta),
+        method=method,
+    )
 
 
-def transfer(guess: Array, count: int = 60, home: bool = False) -> tuple[Array, float]:
-    """Search for switches (k,) that bring all to rest with the pendulum upright; their residual.
+def transfers(angles: Array, torques: Array) -> Array:
+    """Times of transfers from rest over those of method switching, NaN where there is none."""
+    ratios = np.full((torques.size, angles.size), np.nan)
+    for i, j in np.ndindex(ratios.shape):
+        try:
+            found = problem(angles[j], torques[i]).solve(deadline=2.0)
+        except Infeasible:
+            continue
+        quickest = problem(angles[j], torques[i], 'switching').solve(deadline=2.0)
+        ratios[i, j] = found.cost / quickest.cost
+    return ratios
 
-    The disk may come to rest anywhere unless it is to be `home`. The floor of the speed is lowered
-    step by step (continuation), else hardly a start succeeds.
+
+def share_solved(torque: float, starts: int) -> tuple[float, float]:
+    """Shares of random states from which virtual_arc finds a plan, and of monotone quickest ones.
+
+    Any angle, psi within 1 rad, rates within 5 rad/s.
     """
-    switches = guess
-    for floor in (1.0, 0.1, 1e-2, 1e-3, 1e-5):
-        found = least_squares(residual, switches, args=(count, floor, home), max_nfev=25)
-        switches = found.x
-    return np.sort(np.clip(switches, GOAL, START))[::-1], float(np.abs(found.fun).max())
-
-
-def transfers(starts: int, switches: int, home: bool) -> list[tuple[Array, float]]:
-    """Search from random starts; switches and residual of each, the best first."""
     rng = np.random.default_rng(0)
-    guesses = [np.sort(rng.uniform(GOAL, START, switches))[::-1] for _ in range(starts)]
-    return sorted((transfer(guess, home=home) for guess in guesses), key=lambda found: found[1])
+    solved, monotone = 0, 0
+    for state in rng.uniform(-1.0, 1.0, (starts, 4)) * [np.pi, 1.0, 5.0, 5.0]:
+        made = replace(problem(0.0, torque), start=PendulumStart(*map(float, state)))
+        try:
+            made.solve(deadline=2.0)
+            solved += 1
+        except Infeasible:
+            pass
+        quickest = replace(made, method='switching').solve(deadline=2.0).trajectory
+        slopes = np.diff(quickest.state('theta'))
+        monotone += bool((slopes > -1e-6).all() or (slopes < 1e-6).all())
+    return solved / starts, monotone / starts
 
 
-def landing_error(switches: Array, count: int) -> float:
-    """Distance from upright [rad] of the plant under the scheme's switching times."""
-    end = mended(count, switches)
-    x = np.array([START, 0.0, 0.0, 0.0])
-    edges = [0.0, *end.switch_times, end.time]
-    for k, (first, last) in enumerate(itertools.pairwise(edges)):
-        torque = np.array([-TORQUE if k % 2 == 0 else TORQUE])
-        piece = solve_ivp(
-            lambda t, x, u=torque: PLANT.derivative(x, u),
-            (first, last),
-            x,
-            'DOP853',
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        x = piece.y[:, -1]
-    return float(abs(x[0] - GOAL))
+def landing_errors(theta: float, torque: float, counts: tuple[int, ...]) -> dict[int, float]:
+    """Distance from upright [rad] of the plant under the switching times of the scheme alone.
+
+    By the number of nodes, for the transfer from rest at `theta`; nothing is corrected afterwards.
+    """
+    task = problem(theta, torque).task
+    search = VirtualArcMethod(task, Budget(10.0), np.random.default_rng(0), 4, 1e-9)
+    candidate = search.candidates()[0]
+    torques, turns, xi = candidate.program.torques, candidate.program.turns, candidate.point
+    errors = {}
+    for count in counts:
+        program = VirtualArcProgram(task, torques, turns, count // torques.size)
+        options = TrustRegionOptions(penalties=(30.0, 30.0), feasibility=(1e-9, 1e-9), radius=0.05)
+        xi = minimise(program, xi, options).point.xi
+        x = task.start
+        for duration, torque in zip(program.durations(xi), torques, strict=True):
+            held = np.array([torque])
+            x = solve_ivp(
+                lambda t, x, u=held: PLANT.derivative(x, u),
+                (0.0, duration),
+                x,
+                'DOP853',
+                rtol=1e-11,
+                atol=1e-12,
+            ).y[:, -1]
+        errors[count] = float(abs(x[0] - 2 * np.pi * turns))
+    return errors
+
+
+def momentum_needed(theta: Array, theta_dot: Array, psi_dot: Array) -> Array:
+    """Rate of the momentum p = A theta. + B psi. that gravity and rotation give, over m g l.
+
+    The torque does not act on p. From rest to rest p begins and ends at zero, so that
+    sin(theta) (m g l + c cos(theta) psi.^2 - m l r theta. psi.) must be zero on average: theta
+    must be on either side of upright, or theta. psi. beyond g/r for long enough, or the pendulum
+    below the horizontal with psi. large. Falling from theta < pi/2 straight to upright is none of
+    these: theta. < 0 and p >= 0 mean psi. > 0, and the rate stays positive.
+    """
+    k = PLANT.coefficients
+    rotation = k.coupling * np.cos(theta) * psi_dot**2 - k.arm * theta_dot * psi_dot
+    return np.asarray(np.sin(theta) * (1.0 + rotation / k.gravity))
 
 
 if __name__ == '__main__':
@@ -199,19 +215,24 @@ if __name__ == '__main__':
     print('error of theta. on arrival, and of the time:')
     print('nodes       printed            completed            mended')
     for count in (26, 51, 101, 201, 401, 801):
-        ends = [printed(count, switches), printed(count, switches, True), mended(count, switches)]
+        ends = [printed(count, switches), printed(count, switches, True), mended(count, 1.2)]
         errors = [
             f'{abs(e.theta_dot / right.theta_dot - 1):8.1e} {abs(e.time / right.time - 1):8.1e}'
             for e in ends
         ]
         print(f'{count:5d}   ' + '   '.join(errors))
-    for count, home in ((2, False), (4, True)):
-        found = transfers(20, count, home)
-        solved = sum(miss < 1e-6 for _, miss in found)
+    print('a transfer to rest from .4 rad at .063 N m: nodes, rad from upright in the plant')
+    for count, error in landing_errors(0.4, 0.063, (20, 40, 80, 160, 320, 640)).items():
+        print(f'{count:5d}   {error:.1e}')
+    angles, torques = np.array([0.2, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 2.8, np.pi]), (0.02, 0.04, 0.09)
+    print('from rest: t_f over that of method switching, - where no transfer was found')
+    print('N m    ' + ' '.join(f'{angle:5.2f}' for angle in angles) + '  rad')
+    for torque, row in zip(torques, transfers(angles, np.array(torques)), strict=True):
+        shown = ['    -' if np.isnan(ratio) else f'{ratio:5.2f}' for ratio in row]
+        print(f'{torque:5.3f}  ' + ' '.join(shown))
+    for torque in torques:
+        solved, monotone = share_solved(torque, 40)
         print(
-            f'{count} switches, disk at rest {"at home" if home else "anywhere"}: {solved} of '
-            f'{len(found)} random starts solved, smallest residual {found[0][1]:.1e}'
+            f'random states, {torque} N m: {solved:.0%} solved along a virtual arc; theta is '
+            f'monotone in {monotone:.0%} of the plans of method switching'
         )
-        if solved:
-            angles = found[0][0]
-            print(f'    lands {landing_error(angles, 60):.1e} rad from upright')

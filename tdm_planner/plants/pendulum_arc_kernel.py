@@ -41,7 +41,13 @@ def _speed(energy: Any, least: float) -> Any:
 
 @compiled
 def advance_along(
-    k: Values, theta: Values, at_rest: bool, torques: Values, least: float, states: Values
+    k: Values,
+    theta: Values,
+    from_rest: bool,
+    to_rest: bool,
+    torques: Values,
+    least: float,
+    states: Values,
 ) -> None:
     """Fill `states` (B, N, 4), (E, psi, psi', t), at nodes of the angle `theta` (B, N).
 
@@ -51,14 +57,15 @@ def advance_along(
     `states[:, 0]` is given; `torques` (N - 1,) [N m] act between the nodes.
 
     The speed is the root of the size of E, at least of `least`: a negative E, an angle beyond
-    reach, is left for the caller to make positive. At the last node, and at the first if it starts
-    `at_rest`, the speed is zero, so that time depends smoothly on an E that is not yet.
+    reach, is left for the caller to make positive. At the first node if the motion starts
+    `from_rest`, and at the last if it is to end so, the speed is zero: time then depends smoothly
+    on a final E that is not zero yet.
     """
     last = theta.shape[1] - 1
     for b in range(theta.shape[0]):
         energy, psi, psi_dot, time = states[b, 0]
         speed = 0.0 * energy
-        if not at_rest:
+        if not from_rest:
             speed = _speed(energy, least)
         for node in range(1, last + 1):
             here, there, torque = theta[b, node - 1], theta[b, node], torques[node - 1]
@@ -66,14 +73,14 @@ def advance_along(
             way = -1.0 if change.real < 0.0 else 1.0
             forward, sideways = _accelerate(k, here, way * speed, psi_dot, torque)
             ahead = 0.0 * energy
-            if node < last:
+            if node < last or not to_rest:
                 ahead = _speed(energy + 2.0 * forward * change, least)
             elapsed = 2.0 * way * change / (speed + ahead)
             forward_there, sideways_there = _accelerate(
                 k, there, way * ahead, psi_dot + sideways * elapsed, torque
             )
             energy = energy + (forward + forward_there) * change
-            if node < last:
+            if node < last or not to_rest:
                 ahead = _speed(energy, least)
                 elapsed = 2.0 * way * change / (speed + ahead)
             before = psi_dot
@@ -91,4 +98,4 @@ def compile_arc_kernel(plant: RotaryPendulum) -> None:
     """Compile the kernel for real and complex numbers, or load it from the disk."""
     for kind in (np.float64, np.complex128):
         theta, states = np.array([[0.2, 0.1, 0.0]], dtype=kind), np.zeros((1, 3, 4), dtype=kind)
-        advance_along(np.array(plant.coefficients), theta, True, np.zeros(2), 1.0, states)
+        advance_along(np.array(plant.coefficients), theta, True, True, np.zeros(2), 1.0, states)

@@ -101,15 +101,25 @@ class VirtualArcProgram(NonlinearProgram):
         tau = np.concatenate([np.zeros((len(xi), 1)), tau.reshape(len(xi), -1)], axis=1)
         return np.asarray(self.task.start[0] + self._way * reference_shape(tau, self._slope))
 
-    def along(self, xi: Values) -> Values:
-        """(E, psi, psi', t) at the nodes of candidates (B, K - 1): (B, N, 4), N = K steps + 1."""
+    def along(self, xi: Values, to_rest: bool = True) -> Values:
+        """(E, psi, psi', t) at the nodes of candidates (B, K - 1): (B, N, 4), N = K steps + 1.
+
+        Without `to_rest` the pendulum may pass the goal, as it does under a given torque.
+        """
         theta = self.angles(xi)
         states = np.zeros((*theta.shape, 4), dtype=theta.dtype)
         _, psi, theta_dot, psi_dot = self.task.start
         states[:, 0, :3] = theta_dot**2, psi, psi_dot
         torques = np.repeat(self.torques, self.steps)
-        at_rest = bool(theta_dot == 0.0)
-        advance_along(self._coefficients, theta, at_rest, torques, self._least, states)
+        advance_along(
+            self._coefficients,
+            theta,
+            bool(theta_dot == 0.0),
+            to_rest,
+            torques,
+            self._least,
+            states,
+        )
         return states
 
     def durations(self, xi: Array) -> Array:

@@ -53,19 +53,41 @@ def test_orders_of_the_pendulums_schemes():
     switches = np.array([1.2])
     right = scheme.truth(switches)
     assert np.isnan(scheme.printed(101, switches).time)
-    mended = [abs(scheme.mended(n, switches).time / right.time - 1) for n in (101, 401)]
+    mended = [abs(scheme.mended(n, 1.2).time / right.time - 1) for n in (101, 401)]
     completed = [abs(scheme.printed(n, switches, True).time / right.time - 1) for n in (101, 401)]
     assert mended[1] < 1e-4
     assert mended[0] / mended[1] > 12  # second order
     assert completed[1] > 100 * mended[1]
 
 
-def test_mended_scheme_finds_a_monotone_transfer_that_the_plant_follows():
+def test_the_plant_follows_the_mended_scheme_ever_closer():
     import pendulum_scheme as scheme
 
-    angles, miss = scheme.transfer(np.array([2.2, 0.4]))
-    assert miss < 1e-9
-    assert scheme.landing_error(angles, 60) < 1e-3
+    errors = list(scheme.landing_errors(0.4, 0.063, (80, 160, 320)).values())
+    assert errors[0] / errors[1] > 3  # second order
+    assert errors[1] / errors[2] > 3
+
+
+def test_virtual_arc_works_from_above_the_horizontal_not_from_hanging_with_weak_torque():
+    import pendulum_scheme as scheme
+
+    ratios = scheme.transfers(np.array([0.8, np.pi]), np.array([0.02, 0.04]))
+    assert np.isnan(ratios[:, 1]).all()
+    assert (ratios[:, 0] < 1.05).all()
+    assert (ratios[:, 0] > 1 - 1e-3).all()
+
+
+def test_gravity_forbids_falling_straight_to_upright():
+    import pendulum_scheme as scheme
+
+    plan = scheme.problem(0.4, 0.09, 'switching').solve(5.0).trajectory
+    theta, _, theta_dot, psi_dot = plan.states.T
+    rate = scheme.momentum_needed(theta, theta_dot, psi_dot)
+    gained = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(plan.times)))
+    assert abs(gained) < 0.01 * float(np.abs(rate).max() * plan.duration)
+    assert rate.min() < 0 < rate.max()
+    falling = scheme.momentum_needed(np.linspace(0.01, 1.5, 50), -3.0, np.linspace(0, 50, 50))
+    assert (falling > 0).all()
 
 
 def test_robots_scheme_misses_and_the_exact_inverse_does_not():

@@ -52,8 +52,9 @@ def check(made: PendulumSwingUp, solution) -> None:
     assert np.abs(trajectory.state('psi')).max() <= made.limits.disk_angle
 
 
-@pytest.mark.parametrize('theta', [0.4, -0.4, 0.8, 1.5])
-@pytest.mark.parametrize('torque', [0.063, 0.09])
+@pytest.mark.parametrize(
+    ('theta', 'torque'), [(0.4, 0.063), (-0.4, 0.063), (0.8, 0.09), (1.5, 0.09), (-1.2, 0.04)]
+)
 def test_from_rest_as_quick_as_switching_where_it_goes_one_way(theta, torque):
     made = problem(PendulumStart(theta=theta), torque)
     solution = made.solve(ENOUGH)
@@ -61,7 +62,7 @@ def test_from_rest_as_quick_as_switching_where_it_goes_one_way(theta, torque):
     # From here upright is reached without swinging back only once round.
     assert round(solution.trajectory.states[-1, 0] / (2 * np.pi)) == np.sign(theta)
     quickest = problem(PendulumStart(theta=theta), torque, method='switching').solve(ENOUGH)
-    assert quickest.cost * (1 - 1e-3) < solution.cost < 1.1 * quickest.cost
+    assert quickest.cost * (1 - 1e-3) < solution.cost < 1.03 * quickest.cost
 
 
 @given(
