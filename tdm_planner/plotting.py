@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -13,12 +14,14 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.palette import LIMIT, MEASURED, PLANNED, SWITCH
+from tdm_planner.plan_margins import plan_margins, PlanMargin
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-PLANNED, MEASURED, LIMIT, SWITCH = '#1f4e9c', '#d1670a', '#b3261e', '#9aa0a6'
+TIME_LABEL = 'time from the start of the motion [s]'
 
 
 @dataclass(frozen=True)
@@ -31,14 +34,25 @@ class Measurement:
 
 def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
     """Write the time histories of a solution, with the problem's limits, to `path`."""
-    limits = plot_limits(problem)
     if len(solution.trajectories) == 1:
-        figure = plot_trajectory(solution.trajectory, limits, title=solution.summary)
+        limits = plot_limits(problem)
+        margins = plan_margins(problem, solution.trajectory)
+        figure = plot_trajectory(
+            solution.trajectory, limits, title=solution.summary, margins=margins
+        )
     else:
         from tdm_planner.formation_plot import FormationView, plot_formation
 
         view = FormationView.of(problem)
-        figure = plot_formation(view, solution.trajectories, title=solution.summary)
+        figure = plot_formation(
+            view,
+            solution.trajectories,
+            title=solution.summary,
+            margins={
+                name: plan_margins(problem, trajectory)
+                for name, trajectory in solution.trajectories.items()
+            },
+        )
     figure.savefig(path, dpi=110)
 
 
@@ -57,29 +71,39 @@ def plot_trajectory(
     limits: dict[str, float],
     measured: Measurement | None = None,
     title: str = '',
+    margins: Sequence[PlanMargin] = (),
 ) -> Figure:
-    """Draw every state and control over time, planned and measured, limits and switches."""
+    """Draw every state, control and margin over time; planned and measured, limits, switches."""
     columns = [*trajectory.state_names, *trajectory.control_names]
     units = [*trajectory.state_units, *trajectory.control_units] or [''] * len(columns)
-    figure = Figure(figsize=(9, 1.75 * len(columns) + 1.0), layout='constrained')
-    axes = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
+    rows = len(columns) + len(margins)
+    figure = Figure(figsize=(9, 1.6 * rows + 1.0), layout='constrained')
+    axes: list[Axes] = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0].tolist()
     switches = switching_instants(trajectory)
-    for axis, name, unit in zip(axes, columns, units, strict=True):
+    for axis, name, unit in zip(axes, columns, units, strict=False):
         if measured is not None and name in measured.columns:
             axis.plot(
-                measured.times, measured.columns[name], color=MEASURED, lw=1, label='measured'
+                measured.times,
+                measured.columns[name],
+                color=MEASURED,
+                lw=3,
+                alpha=0.5,
+                label='measured',
             )
-        _draw_planned(axis, trajectory, name)
+        draw_planned(axis, trajectory, name, PLANNED, 'planned')
         if name in limits:
-            for sign in (-1, 1):
-                axis.axhline(sign * limits[name], color=LIMIT, lw=1, ls='--')
+            draw_limits(axis, -limits[name], limits[name])
+        _label_turns(axis, trajectory, name)
+        label_quantity(axis, name, unit)
+    for axis, margin in zip(axes[len(columns) :], margins, strict=True):
+        axis.plot(margin.times, margin.values, color=PLANNED)
+        draw_limits(axis, 0.0)
+        label_quantity(axis, f'margin of\n{margin.name}', margin.unit)
+    for axis in axes:
         for instant in switches:
             axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
-        _label_turns(axis, trajectory, name)
-        axis.set_ylabel(f'{name} [{unit}]' if unit else name)
-        axis.grid(alpha=0.25)
-    axes[0].legend(loc='upper right', fontsize='small')
-    axes[-1].set_xlabel('time from the start of the motion [s]')
+    _explain(axes, switches)
+    axes[-1].set_xlabel(TIME_LABEL)
     if title:
         figure.suptitle(title, fontsize='medium', wrap=True)
     return figure
@@ -94,26 +118,56 @@ def switching_instants(trajectory: Trajectory) -> Array:
     return instants
 
 
-def _draw_planned(axis: Axes, trajectory: Trajectory, name: str) -> None:
-    held = trajectory.interpolation == 'zero_order_hold'
-    if name in trajectory.control_names and held:
+def draw_planned(
+    axis: Axes, trajectory: Trajectory, name: str, colour: str, label: str = ''
+) -> None:
+    """Draw a state or a control as it runs between its samples."""
+    if name in trajectory.state_names:
+        axis.plot(trajectory.times, trajectory.state(name), color=colour, label=label)
+    elif trajectory.interpolation == 'zero_order_hold':
         axis.step(
-            trajectory.times,
-            trajectory.control(name),
-            where='post',
-            color=PLANNED,
-            label='planned',
+            trajectory.times, trajectory.control(name), where='post', color=colour, label=label
         )
-    elif name in trajectory.control_names:
-        axis.plot(trajectory.times, trajectory.control(name), color=PLANNED, label='planned')
     else:
-        axis.plot(trajectory.times, trajectory.state(name), color=PLANNED, label='planned')
+        axis.plot(trajectory.times, trajectory.control(name), color=colour, label=label)
+
+
+def draw_limits(axis: Axes, *levels: float) -> None:
+    """Draw what a quantity must not pass."""
+    for level in levels:
+        axis.axhline(level, color=LIMIT, lw=1, ls='--')
+
+
+def label_quantity(axis: Axes, name: str, unit: str) -> None:
+    """Name a quantity beside its axis, with a grid to read it by."""
+    axis.set_ylabel(f'{name} [{unit}]' if unit else name)
+    axis.grid(alpha=0.25)
+
+
+def _explain(axes: Sequence[Axes], switches: Array) -> None:
+    """Put a legend above the first panel, of what there is."""
+    handles, labels = axes[0].get_legend_handles_labels()
+    limited = [line for axis in axes for line in axis.get_lines() if line.get_color() == LIMIT]
+    switched = [line for line in axes[0].get_lines() if line.get_color() == SWITCH]
+    if limited:
+        handles, labels = [*handles, limited[0]], [*labels, 'limits']
+    if switches.size:
+        handles, labels = [*handles, switched[-1]], [*labels, 'switching points']
+    axes[0].legend(
+        handles,
+        labels,
+        loc='lower right',
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(handles),
+        fontsize='small',
+        frameon=False,
+    )
 
 
 def _label_turns(axis: Axes, trajectory: Trajectory, name: str) -> None:
     """Mark upright on the axis of the pendulum angle."""
     if name == 'theta':
         upright = 2 * math.pi * round(float(trajectory.states[-1, 0]) / (2 * math.pi))
-        axis.axhline(upright, color=SWITCH, lw=1)
+        axis.axhline(upright, color='0.5', lw=1)
         below = 'top' if trajectory.states[0, 0] < upright else 'bottom'
         axis.annotate('upright', (0.005, upright), xycoords=('axes fraction', 'data'), va=below)

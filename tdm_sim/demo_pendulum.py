@@ -25,6 +25,7 @@ from tdm_planner.nodes.messages import (
     pendulum_trajectory,
     seconds_of,
 )
+from tdm_planner.plan_margins import plan_margins
 from tdm_planner.plotting import Measurement, plot_limits, plot_trajectory
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
@@ -164,6 +165,10 @@ class PendulumScene(Scene):
         }
         limits = plot_limits(self.problem)
         figure = plot_trajectory(
-            self.trajectory, limits, Measurement(m.times, columns), str(self.answer['summary'])
+            self.trajectory,
+            limits,
+            Measurement(m.times, columns),
+            str(self.answer['summary']),
+            plan_margins(self.problem, self.trajectory),
         )
         figure.savefig(path, dpi=110)

@@ -23,6 +23,7 @@ from tdm_planner.measured_robot import MeasuredRobot
 from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
 from tdm_planner.nodes.robot_messages import odometry_state, ROBOT_JOINTS, robot_trajectory
 from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.plan_margins import plan_margins
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -264,6 +265,9 @@ class RobotsScene(Scene):
         }
 
     def draw(self, path: Path) -> None:
-        """Draw arena, controls and distances, planned and measured."""
-        figure = plot_formation(self.view, self.plans, self.measured, str(self.answer['summary']))
+        """Draw arena and time histories, planned and measured."""
+        margins = {name: plan_margins(self.problem, plan) for name, plan in self.plans.items()}
+        figure = plot_formation(
+            self.view, self.plans, self.measured, str(self.answer['summary']), margins
+        )
         figure.savefig(path, dpi=100)

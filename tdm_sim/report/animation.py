@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.palette import COLOURS
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_sim.report.charts import COLOURS
 from tdm_sim.report.embedding import packed
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 

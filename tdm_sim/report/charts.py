@@ -12,16 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 import plotly.graph_objects as go
 
+from tdm_planner.palette import COLOURS, LIMIT, SWITCH
 from tdm_sim.report.embedding import packed
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
-
-# Told apart by people with any colour vision (after Okabe and Ito), on white. The page has a
-# lighter set for dark screens, in the same order (page.css).
-COLOURS = ('#0072b2', '#d55e00', '#009e73', '#c05d94', '#9a7400', '#6f6fc8', '#5c7f8a', '#a0522d')
-LIMIT_COLOUR = '#c43d3d'
-SWITCH_COLOUR = '#8a8f98'
 
 # Shares of a panel's height that its title and the gap below it take.
 TITLE_SHARE, FOOT_SHARE = 0.17, 0.06
@@ -113,7 +108,7 @@ def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
     if panel.switches:
         instants = np.repeat(np.array(panel.switches), 3)
         edges = np.tile([low, high, np.nan], len(panel.switches))
-        line = {'color': SWITCH_COLOUR, 'width': 1, 'dash': 'dot'}
+        line = {'color': SWITCH, 'width': 1, 'dash': 'dot'}
         traces.append(_trace('switching', instants, edges, line))
     # what was measured lies broad and pale below what was planned
     order = sorted(panel.curves, key=lambda curve: curve.kind != 'measured')
@@ -121,7 +116,7 @@ def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
     if panel.limits:
         ends = np.tile([*span, np.nan], len(panel.limits))
         levels = np.repeat(np.array(panel.limits), 3)
-        line = {'color': LIMIT_COLOUR, 'width': 1.3, 'dash': 'dash'}
+        line = {'color': LIMIT, 'width': 1.3, 'dash': 'dash'}
         traces.append(_trace('limit', ends, levels, line))
     return traces
 

@@ -50,11 +50,19 @@ function arenaScene(scene, holder) {
       const [wx, wy] = at(0, scene.width);
       draw(svg, 'rect', { class: 'wall', x: wx, y: wy, width: scale * scene.length,
         height: scale * scene.width });
+      if (scene.separation !== null) drawClearance(scene.separation / 2);
     }
     for (const [x, y, radius] of scene.obstacles) {
       const [cx, cy] = at(x, y);
       draw(svg, 'circle', { class: 'obstacle', cx, cy, r: scale * radius });
     }
+  }
+
+  // Centres of robots stay half a separation away from the walls.
+  function drawClearance(inset) {
+    const [x, y] = at(inset, scene.width - inset);
+    draw(svg, 'rect', { class: 'clearance', x, y, width: scale * (scene.length - 2 * inset),
+      height: scale * (scene.width - 2 * inset) });
   }
 
   function drawPaths(robot) {

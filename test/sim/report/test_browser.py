@@ -355,7 +355,7 @@ def test_the_legend_switches_curves_in_all_charts(page, reports):
     page.open(reports['pendulum'])
     assert set(page.visible('commanded')) == {False}
     shown = page.visible('measured')
-    assert len(shown) == 5
+    assert len(shown) == 4 + 1 + 2  # states, control, margins
     assert all(shown)
     lines = 'return document.querySelectorAll("#chart-controls .scatterlayer .trace").length'
     before = page.run(lines)

@@ -1,0 +1,107 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of plans: everything is in them, and drawn where it is."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip('matplotlib')
+
+from tdm_planner.formation_plot import FormationView, plot_formation
+from tdm_planner.palette import LIMIT, SWITCH
+from tdm_planner.plan_margins import plan_margins
+from tdm_planner.plotting import plot_limits, plot_solution, plot_trajectory
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+
+
+@pytest.fixture(scope='module')
+def swing_up():
+    problem = PendulumSwingUp.from_parameters({})
+    return problem, problem.solve(deadline=5.0)
+
+
+@pytest.fixture(scope='module')
+def formation():
+    problem = RobotFormation.from_parameters({})
+    return problem, problem.solve(deadline=5.0)
+
+
+def titles(figure):
+    return [axis.get_ylabel() for axis in figure.axes]
+
+
+def levels(axis, colour):
+    """Where lines of a colour lie."""
+    return [
+        (line.get_xdata()[0], line.get_ydata()[0])
+        for line in axis.get_lines()
+        if line.get_color() == colour
+    ]
+
+
+def test_margins_are_those_of_the_check(swing_up, formation):
+    for problem, solution in (swing_up, formation):
+        checks = solution.verifications or {
+            name: solution.verification for name in solution.trajectories
+        }
+        for name, trajectory in solution.trajectories.items():
+            for margin in plan_margins(problem, trajectory):
+                worst = checks[name].worst[margin.name]
+                assert margin.values.min() == pytest.approx(worst, abs=2e-3), margin.name
+
+
+def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up):
+    problem, solution = swing_up
+    margins = plan_margins(problem, solution.trajectory)
+    figure = plot_trajectory(solution.trajectory, plot_limits(problem), margins=margins)
+    assert titles(figure) == [
+        'theta [rad]',
+        'psi [rad]',
+        'theta_dot [rad/s]',
+        'psi_dot [rad/s]',
+        'torque [N m]',
+        'margin of\ntorque [N m]',
+        'margin of\ndisk_angle [rad]',
+    ]
+    by_title = dict(zip(titles(figure), figure.axes, strict=True))
+    assert sorted(y for _, y in levels(by_title['torque [N m]'], LIMIT)) == [-0.02, 0.02]
+    assert sorted(y for _, y in levels(by_title['psi [rad]'], LIMIT)) == [-2.0, 2.0]
+    torque = solution.trajectory.control('torque')
+    jumps = solution.trajectory.times[1:-1][np.diff(torque[:-1]) != 0]
+    assert jumps.size
+    for axis in figure.axes:
+        assert [x for x, _ in levels(axis, SWITCH)] == pytest.approx(jumps.tolist())
+
+
+def test_a_formation_has_every_quantity_of_every_robot(formation):
+    problem, solution = formation
+    margins = {n: plan_margins(problem, t) for n, t in solution.trajectories.items()}
+    figure = plot_formation(FormationView.of(problem), solution.trajectories, margins=margins)
+    plan = next(iter(solution.trajectories.values()))
+    shown = titles(figure)
+    for name in (*plan.state_names, *plan.control_names):
+        assert any(title.startswith(f'{name} [') for title in shown), name
+    for name in ('thrust', 'thruster_rate', 'torque', 'walls'):
+        assert any(title.startswith(f'margin of\n{name} [') for title in shown), name
+    thrust = next(a for a in figure.axes if a.get_ylabel() == 'thrust [N]')
+    assert len(thrust.get_lines()) == len(solution.trajectories) + 2
+    assert [y for _, y in levels(thrust, LIMIT)] == [0.0, problem.limits.thrust]
+    x = next(a for a in figure.axes[2:] if a.get_ylabel() == 'x [m]')
+    half = problem.arena.minimum_separation / 2
+    assert [y for _, y in levels(x, LIMIT)] == [half, problem.arena.length - half]
+
+
+@pytest.mark.parametrize(
+    ('ending', 'start'), [('.png', b'\x89PNG'), ('.pdf', b'%PDF'), ('.svg', b'<?xml')]
+)
+def test_kinds_of_files(swing_up, tmp_path, ending, start):
+    problem, solution = swing_up
+    path = tmp_path / f'plan{ending}'
+    plot_solution(problem, solution, path)
+    assert path.read_bytes().startswith(start)
+
+
+def test_a_formation_as_a_file(formation, tmp_path):
+    problem, solution = formation
+    plot_solution(problem, solution, tmp_path / 'plan.svg')
+    assert (tmp_path / 'plan.svg').stat().st_size > 50_000
