@@ -10,7 +10,6 @@ import threading
 from types import MappingProxyType
 from typing import Any
 
-from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -27,6 +26,7 @@ from tdm_planner.nodes.planning import (
     plan_figures,
     plan_summary,
 )
+from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.worker import Worker
@@ -64,8 +64,8 @@ class Planner(ParameterNode):
         self._prepared = threading.Event()
         self._diagnostics = Diagnostics(self, 'planning', self._report)
         self._summary = self.create_publisher(String, 'plan_summary', LATCHED)
-        self._replan_timer: Timer | None = None
-        self._set_replan_timer()
+        self._replanning = Replanning(self, self._worker, self._take_over, self._replan)
+        self._replanning.set_up(self._adapter, self.parameter_values)
         Worker(self).submit(self._prepare, self._on_prepared)
         self._service = DeferredService(self, Trigger, 'plan', self._on_request)
         if self._adapter is not None:
@@ -81,8 +81,7 @@ class Planner(ParameterNode):
         self._declare_problem()
         if self._adapter is not None:
             self._adapter.values_changed(self.parameter_values)
-        if 'replan.rate' in names:
-            self._set_replan_timer()
+        self._replanning.set_up(self._adapter, self.parameter_values)
         self._diagnostics.update()
 
     def _load_problem(self) -> None:
@@ -143,10 +142,10 @@ class Planner(ParameterNode):
             answer(response)
 
         self._requests += 1
-        if self._worker.busy:
+        if self._occupied:
             reply(Failure.of(Busy(_BUSY)))
             return
-        self._solve(self.parameter_values, reply)
+        self._replanning.when_free(lambda: self._solve(self.parameter_values, reply))
 
     def _plan_with(
         self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
@@ -157,13 +156,20 @@ class Planner(ParameterNode):
             done(f'{outcome.code}: {outcome.reason}' if isinstance(outcome, Failure) else '')
 
         self._requests += 1
-        if self._worker.busy:
+        if self._occupied:
             failure = Failure.of(Busy(_BUSY))
             self._log_failure(failure, f'{purpose} refused')
             reply(failure)
             return
         values = {**self.parameter_values, **changes}
-        self._solve(values, reply, changes, f'{purpose} refused')
+        self._replanning.when_free(
+            lambda: self._solve(values, reply, changes, f'{purpose} refused')
+        )
+
+    @property
+    def _occupied(self) -> bool:
+        """Whether a request is being solved, or waits; for reviews of the plan it would wait."""
+        return self._worker.busy and not self._replanning.yields
 
     def _warnings(self) -> list[str]:
         """Name, and log, what will not carry the plan out."""
@@ -173,19 +179,15 @@ class Planner(ParameterNode):
         return found
 
     def _replan(self) -> None:
-        """Plan anew from the measured state while the plan in force runs."""
-        if self._plan is None or self._worker.busy:
+        """Plan anew from the measured state, for problems whose plans cannot be reviewed."""
+        if self._plan is None:
             return
         if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
             self._solve({**self.parameter_values, 'start.source': 'measured'}, lambda _: None)
 
-    def _set_replan_timer(self) -> None:
-        if self._replan_timer is not None:
-            self.destroy_timer(self._replan_timer)
-            self._replan_timer = None
-        rate = self.parameter_values['replan.rate']
-        if rate > 0:
-            self._replan_timer = self.create_timer(1.0 / rate, self._replan)
+    def _take_over(self, plan: Plan) -> None:
+        """Publish a plan made on the way."""
+        self._settle(plan)
 
     def _solve(
         self,
@@ -248,6 +250,7 @@ class Planner(ParameterNode):
         assert self._adapter is not None
         self._adapter.publish(plan.problem, plan.solution, plan.start)
         self._plan, self._failure = plan, None
+        self._replanning.plan = plan
         self._plan_id += 1
         self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
         late = (self._now() - plan.start) * NANOSECOND
@@ -269,6 +272,7 @@ class Planner(ParameterNode):
         }
         if self._plan is not None:
             values.update(plan_figures(self._plan, now))
+        values.update(self._replanning.figures())
         if self._adapter is not None:
             for name, age in self._adapter.ages(now).items():
                 values[f'age of {name} [s]'] = 'never received' if age is None else age

@@ -122,7 +122,7 @@ class SwingUpExecution(Execution):
                 self.adopt(plan)
             assert self._law is not None
             law = self._law.law
-            edges: Array = plan.elapsed(start) + step * np.arange(count + 1)
+            edges = np.asarray(plan.elapsed(start) + step * np.arange(count + 1), dtype=float)
             elapsed = edges[:-1]
             after = elapsed >= plan.solution.duration
             references = law.trajectory.sample(elapsed).state

@@ -243,7 +243,8 @@ def test_values_that_contradict_each_other_at_the_start(ros: Ros, planners: Plan
 
 
 def test_replanning_while_a_plan_is_in_force(ros: Ros, planners: Planners) -> None:
-    planners.start('replan', {'replan.rate': 5, 'limits.torque': 0.09, 'start.delay': 5.0})
+    parameters = {'replan.rate': 5, 'replan.delay': 1.0, 'limits.torque': 0.09}
+    planners.start('replan', {**parameters, 'start.delay': 0.6})
     publisher = ros.publisher('/replan/joint_states', JointState)
     states = ros.subscribe('/replan/trajectory', JointTrajectory, LATCHED)
     ros.spin_for(0.5)

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from rclpy.node import Node
 
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.replanning import Execution, Observation
 
 
 class PlanRequest(Protocol):
@@ -61,6 +62,33 @@ class Adapter(ABC):
     def accept_requests(self, request: PlanRequest) -> None:
         """Begin to ask for plans, where the adapter has topics that ask for them."""
         del request
+
+    def watch_trackers(self, on: bool) -> None:
+        """Begin, or cease, to listen to what the trackers do; see `observations`."""
+        del on
+
+    @property
+    def replans(self) -> bool:
+        """Whether `execution` and `observations` are there: plans are reviewed on the way."""
+        return False
+
+    def execution(self, problem: Problem) -> Execution:
+        """Return what the trackers make of plans. Called in the worker's thread."""
+        raise NotImplementedError
+
+    def observations(
+        self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
+    ) -> dict[str, Observation]:
+        """Return the newest measured state of every vehicle, and what its tracker does.
+
+        `now` [ns] is the present instant, `seconds` turns instants into those of observations.
+
+        Raises
+        ------
+        NoState
+            Naming what is missing or older than `start.max_age`, and how old it is.
+        """
+        raise NotImplementedError
 
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker that is not connected."""

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
+from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
@@ -36,6 +37,7 @@ from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
+from tdm_planner.replanning import FormationExecution, Mode, Observation
 
 Array = NDArray[np.float64]
 
@@ -63,6 +65,7 @@ class FormationAdapter(Adapter):
         super().__init__(node, values)
         self._robots = {name: self._connect(name) for name in values['robots']}
         self._in_force: dict[str, PlanInForce] = {}
+        self._watches: dict[str, CommandWatch] = {}
         self._goal_tools: list[GoalTool] = []
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self.values_changed(values)
@@ -158,6 +161,44 @@ class FormationAdapter(Adapter):
         ends = {name: plan.states[-1, [0, 1, 4]] for name, plan in solution.trajectories.items()}
         paths = {name: plan.states[:, :2] for name, plan in solution.trajectories.items()}
         self._markers.publish(formation_markers(problem.arena, ends, paths))
+
+    @property
+    def replans(self) -> bool:
+        """Plans are reviewed on the way."""
+        return True
+
+    def watch_trackers(self, on: bool) -> None:
+        """Begin, or cease, to listen to the robots' trackers."""
+        for watch in self._watches.values():
+            watch.close()
+        names = self._robots if on else ()
+        self._watches = {name: CommandWatch(self.node, f'{name}/') for name in names}
+
+    def execution(self, problem: Problem) -> FormationExecution:
+        """Return the trackers' feedback as a model."""
+        assert isinstance(problem, RobotFormation)
+        return FormationExecution(problem)
+
+    def observations(
+        self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
+    ) -> dict[str, Observation]:
+        """Return the newest state of every robot."""
+        found: dict[str, Observation] = {}
+        missing: list[str] = []
+        for name, robot in self._robots.items():
+            try:
+                newest = robot.odometry.fresh(now, values['start.max_age'])
+                joints = robot.joints.fresh(now, values['start.max_age'])
+            except NoState as error:
+                missing.append(f"robot '{name}': {error}")
+                continue
+            state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
+            watch = self._watches.get(name)
+            mode = Mode.FOLLOWING if watch is None else watch.mode(now)
+            found[name] = Observation(state, seconds(newest.instant), mode)
+        if missing:
+            raise NoState('; '.join(missing))
+        return found
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of every robot's newest state."""

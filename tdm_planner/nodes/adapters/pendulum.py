@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 import math
 from typing import Any
@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter
+from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement, Received
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
 from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
@@ -35,6 +36,8 @@ from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
+from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.replanning import Mode, Observation, SwingUpExecution
 from tdm_planner.trajectory import NANOSECOND
 
 Array = NDArray[np.float64]
@@ -54,6 +57,7 @@ class PendulumAdapter(Adapter):
         self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
         self._in_force: PlanInForce | None = None
+        self._watch: CommandWatch | None = None
         self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
         self._stand_in = StandIn(node, 'plant_markers', self._draw)
 
@@ -103,6 +107,30 @@ class PendulumAdapter(Adapter):
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
         self._in_force = PlanInForce(trajectory, start)
         self._markers.publish(plan_markers(problem.plant, trajectory))
+
+    @property
+    def replans(self) -> bool:
+        """Plans are reviewed on the way."""
+        return True
+
+    def watch_trackers(self, on: bool) -> None:
+        """Begin, or cease, to listen to the tracker."""
+        if self._watch is not None:
+            self._watch.close()
+        self._watch = CommandWatch(self.node) if on else None
+
+    def execution(self, problem: Problem) -> SwingUpExecution:
+        """Return the tracker's feedback as a model."""
+        assert isinstance(problem, PendulumSwingUp)
+        return SwingUpExecution(problem)
+
+    def observations(
+        self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
+    ) -> dict[str, Observation]:
+        """Return the newest state of the pendulum."""
+        newest = self._state.fresh(now, values['start.max_age'])
+        mode = Mode.FOLLOWING if self._watch is None else self._watch.mode(now)
+        return {VEHICLE: Observation(_motion(newest.message), seconds(newest.instant), mode)}
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""

@@ -1,0 +1,65 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a tracker is doing, read from the messages that it publishes anyway."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.replanning import Mode
+
+_SILENCE = 200_000_000  # ns without a command after which nothing is commanded
+_MISSED = 50_000_000  # ns by which the newest tracking_error may lag behind the newest command
+
+
+class CommandWatch:
+    """Listens to `joint_command` and `tracking_error` in the namespace `prefix` ('' or 'robot1/').
+
+    A tracker publishes its tracking error with every command that follows a plan, and only then.
+    """
+
+    def __init__(self, node: Node, prefix: str = '') -> None:
+        self._node = node
+        self._command: JointState | None = None
+        self._following_at = 0
+        self._subscriptions = [
+            node.create_subscription(
+                JointState, f'{prefix}joint_command', self._on_command, qos_profile_sensor_data
+            ),
+            node.create_subscription(
+                JointState, f'{prefix}tracking_error', self._on_error, qos_profile_sensor_data
+            ),
+        ]
+
+    def close(self) -> None:
+        """Cease to listen."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def mode(self, now: int) -> Mode:
+        """What the tracker does at the instant `now` [ns].
+
+        Where no tracker of this package has ever been heard, another controller is taken to follow
+        the plan.
+        """
+        command = self._command
+        if command is None:
+            return Mode.FOLLOWING
+        sent = nanoseconds_of(command.header.stamp)
+        if now - sent > _SILENCE:
+            return Mode.IDLE
+        if self._following_at > sent - _MISSED:
+            return Mode.FOLLOWING
+        acting = any(value != 0.0 for value in chain(command.effort, command.velocity))
+        return Mode.RECOVERING if acting else Mode.IDLE
+
+    def _on_command(self, message: JointState) -> None:
+        self._command = message
+
+    def _on_error(self, message: JointState) -> None:
+        self._following_at = nanoseconds_of(message.header.stamp)

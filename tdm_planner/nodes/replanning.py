@@ -1,0 +1,179 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replanning in the planner node: reviews at `replan.rate`, one at a time, beside the executor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+from tdm_planner.exceptions import NoState
+from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.planning import Plan
+from tdm_planner.nodes.worker import Worker
+from tdm_planner.parameters import build
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.replanning import PlanInForce, Replanner, Review
+from tdm_planner.trajectory import NANOSECOND
+
+_WARNING_PERIOD = 5.0  # s, the least time between warnings of a kind
+
+
+class Replanning:
+    """Has the plan in force reviewed at a rate, and hands new plans to `publish`.
+
+    `worker` is shared with the planner: while it solves a request, no review is made. For problems
+    whose plans cannot be reviewed `replan` is called instead.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        worker: Worker,
+        publish: Callable[[Plan], None],
+        replan: Callable[[], None],
+    ) -> None:
+        self._node, self._worker = node, worker
+        self._publish, self._replan = publish, replan
+        self._origin = int(node.get_clock().now().nanoseconds)
+        self._timer: Timer | None = None
+        self._replanner: Replanner | None = None
+        self._reviewed: Plan | None = None
+        self._question: tuple[Mapping[str, Any], Problem] | None = None
+        self._reviewing = False
+        self._waiting: Callable[[], None] | None = None
+        self.plan: Plan | None = None
+        self.adapter: Adapter | None = None
+        self.values: Mapping[str, Any] = {}
+        self.reviews = self.replans = 0
+        self.last = ''
+
+    def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
+        """Follow changed parameters; the timer is made anew where its rate has changed."""
+        before, self.values, self.adapter = self.values, dict(values), adapter
+        rate = values['replan.rate']
+        if adapter is None or rate == before.get('replan.rate'):
+            return
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+        adapter.watch_trackers(rate > 0)
+        if rate > 0:
+            self._timer = self._node.create_timer(1.0 / rate, self._on_timer)
+
+    @property
+    def yields(self) -> bool:
+        """Whether it is only a review that keeps the worker, and no request waits for its end."""
+        return self._reviewing and self._waiting is None
+
+    def when_free(self, request: Callable[[], None]) -> None:
+        """Call `request` now, or when the review under way has ended."""
+        if self._reviewing:
+            self._waiting = request
+        else:
+            request()
+
+    def figures(self) -> dict[str, Any]:
+        """Return what the diagnostics show."""
+        if self._timer is None:
+            return {}
+        return {'reviews': self.reviews, 'replans': self.replans, 'last review': self.last}
+
+    def _seconds(self, instant: int) -> float:
+        """Instant [s]: small numbers keep their nanoseconds in a float."""
+        return (instant - self._origin) * NANOSECOND
+
+    def _on_timer(self) -> None:
+        plan, adapter, values = self.plan, self.adapter, self.values
+        if plan is None or adapter is None or self._worker.busy:
+            return
+        if not adapter.replans:
+            self._replan()
+            return
+        now = int(self._node.get_clock().now().nanoseconds)
+        try:
+            observations = adapter.observations(values, now, self._seconds)
+        except NoState as error:
+            self.last = f'{error.code}: {error}'
+            self._node.get_logger().warning(
+                f'no replanning: {error}', throttle_duration_sec=_WARNING_PERIOD
+            )
+            return
+
+        def job() -> Review | Exception:
+            try:
+                replanner = self._replanner_of(plan, adapter, values)
+                return replanner.review(
+                    self._asked(plan, values), observations, self._seconds(now)
+                )
+            except Exception as error:  # a fault of the program; the plan in force stays
+                return error
+
+        self._reviewing = True
+        self._worker.submit(job, self._on_review)
+
+    def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
+        """Return the replanner for the plan in force, made anew for every plan."""
+        parameters = build(ReplanParameters, values, 'replan.')
+        replanner = self._replanner
+        if replanner is None or self._reviewed is not plan:
+            execution = adapter.execution(plan.problem)
+            replanner = self._replanner = Replanner(execution, parameters)
+            replanner.adopt(PlanInForce(plan.problem, plan.solution, self._seconds(plan.start)))
+            self._reviewed = plan
+        replanner.parameters = parameters
+        return replanner
+
+    def _asked(self, plan: Plan, values: Mapping[str, Any]) -> Problem:
+        """Return the problem that the parameters ask, from the start of the plan in force."""
+        if self._question is None or self._question[0] is not values:
+            self._question = (
+                values,
+                type(plan.problem).from_parameters({**values, **self._starts(plan)}),
+            )
+        return self._question[1]
+
+    @staticmethod
+    def _starts(plan: Plan) -> dict[str, Any]:
+        # What start.* says is no matter here: it must not make the question an invalid one.
+        parameters = plan.problem.to_parameters()
+        return {name: value for name, value in parameters.items() if 'start.' in name}
+
+    def _on_review(self, outcome: Review | Exception) -> None:
+        self._reviewing = False
+        self.reviews += 1
+        if isinstance(outcome, Exception):
+            self.last = f'{type(outcome).__name__}: {" ".join(str(outcome).split())}'
+            self._node.get_logger().error(
+                f'no replanning: {self.last}', throttle_duration_sec=_WARNING_PERIOD
+            )
+        else:
+            self.last = outcome.reason
+            self._take_over(outcome)
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting()
+
+    def _take_over(self, review: Review) -> None:
+        if review.plan is None:
+            if review.necessary:
+                self._node.get_logger().warning(
+                    f'the plan in force fails, no other was found: {review.reason}',
+                    throttle_duration_sec=_WARNING_PERIOD,
+                )
+            return
+        start = self._origin + round(review.plan.start / NANOSECOND)
+        late = (int(self._node.get_clock().now().nanoseconds) - start) * NANOSECOND
+        if late > 0.0:
+            self.last = f'a new plan came {late:.3f} s late'
+            self._node.get_logger().warning(
+                f"{self.last}: raise 'replan.delay'", throttle_duration_sec=_WARNING_PERIOD
+            )
+            return
+        self.replans += 1
+        self._node.get_logger().info(f'new plan: {review.reason}')
+        self._publish(Plan(review.plan.problem, review.plan.solution, start))
