@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 LONGEST_PATH = 300  # points
 
 _SLIM = 0.97  # just inside the shapes of the URDF, so that both can be shown
-_TRAIL_SPACING = 0.01  # s
+_TRAIL_SPACING = 0.009  # s: every other state at 200 Hz, with some jitter
 _ARC_STEP = math.radians(5.0)
 _TRAIL_COLOUR = (1.0, 0.6, 0.2)
 

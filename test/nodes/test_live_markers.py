@@ -82,10 +82,12 @@ def test_the_simulated_pendulum_draws_itself(
     stamps = [nanoseconds_of(a.markers[0].header.stamp) for a in viewer.arrays]
     assert (np.diff(stamps) > 0).all()
     # A reset begins a new trail.
-    assert viewer.shows(lambda scene: len(scene['trail'].points) > 80)
+    assert viewer.shows(lambda scene: len(scene['trail'].points) > 30)
     assert ros.call('/sim/reset', Trigger).success
     viewer.arrays.clear()
-    assert viewer.shows(lambda scene: len(scene['trail'].points) < 50)
+    assert ros.spin_until(
+        lambda: any(0 < len(m.points) < 20 for a in viewer.arrays for m in a.markers[-1:])
+    )
 
 
 def test_the_description_follows_the_parameters(ros: Ros, plant: NodeProcess) -> None:
