@@ -96,7 +96,7 @@ def test_the_trail_follows_the_tip_and_fades() -> None:
     np.testing.assert_allclose([position(p) for p in trail.points], tips[100::2], atol=1e-9)
     alphas = [colour.a for colour in trail.colors]
     assert alphas == sorted(alphas)
-    assert alphas[-1] > 10 * alphas[0]
+    assert alphas[-1] > 3 * alphas[0]
     picture.clear()
     assert 'trail' not in Scene(picture.draw(Time(), 1.0, 0.3)).namespaces
 
