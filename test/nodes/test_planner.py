@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
 
@@ -16,6 +17,7 @@ pytest.importorskip('rclpy')
 from marker_checks import check_markers, Scene
 from rcl_interfaces.srv import DescribeParameters, ListParameters
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -102,6 +104,30 @@ def test_plan_ids_increase_and_a_late_subscriber_gets_the_last_plan(ros: Ros) ->
     ros.set_parameters('/pendulum/planner', start__theta=3.0)
     assert plan(ros)[1]['plan_id'] == first + 1
     assert late_trajectory(ros).points[0].positions[0] == 3.0
+
+
+def test_the_summary_tells_everything_about_the_plan_in_force(ros: Ros) -> None:
+    done, answer = plan(ros)
+    assert done, answer
+    received = ros.subscribe('/pendulum/plan_summary', String, LATCHED)
+    assert ros.spin_until(lambda: bool(received))
+    summary = json.loads(received[-1].data)
+    assert '\n' not in received[-1].data
+    assert {name: summary[name] for name in ANSWER} == answer
+    stamp = late_trajectory(ros).header.stamp
+    assert summary['stamp'] == {'sec': stamp.sec, 'nanosec': stamp.nanosec}
+    assert summary['problem'] == 'pendulum_swing_up'
+    check = summary['verification']
+    assert check['ok']
+    assert set(check['worst']) == set(check['worst_times']) == {'torque', 'disk_angle'}
+    assert check['units'] == {'torque': 'N m', 'disk_angle': 'rad'}
+    assert 0.0 <= check['worst_times']['disk_angle'] <= summary['duration']
+    (vehicle,) = summary['vehicles'].values()
+    assert vehicle['interpolation'] == 'zero_order_hold'
+    assert vehicle['units']['torque'] == 'N m'
+    problem = PendulumSwingUp.from_parameters(summary['parameters'])
+    assert problem.limits.torque == 0.09
+    assert problem.to_parameters() == summary['parameters']
 
 
 def test_markers_show_the_path_and_the_goal(ros: Ros) -> None:

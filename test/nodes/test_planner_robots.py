@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The planner node for robots over real DDS."""
 
+import json
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -9,6 +10,7 @@ from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -62,6 +64,23 @@ def test_a_plan_for_every_robot_is_published(ros, planner):
     markers = ros.subscribe(f'{SPACE}/markers', MarkerArray, LATCHED)
     assert ros.spin_until(lambda: markers)
     assert {m.ns for m in markers[-1].markers} >= {'arena', 'planned_path', 'goal'}
+
+
+def test_the_summary_tells_of_every_robot(ros, planner):
+    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
+    assert success, answer
+    received = ros.subscribe(f'{SPACE}/plan_summary', String, LATCHED)
+    assert ros.spin_until(lambda: bool(received))
+    summary = json.loads(received[-1].data)
+    assert summary['plan_id'] == answer['plan_id']
+    assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
+    assert list(summary['vehicles']) == ROBOTS
+    check = summary['verification']
+    assert set(check['worst']) == set(check['worst_times']) == set(check['units'])
+    assert {'robot1.walls', 'separation robot1-robot3'} <= set(check['worst'])
+    problem = RobotFormation.from_parameters(summary['parameters'])
+    np.testing.assert_array_equal(problem.task.goal, RobotFormation().task.goal)
+    np.testing.assert_array_equal(problem.task.start, RobotFormation().task.start)
 
 
 def test_trackers_and_plants_that_are_missing_are_named(ros, planner):
