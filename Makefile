@@ -4,8 +4,9 @@
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
 # make test       run every test
 # make lint       check style and types
+# make docs       build the documentation's pages: docs/_build/index.html
 # make benchmark  measure and tabulate
-# make config     bring parameter files and the README's tables up to date
+# make config     bring what is generated from the code up to date: parameter files, tables
 # make clean      remove all that was made
 # Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;
 # without one, the pinned ROS 2 Jazzy wheels go into the virtual environment.
@@ -40,10 +41,10 @@ else
   WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
 
-.PHONY: help setup demo test lint benchmark config clean
+.PHONY: help setup demo test lint docs benchmark config clean
 
 help:
-	@sed -n '3,11s/^# //p' Makefile
+	@sed -n '3,12s/^# //p' Makefile
 
 setup: $(READY)
 
@@ -71,6 +72,11 @@ $(READY)-test: $(READY)
 	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),test,dev]'
 	@touch '$@'
 
+$(READY)-docs: $(READY)
+	@echo '[+] packages for the documentation'
+	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),docs]'
+	@touch '$@'
+
 $(READY)-benchmark: $(READY)
 	@echo '[+] packages for the benchmark'
 	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),benchmark]'
@@ -87,12 +93,18 @@ lint: $(READY)-test
 	@echo 'ruff format --check' && $(BIN)/ruff format --check .
 	@echo 'mypy --strict' && $(BIN)/mypy --strict
 
+# Warnings are errors; then every link inside the pages is followed.
+docs: $(READY)-docs
+	@$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet \
+	  --doctree-dir docs/_build/.doctrees docs docs/_build
+	@$(BIN)/python -m tools.links docs/_build
+
 benchmark: $(READY)-benchmark
 	@$(BIN)/python -m benchmark
 
-# Parameter files and the README's tables, from the parameters as declared in the code.
+# Parameter files, tables and pictures of the documentation, from the code.
 config: $(READY)
 	@$(BIN)/python -m tools.generate
 
 clean:
-	rm -rf '$(VENV)' build install log *.egg-info
+	rm -rf '$(VENV)' build install log docs/_build *.egg-info

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics and services of the running nodes against the README's tables."""
+"""Topics and services of the running nodes against the tables of the documentation."""
 
 from __future__ import annotations
 
@@ -28,18 +28,17 @@ OF_EVERY_NODE = re.compile(
 Interface = tuple[str, str, str]  # name, kind, type
 
 
-def documented(heading: str) -> set[Interface]:
-    """Rows of the tables under a heading of the README."""
-    readme = (SOURCE / 'README.md').read_text(encoding='utf-8')
-    section = re.search(rf'^### {heading}\n(.*?)(?=^##)', readme, re.DOTALL | re.MULTILINE)
-    assert section is not None, heading
+def documented(*pages: str) -> set[Interface]:
+    """Return the rows of the tables of the nodes' pages."""
     found = set()
-    for line in section.group(1).splitlines():
-        cells = [cell.strip() for cell in line.strip('|').split('|')]
-        if len(cells) == 4 and cells[1] in ('publishes', 'subscribes', 'service', 'calls'):
-            for kind in re.findall('`(.+?)`', cells[2]):
-                found |= {(name, cells[1], kind) for name in re.findall('`(.+?)`', cells[0])}
-    assert found, heading
+    for page in pages:
+        text = (SOURCE / 'docs' / 'nodes' / f'{page}.md').read_text(encoding='utf-8')
+        for line in text.splitlines():
+            cells = [cell.strip() for cell in line.strip('|').split('|')]
+            if len(cells) == 4 and cells[1] in ('publishes', 'subscribes', 'service', 'calls'):
+                for kind in re.findall('`(.+?)`', cells[2]):
+                    found |= {(name, cells[1], kind) for name in re.findall('`(.+?)`', cells[0])}
+    assert found, pages
     return found
 
 
@@ -78,7 +77,7 @@ def running(ros: Any) -> Any:
 def test_tables_list_exactly_what_the_nodes_have(running: Any, heading: str):
     names = heading.split(', ')
     nodes = [(name, namespace) for name, _, _, namespace in NODES if name in names]
-    expected = documented(heading)
+    expected = documented(*names)
 
     def found() -> set[Interface]:
         try:

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write what follows from the code: config/ with parameters and views, the README's tables.
+"""Write what follows from the code: parameter files and views in config/, parts of docs/.
 
 make config        (python tools/generate.py)
 python tools/generate.py --check   exit 1 where a file is not up to date
@@ -12,27 +12,31 @@ import argparse
 from collections.abc import Mapping
 import difflib
 from pathlib import Path
-import re
 import sys
 from types import MappingProxyType
 from typing import Any
 
 from tdm_planner.nodes.tracker import tracker_specifications
-from tdm_planner.parameter_docs import parameter_file, parameter_table
-from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.parameter_docs import parameter_file
+from tdm_planner.parameters import specifications
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
-from tdm_planner.problems.request import RequestParameters
 from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tdm_sim.pendulum_plant import PendulumPlantParameters
-from tdm_sim.robot_plant import RobotPlantParameters
+from tools.node_parameters import (
+    pendulum_planner,
+    robot_plant,
+    robot_tracker,
+    robots_planner,
+    Specifications,
+)
+from tools.pages import documentation
 
 ROOT = Path(__file__).resolve().parents[1]
 
-Specifications = Mapping[str, ParameterSpec]
 Values = Mapping[str, Any]
 NO_VALUES: Values = MappingProxyType({})
 
@@ -51,14 +55,6 @@ Bevilacqua et al., Int. J. Aerospace Eng. 2011, 308245.
 Written by `make config` from the declarations in the code."""
 
 
-def pendulum_planner() -> Specifications:
-    """Parameters of the planner for the pendulum."""
-    return {
-        **specifications(RequestParameters),
-        **PendulumSwingUp.parameter_specifications({}),
-    }
-
-
 def pendulum_file() -> str:
     """Return config/pendulum.yaml."""
     nodes: dict[str, tuple[Specifications, Values]] = {
@@ -67,14 +63,6 @@ def pendulum_file() -> str:
         'pendulum_plant': (specifications(PendulumPlantParameters), {}),
     }
     return parameter_file(nodes, PENDULUM_TITLE)
-
-
-def robots_planner() -> Specifications:
-    """Parameters of the planner for the robots."""
-    return {
-        **specifications(RequestParameters),
-        **RobotFormation.parameter_specifications({}),
-    }
 
 
 def robots_file(
@@ -105,45 +93,9 @@ def air_bearing_file() -> str:
     return robots_file(AIR_BEARING_TITLE, {**limits, **manoeuvre}, limits)
 
 
-def robot_plant() -> Specifications:
-    """Parameters of a robot's plant that do not differ from robot to robot."""
-    own = ('initial.', 'robot_name')
-    found = specifications(RobotPlantParameters)
-    return {name: spec for name, spec in found.items() if not name.startswith(own)}
-
-
-def robot_tracker() -> Specifications:
-    """Parameters of a robot's tracker that do not differ from robot to robot."""
-    found = tracker_specifications('robot')
-    return {name: spec for name, spec in found.items() if name != 'robot_name'}
-
-
-def tables() -> dict[str, str]:
-    """Return the README's tables by the name in their markers."""
-    return {
-        'planner pendulum': parameter_table(pendulum_planner()),
-        'planner robots': parameter_table(robots_planner()),
-        'tracker pendulum': parameter_table(tracker_specifications('pendulum')),
-        'tracker robot': parameter_table(tracker_specifications('robot')),
-        'pendulum_plant': parameter_table(specifications(PendulumPlantParameters)),
-        'robot_plant': parameter_table(specifications(RobotPlantParameters)),
-    }
-
-
-def with_tables(text: str) -> str:
-    """Return `text` with what stands between the markers of each table replaced."""
-    for name, table in tables().items():
-        begin, end = f'<!-- parameters: {name} -->\n', '<!-- end -->'
-        pattern = re.compile(re.escape(begin) + '.*?' + re.escape(end), re.DOTALL)
-        if not pattern.search(text):
-            raise SystemExit(f'README.md lacks the marker {begin.strip()}')
-        text = pattern.sub(lambda _, new=begin + table + end: new, text)  # type: ignore[misc]
-    return text
-
-
 def generated() -> dict[Path, str]:
     """Return every generated file's path and content."""
-    readme, config = ROOT / 'README.md', ROOT / 'config'
+    config = ROOT / 'config'
     return {
         config / 'pendulum.yaml': pendulum_file(),
         config / 'robots.yaml': robots_file(),
@@ -153,7 +105,7 @@ def generated() -> dict[Path, str]:
         config / 'robots.rviz': robots_rviz(DEFAULT_ROBOTS),
         config / 'foxglove' / 'pendulum.json': pendulum_foxglove(),
         config / 'foxglove' / 'robots.json': robots_foxglove(DEFAULT_ROBOTS),
-        readme: with_tables(readme.read_text(encoding='utf-8')),
+        **documentation(ROOT / 'docs'),
     }
 
 
@@ -175,7 +127,7 @@ def main() -> int:
             )
             print('\n'.join(difference))
         else:
-            path.parent.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(wanted, encoding='utf-8')
             print(f'written: {path.relative_to(ROOT)}')
     return int(check and stale > 0)

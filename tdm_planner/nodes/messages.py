@@ -42,7 +42,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-
+# Rates below it are rest: what a plan may be off by at its end [rad/s]. Trajectory controllers want
+# the last velocities to be zero to the last bit (`allow_nonzero_velocity_at_trajectory_end`).
+_AT_REST = 1e-3
 _SECOND = 1_000_000_000  # ns
 
 
@@ -60,8 +62,9 @@ def to_duration(seconds: float) -> Duration:
 def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
     """Return the pendulum's plan as a message; `stamp` is the instant at which the motion starts.
 
-    Joints [pendulum, disk]: positions [theta, psi], their rates, accelerations (where torque
-    jumps, those after the jump) and effort [0, T].
+    Joints [pendulum, disk]: positions [theta, psi], their rates (exactly zero at the end of a
+    motion that ends at rest), accelerations (where torque jumps, those after the jump) and effort
+    [0, T].
 
     Raises
     ------
@@ -74,6 +77,9 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
         )
     # Row k of `rates` belongs to the interval after sample k; the last sample ends the last one.
     rates = np.concatenate([trajectory.rates[:, 0], trajectory.rates[-1:, 1]])
+    states = trajectory.states.copy()
+    if (np.abs(states[-1, 2:]) < _AT_REST).all():
+        states[-1, 2:] = 0.0
     message = JointTrajectory(joint_names=PENDULUM_JOINTS)
     message.header.stamp = stamp
     message.header.frame_id = WORLD_FRAME
@@ -87,7 +93,7 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
         )
         for time, state, rate, torque in zip(
             trajectory.times.tolist(),
-            trajectory.states,
+            states,
             rates,
             trajectory.control('torque').tolist(),
             strict=True,

@@ -1,0 +1,48 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Docstrings are written to be read as they are; here they become reStructuredText.
+
+Bars, asterisks and trailing underscores mean themselves; an indented paragraph, which is a formula
+or an example, is shown as it stands.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+_CODE = re.compile(r'(``.+?``|`[^`\n]+`)')
+_SPECIAL = re.compile(r'([|*]|(?<=\w)_(?=[^\w]|$))')
+
+
+def to_restructured_text(lines: list[str]) -> list[str]:
+    """Return a docstring's lines with what is special to reStructuredText taken as it stands."""
+    made: list[str] = []
+    literal = False
+    for number, line in enumerate(lines):
+        indented = line.startswith('    ')
+        if indented and not literal and not (made and made[-1].strip()) and number:
+            literal = True
+            made += ['::', '']
+        elif line.strip() and not indented:
+            literal = False
+        made.append(line if literal else escaped(line))
+    return made
+
+
+def escaped(line: str) -> str:
+    """Return a line whose special characters, outside of backquotes, are escaped."""
+    parts = _CODE.split(line)
+    parts[::2] = [_SPECIAL.sub(r'\\\1', part) for part in parts[::2]]
+    return ''.join(parts)
+
+
+def process(_: Any, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
+    """Change a docstring in place, before its sections are read."""
+    lines[:] = to_restructured_text(lines)
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Let docstrings pass through `process` before napoleon sees them."""
+    app.connect('autodoc-process-docstring', process, priority=100)
+    return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

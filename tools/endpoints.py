@@ -1,0 +1,133 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the nodes offer over ROS, asked of the nodes themselves: they are made, not run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+import os
+import re
+from types import MappingProxyType
+from typing import Any
+
+import rclpy
+from rclpy.qos import DurabilityPolicy
+
+from tdm_planner.nodes.planner import Planner
+from tdm_planner.nodes.tracker import TrackerNode
+from tdm_sim.pendulum_plant import PendulumPlant
+from tdm_sim.robot_plant import RobotPlant
+
+OF_EVERY_NODE = re.compile(
+    r'/(rosout|parameter_events|clock)$|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
+    r'|/get_type_description$'
+)
+KINDS = ('service', 'subscribes', 'calls', 'publishes')
+
+
+@dataclass(frozen=True, order=True)
+class Endpoint:
+    """A topic or service of a node: `kind` is one of `KINDS`, `types` as ROS writes them."""
+
+    name: str
+    kind: str
+    types: tuple[str, ...]
+    latched: bool = False
+
+
+@dataclass(frozen=True)
+class NodeSetUp:
+    """How to make a node so that all its topics are there."""
+
+    make: Callable[[], Any]
+    namespace: str
+    parameters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+
+class _IdlePlanner(Planner):
+    """A planner that compiles nothing."""
+
+    def _prepare(self) -> str:
+        self._prepared.set()
+        return ''
+
+
+SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
+    {
+        'planner pendulum': NodeSetUp(_IdlePlanner, '/pendulum'),
+        'planner robots': NodeSetUp(
+            _IdlePlanner, '/robots', MappingProxyType({'problem': 'robot_formation'})
+        ),
+        'tracker pendulum': NodeSetUp(TrackerNode, '/pendulum'),
+        'tracker robot': NodeSetUp(
+            TrackerNode, '/robots/robot1', MappingProxyType({'plant': 'robot'})
+        ),
+        'pendulum_plant': NodeSetUp(PendulumPlant, '/pendulum'),
+        'robot_plant': NodeSetUp(RobotPlant, '/robots/robot1'),
+    }
+)
+
+
+@cache
+def endpoints(name: str) -> tuple[Endpoint, ...]:
+    """Return the topics and services of one of `SET_UPS`, sorted, without those of every node."""
+    with running(name) as node:
+        found: dict[tuple[str, str], tuple[set[str], bool]] = {}
+        for kind, topic, type_, latched in _all(node):
+            if OF_EVERY_NODE.search(topic):
+                continue
+            types, _ = found.setdefault((_relative(topic, node), kind), (set(), latched))
+            types.add(type_)
+    return tuple(
+        sorted(
+            Endpoint(topic, kind, tuple(sorted(types)), latched)
+            for (topic, kind), (types, latched) in found.items()
+        )
+    )
+
+
+@contextmanager
+def running(name: str) -> Iterator[Any]:
+    """Make a node of `SET_UPS`; nobody else can see it, and it logs nothing."""
+    set_up = SET_UPS[name]
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
+    arguments = ['--ros-args', '-r', f'__ns:={set_up.namespace}']
+    for parameter, value in set_up.parameters.items():
+        arguments += ['-p', f'{parameter}:={value}']
+    arguments += ['--disable-stdout-logs', '--disable-external-lib-logs']
+    rclpy.init(args=arguments)
+    try:
+        node = set_up.make()
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+def _all(node: Any) -> Iterator[tuple[str, str, str, bool]]:
+    for publisher in node.publishers:
+        latched = publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        yield 'publishes', publisher.topic_name, _type(publisher.msg_type), latched
+    for subscription in node.subscriptions:
+        yield 'subscribes', subscription.topic_name, _type(subscription.msg_type), False
+    for service in node.services:
+        yield 'service', service.service_name, _type(service.srv_type), False
+    for client in node.clients:
+        yield 'calls', client.service_name, _type(client.srv_type), False
+
+
+def _type(kind: type) -> str:
+    """Return the name of a message or service type without its middle part."""
+    return f'{kind.__module__.split(".")[0]}/{kind.__name__}'
+
+
+def _relative(topic: str, node: Any) -> str:
+    """Return a name as people write it: relative, one robot standing for all."""
+    name = topic.removeprefix(f'{node.get_namespace()}/')
+    name = re.sub(r'^robot\d+/', '<robot>/', name)
+    return name.removeprefix('/robots/')  # the planner's, above a robot's

@@ -1,0 +1,113 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What each topic, service and JSON key is: the words of the tables that are generated.
+
+Which of them exist is asked of the code; one without a text here, or a text without one of them,
+stops the generation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+# By node (as in `tools.endpoints.SET_UPS`, without the plant) and name.
+TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
+    {
+        ('planner', 'plan'): 'plans from the newest measured state, or from `start.*`',
+        ('planner', 'joint_states'): 'state of the pendulum: joints `pendulum`, `disk`',
+        ('planner', '<robot>/joint_states'): 'joints `thruster`, `reaction_wheel` of a robot',
+        ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
+        ('planner', '<robot>/goal_pose'): (
+            "moves the robot's place in the formation and asks for a plan"
+        ),
+        ('planner', 'trajectory'): 'the plan in force for the pendulum',
+        ('planner', '<robot>/trajectory'): 'pose, velocity and acceleration of a robot',
+        ('planner', '<robot>/controls'): 'thrust, its direction and rate, wheel torque',
+        ('planner', '<robot>/path'): 'planned path, every pose stamped',
+        ('planner', 'markers'): 'the plan in force: paths, goals, safety circles',
+        ('planner', 'plant_markers'): 'a real plant in its measured state',
+        ('planner', '<robot>/plant_markers'): (
+            'a real plant in its measured state; goals that were refused'
+        ),
+        ('planner', 'plan_summary'): (
+            'one line of JSON: figures, worst margins with their instants, parameters of the plan '
+            'in force'
+        ),
+        ('planner', '/diagnostics'): 'state, figures of the last plan, worst margins',
+        ('tracker', 'trajectory'): 'the plan to follow',
+        ('tracker', 'controls'): "controls of a robot's plan, of the same stamp",
+        ('tracker', 'joint_states'): 'measured joints',
+        ('tracker', 'odom'): 'measured pose and velocity of a robot',
+        ('tracker', 'plan'): 'asks for a new plan, where `replan.on_deviation`',
+        ('tracker', 'joint_command'): (
+            "effort of `disk` [N m]; or thrust [N], its direction's rate [rad/s] and wheel torque "
+            '[N m]'
+        ),
+        ('tracker', 'tracking_error'): 'measured less planned',
+        ('tracker', '/diagnostics'): 'what it is doing, errors, ages',
+        ('pendulum_plant', 'joint_command'): 'the torque of `disk` [N m]',
+        ('pendulum_plant', 'joint_states'): 'joints `pendulum`, `disk`: angle, rate, torque',
+        ('pendulum_plant', 'plant_markers'): 'the rig in motion, while somebody looks',
+        ('pendulum_plant', 'robot_description'): 'URDF of the pendulum',
+        ('pendulum_plant', 'reset'): 'back to the initial state',
+        ('pendulum_plant', 'push'): 'one impulse of `disturbance.impulse`',
+        ('pendulum_plant', '/diagnostics'): 'time-outs, refused commands, violated limits',
+        ('robot_plant', 'joint_command'): 'thrust, its direction and rate, wheel torque',
+        ('robot_plant', 'joint_states'): 'joints `thruster`, `reaction_wheel`',
+        ('robot_plant', 'odom'): 'pose and velocity in the frame `arena`',
+        ('robot_plant', 'plant_markers'): 'the robot in motion, while somebody looks',
+        ('robot_plant', 'reset'): 'back to the initial state',
+        ('robot_plant', 'push'): 'one impulse of `disturbance.impulse`',
+        ('robot_plant', '/diagnostics'): 'time-outs, refused commands, violated limits',
+    }
+)
+
+# By dotted key; `*` stands for names that depend on the problem.
+JSON_KEYS: Mapping[str, str] = MappingProxyType(
+    {
+        'plan_id': 'number of the plan, from 1, counted by the planner',
+        'stamp.sec': 'instant at which the motion starts: seconds since the epoch',
+        'stamp.nanosec': 'and nanoseconds',
+        'problem': "the problem's registered name",
+        'duration': 'from the start to the (last) arrival [s]',
+        'cost': 'performance index J',
+        'cost_terms.*': 'weighted terms that make up the cost',
+        'penalty': 'aggregate penalty Delta of (10); at most `solver.tolerance`',
+        'solve_time': 'time spent searching [s]',
+        'evaluations': 'evaluations of the nonlinear programmes',
+        'summary': 'one sentence for people',
+        'warnings': 'sentences about plants and trackers that are not connected; absent if none',
+        'code': 'why there is no plan: one of the codes below',
+        'reason': 'the same in one sentence',
+        'times': 'instants of the samples, from 0, strictly increasing [s]',
+        'states.*': 'a state at the samples',
+        'controls.*': 'a control at the samples',
+        'interpolation': 'how controls run between samples: zero_order_hold, linear or cubic',
+        'units.*': 'unit of a state or control',
+        'robots.*': 'the plan of one robot, with the keys of a plan of a single vehicle',
+        'vehicles.*.duration': 'until the arrival of one vehicle [s]',
+        'vehicles.*.interpolation': 'how its controls run between samples',
+        'vehicles.*.units.*': 'unit of a state or control',
+        'verification.ok': 'whether the goal is reached and every limit kept; true in every plan',
+        'verification.terminal_error.*': 'replayed final state less goal',
+        'verification.worst.*': 'smallest margin of a limit; negative would be a violation',
+        'verification.worst_times.*': 'instant of that margin [s]',
+        'verification.units.*': 'unit of that margin',
+        'verification.reasons': 'sentences about what failed; empty in every plan',
+        'parameters.*': "the problem's parameters by dotted name",
+    }
+)
+
+LAUNCH_FILES = ('pendulum.launch.py', 'robots.launch.py')
+
+# What each executable is for, where the table of them stands.
+EXECUTABLES: Mapping[str, str] = MappingProxyType(
+    {
+        'planner': 'plans on request and publishes what was verified',
+        'tracker': 'keeps one plant on its plan and holds it at the goal',
+        'pendulum_plant': 'simulates the rotary pendulum in real time',
+        'robot_plant': 'simulates one floating robot in real time',
+        'tdm': 'plans without ROS, runs the demo, records and reports',
+    }
+)

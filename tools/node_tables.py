@@ -1,0 +1,148 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the documentation: topics and services, parameters, JSON keys, Python names."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Mapping
+import importlib
+import inspect
+import re
+from typing import Any
+
+from tdm_planner.parameter_docs import parameter_table, yaml_value
+from tdm_planner.parameters import ParameterSpec
+from tools.endpoints import Endpoint, KINDS
+from tools.interface_texts import JSON_KEYS, TOPICS
+
+Specifications = Mapping[str, ParameterSpec]
+
+PUBLIC_MODULES = (
+    'tdm_planner',
+    'tdm_planner.problems',
+    'tdm_planner.direct_method',
+    'tdm_planner.plants',
+    'tdm_planner.tracking',
+    'tdm_planner.trajectory',
+    'tdm_planner.verification',
+    'tdm_planner.parameters',
+    'tdm_planner.plan_files',
+    'tdm_planner.parameter_docs',
+    'tdm_sim',
+)
+
+
+def topic_table(node: str, endpoints: Iterable[Endpoint]) -> str:
+    """Return the topics and services of a node as a Markdown table."""
+    rows = ['| name | kind | type | what it is |', '| --- | --- | --- | --- |']
+    for end in sorted(endpoints, key=lambda end: (KINDS.index(end.kind), end.name)):
+        text = TOPICS[node, end.name] + ('; latched' if end.latched else '')
+        types = ', '.join(f'`{type_}`' for type_ in end.types)
+        rows.append(f'| `{end.name}` | {end.kind} | {types} | {text} |')
+    return '\n'.join(rows) + '\n'
+
+
+def merged_robots(
+    specifications: Specifications,
+) -> dict[str, ParameterSpec | list[ParameterSpec]]:
+    """Return parameters by name, those that every robot has under `<robot>`, in order."""
+    merged: dict[str, Any] = {}
+    for name, spec in specifications.items():
+        common = re.sub(r'\brobot\d+\b', '<robot>', name)
+        if common == name:
+            merged[name] = spec
+        else:
+            merged.setdefault(common, []).append(spec)
+    return merged
+
+
+def robot_parameter_table(specifications: Specifications) -> str:
+    """Return the parameters as a table with one row for what every robot has.
+
+    Defaults that differ from robot to robot stand side by side.
+    """
+    lines = []
+    for name, spec in merged_robots(specifications).items():
+        if not isinstance(spec, list):
+            lines.append(parameter_table({name: spec}).splitlines()[2])
+            continue
+        cells = parameter_table({name: spec[0]}).splitlines()[2].split(' | ')
+        defaults = dict.fromkeys(
+            'unset' if one.default is None else f'`{yaml_value(one.default)}`' for one in spec
+        )
+        cells[1] = ', '.join(defaults)
+        lines.append(' | '.join(cells).replace('robot1', '`<robot>`'))
+    return '\n'.join([*parameter_table({}).splitlines(), *lines]) + '\n'
+
+
+def parameter_names(nodes: Mapping[str, Specifications]) -> str:
+    """Return every parameter of all nodes: name, unit, and which nodes have it."""
+    where: dict[str, dict[str, str]] = {}
+    for node, specifications in nodes.items():
+        for name, spec in merged_robots(specifications).items():
+            unit = (spec[0] if isinstance(spec, list) else spec).unit
+            where.setdefault(name, {})[node] = unit
+    rows = ['| parameter | unit | nodes |', '| --- | --- | --- |']
+    for name in sorted(where):
+        units = ', '.join(sorted(set(where[name].values()) - {''}))
+        rows.append(f'| `{name}` | {units} | {", ".join(where[name])} |')
+    return '\n'.join(rows) + '\n'
+
+
+def key_table(keys: Iterable[str]) -> str:
+    """Return dotted JSON keys as a table."""
+    rows = ['| key | what it is |', '| --- | --- |']
+    rows += [f'| `{key.replace("*", "<name>")}` | {JSON_KEYS[key]} |' for key in keys]
+    return '\n'.join(rows) + '\n'
+
+
+def python_names() -> str:
+    """Return a table of the names of every public module."""
+    parts = []
+    for module_name in PUBLIC_MODULES:
+        module = importlib.import_module(module_name)
+        rows = ['| name | what it is |', '| --- | --- |']
+        for name in public_names(module):
+            value = getattr(module, name)
+            rows.append(f'| `{name}` | {first_sentence(value)} |')
+        parts.append(f'### {module_name}\n{first_sentence(module)}\n\n' + '\n'.join(rows) + '\n')
+    return '\n'.join(parts)
+
+
+def public_names(module: Any) -> list[str]:
+    """Return what `__all__` lists, or else the classes and functions defined in the module."""
+    listed: list[str] | None = getattr(module, '__all__', None)
+    if listed is not None:
+        return [name for name in listed if not name.startswith('__')]
+    return [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith('_')
+        and (inspect.isclass(value) or inspect.isfunction(value))
+        and value.__module__ == module.__name__
+    ]
+
+
+def first_sentence(value: Any) -> str:
+    """Return the first line of a docstring, fit for a table."""
+    text = (inspect.getdoc(value) or '').partition('\n')[0]
+    text = re.sub(r'`+([^`]+)`+', r'`\1`', text)
+    return text.replace('|', '\\|')
+
+
+def launch_arguments(source: str) -> str:
+    """Return the arguments that a launch file declares as a table, read from its source."""
+    rows = ['| argument | default | what it is |', '| --- | --- | --- |']
+    for node in ast.walk(ast.parse(source)):
+        if not (isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'):
+            continue
+        given = {keyword.arg: keyword.value for keyword in node.keywords}
+        default = given['default_value']
+        shown = ast.unparse(default)
+        if isinstance(default, ast.Constant):
+            shown = str(default.value)
+        shown = re.sub(r"^str\(config_file\('(.*)'\)\)$", r'config/\1', shown)
+        name = ast.literal_eval(node.args[0])
+        rows.append(f'| `{name}` | `{shown}` | {ast.literal_eval(given["description"])} |')
+    return '\n'.join(rows) + '\n'

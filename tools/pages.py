@@ -1,0 +1,130 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation's generated parts: what stands between markers in its pages, and pictures.
+
+A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for the name, then
+``<!-- end -->``.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import lru_cache
+from pathlib import Path
+import re
+
+from tdm_planner.nodes.planning import CODES
+from tools.endpoints import endpoints, SET_UPS
+from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
+from tools.json_keys import json_keys
+from tools.node_parameters import parameters_by_node
+from tools.node_pictures import node_picture
+from tools.node_tables import (
+    key_table,
+    launch_arguments,
+    parameter_names,
+    python_names,
+    robot_parameter_table,
+    topic_table,
+)
+
+ROOT = Path(__file__).resolve().parents[1]
+
+_MARKED = re.compile(r'(<!-- generated: (.+?) -->\n).*?(<!-- end -->)', re.DOTALL)
+
+
+def documentation(folder: Path) -> dict[Path, str]:
+    """Return path and content of every generated or partly generated file of the documentation.
+
+    Raises
+    ------
+    SystemExit
+        If a text has nothing to describe, or something public has no text.
+    """
+    check_texts()
+    found = {}
+    for path in sorted(folder.rglob('*.md')):
+        text = path.read_text(encoding='utf-8')
+        if '_build' not in path.parts and _MARKED.search(text):
+            found[path] = filled(text)
+    for name in SET_UPS:
+        picture = folder / 'images' / 'nodes' / f'{name.replace(" ", "_")}.svg'
+        found[picture] = node_picture(name.split()[0], endpoints(name))
+    return found
+
+
+def filled(text: str) -> str:
+    """Return a page with what stands between its markers brought up to date."""
+    return _MARKED.sub(lambda match: match[1] + fragment(match[2]) + match[3], text)
+
+
+def fragment(name: str) -> str:
+    """Return a generated part of a page by its name, such as ``topics tracker robot``."""
+    kind, _, which = name.partition(' ')
+    if kind == 'topics':
+        return topic_table(which.split()[0], endpoints(which))
+    if kind == 'parameters':
+        return robot_parameter_table(parameters_by_node()[which])
+    if kind == 'launch':
+        return launch_arguments((ROOT / 'launch' / which).read_text(encoding='utf-8'))
+    if kind == 'json':
+        return key_table(json_keys()[which])
+    made = {
+        'executables': lambda: executables('nodes/'),
+        'executables-here': executables,
+        'all-topics': all_topics,
+        'all-parameters': lambda: parameter_names(parameters_by_node()),
+        'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
+        'python': python_names,
+    }
+    return made[name]()
+
+
+def executables(folder: str = '') -> str:
+    """Return the console scripts of setup.py as a table, linked to their pages in `folder`."""
+    rows = ['| executable | what it does |', '| --- | --- |']
+    for name in console_scripts():
+        rows.append(f'| [{name}]({folder}{name}.md) | {EXECUTABLES[name]} |')
+    return '\n'.join(rows) + '\n'
+
+
+def all_topics() -> str:
+    """Return every topic and service of all nodes: name, type, and who gives and takes it."""
+    found: dict[tuple[str, tuple[str, ...]], dict[str, dict[str, None]]] = {}
+    for name in SET_UPS:
+        for end in endpoints(name):
+            bare = end.name.removeprefix('<robot>/')
+            sides = found.setdefault((bare, end.types), {'gives': {}, 'takes': {}})
+            side = 'gives' if end.kind in ('publishes', 'service') else 'takes'
+            sides[side][name.split()[0]] = None
+    rows = ['| name | type | published or served by | taken or called by |', '| --- ' * 4 + '|']
+    for (topic, types), sides in sorted(found.items()):
+        gives, takes = (', '.join(sides[side]) for side in ('gives', 'takes'))
+        rows.append(f'| `{topic}` | `{types[0]}` | {gives} | {takes} |')
+    return '\n'.join(rows) + '\n'
+
+
+@lru_cache(maxsize=1)
+def console_scripts() -> tuple[str, ...]:
+    """Return the names of the console scripts that setup.py declares."""
+    tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
+    (declared,) = (
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.keyword) and node.arg == 'entry_points'
+    )
+    scripts = ast.literal_eval(declared)['console_scripts']
+    return tuple(script.split('=')[0].strip() for script in scripts)
+
+
+def check_texts() -> None:
+    """Stop where texts and public names differ."""
+    named = {(name.split()[0], end.name) for name in SET_UPS for end in endpoints(name)}
+    keys = {key for found in json_keys().values() for key in found}
+    for what, described, there in (
+        ('topic or service', set(TOPICS), named),
+        ('JSON key', set(JSON_KEYS), keys),
+        ('executable', set(EXECUTABLES), set(console_scripts())),
+    ):
+        for item in sorted(map(str, described ^ there)):
+            raise SystemExit(f'tools/interface_texts.py and the code differ: {what} {item}')
