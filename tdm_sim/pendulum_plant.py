@@ -146,9 +146,10 @@ class PendulumPlant(PlantNode):
         """Forget the trail."""
         self._picture.clear()
 
-    def draw(self, measured: Array, now: Time) -> MarkerArray:
+    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
         """Return the rig."""
-        return self._picture.draw(now.to_msg(), float(measured[0]), float(measured[1]))
+        theta, psi = measured[:2].tolist()
+        return self._picture.draw(now.to_msg(), theta, psi, lifetime)
 
     def publish_state(self, measured: Array, stamp: Any) -> None:
         """Publish `joint_states`."""

@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
-from tdm_planner.nodes.markers import MARKER_DEPTH
+from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -149,8 +149,8 @@ class PlantNode(ParameterNode):
         """Publish the state (nx,) as measured at `stamp` (builtin_interfaces/Time)."""
 
     @abstractmethod
-    def draw(self, measured: Array, now: Time) -> MarkerArray:
-        """Return the plant in the state (nx,) measured at the instant `now`."""
+    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
+        """Return the plant in the state (nx,) measured at `now`, visible for `lifetime` [s]."""
 
     def follow(self, measured: Array, now: Time) -> None:
         """Remember the state (nx,) for the trail."""
@@ -213,7 +213,7 @@ class PlantNode(ParameterNode):
         if rate == 0.0 or 0 <= elapsed * rate < 1e9 or not self._markers.get_subscription_count():
             return
         self._drawn = now.nanoseconds
-        self._markers.publish(self.draw(measured, now))
+        self._markers.publish(self.draw(measured, now, lifetime_at(rate)))
 
     def _on_command(self, message: JointState) -> None:
         self.advance()

@@ -216,11 +216,12 @@ class RobotPlant(PlantNode):
         """Forget the trail."""
         self._picture.clear()
 
-    def draw(self, measured: Array, now: Time) -> MarkerArray:
+    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
         """Return the robot."""
         x, y, _, _, yaw, _, alpha = measured[:7].tolist()
         thrust = float(self.simulation.control[0])
-        return self._picture.draw(now.to_msg(), RobotState(x, y, yaw, alpha, thrust))
+        state = RobotState(x, y, yaw, alpha, thrust)
+        return self._picture.draw(now.to_msg(), state, lifetime)
 
     def publish_state(self, measured: Array, stamp: Any) -> None:
         """Publish `joint_states` and `odom`."""

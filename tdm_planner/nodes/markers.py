@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker
 Array = NDArray[np.float64]
 
 MARKER_DEPTH = 5  # messages a slow viewer may lag behind
-LIFETIME = 0.5  # s that something moving stays visible without news
+LIFETIME = 0.5  # s that something moving stays visible without news, at least
 
 GREY = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
 DARK = ColorRGBA(r=0.25, g=0.25, b=0.3, a=1.0)
@@ -56,6 +56,11 @@ def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
     index = int(number.group()) - 1 if number else zlib.crc32(name.encode())
     red, green, blue = _PALETTE[index % len(_PALETTE)]
     return ColorRGBA(r=red, g=green, b=blue, a=alpha)
+
+
+def lifetime_at(rate: float) -> float:
+    """Return for how long [s] what is drawn at `rate` [Hz] must stay visible, not to flicker."""
+    return max(LIFETIME, 3.0 / rate)
 
 
 def points_of(positions: Array) -> list[Point]:

@@ -90,9 +90,11 @@ class PendulumPicture:
         """Forget the trail, where the pendulum did not move but was put elsewhere."""
         self._trail.clear()
 
-    def draw(self, stamp: Time, theta: float, psi: float) -> MarkerArray:
-        """Return the rig in the state theta, psi [rad]."""
-        shape, pen = self._shape, Pen(WORLD_FRAME, stamp, LIFETIME)
+    def draw(
+        self, stamp: Time, theta: float, psi: float, lifetime: float = LIFETIME
+    ) -> MarkerArray:
+        """Return the rig in the state theta, psi [rad], visible for `lifetime` [s]."""
+        shape, pen = self._shape, Pen(WORLD_FRAME, stamp, lifetime)
         half = 0.5 * shape.disk_thickness
         base = [_SLIM * 2 * shape.base_radius] * 2 + [shape.base_height]
         disk = [_SLIM * 2 * shape.disk_radius] * 2 + [_SLIM * shape.disk_thickness]

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.markers import colour_of, LIFETIME, Pen, Trail, WHITE
 
-TRAIL_LIFETIME = 4 * LIFETIME  # trails are long: not every message repeats them
+TRAIL_LIFETIME = 4.0  # in lifetimes of the rest: not every message repeats the long trail
 
 _TRAIL_SPACING = 0.25  # s
 _TRAIL_EVERY = 5  # messages
@@ -78,9 +78,9 @@ class RobotPicture:
         self._trail.clear()
         self._drawn = 0
 
-    def draw(self, stamp: Time, state: RobotState) -> MarkerArray:
-        """Return the robot in a state."""
-        look, pen = self.look, Pen(ARENA_FRAME, stamp, LIFETIME)
+    def draw(self, stamp: Time, state: RobotState, lifetime: float = LIFETIME) -> MarkerArray:
+        """Return the robot in a state, visible for `lifetime` [s]."""
+        look, pen = self.look, Pen(ARENA_FRAME, stamp, lifetime)
         x, y, radius = state.x, state.y, look.radius
         body = (2 * radius, 2 * radius, 0.6 * radius)
         arrow = (1.5 * radius, 0.25 * radius, 0.25 * radius)
@@ -97,7 +97,7 @@ class RobotPicture:
             self._plume(pen, state),
         ]
         if self._drawn % _TRAIL_EVERY == 0:
-            markers.append(self._drawn_trail(stamp, colour))
+            markers.append(self._drawn_trail(stamp, colour, TRAIL_LIFETIME * lifetime))
         self._drawn += 1
         return MarkerArray(markers=markers)
 
@@ -125,8 +125,8 @@ class RobotPicture:
         marker.colors = [_FLAME, _TIP, _TIP] * 2
         return marker
 
-    def _drawn_trail(self, stamp: Time, colour: ColorRGBA) -> Marker:
-        pen = Pen(ARENA_FRAME, stamp, TRAIL_LIFETIME)
+    def _drawn_trail(self, stamp: Time, colour: ColorRGBA, lifetime: float) -> Marker:
+        pen = Pen(ARENA_FRAME, stamp, lifetime)
         points = self._trail.points
         if len(points) < 2:
             return pen.delete('trail', 0)

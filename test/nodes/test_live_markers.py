@@ -34,7 +34,11 @@ from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
 RIG = {'base', 'disk', 'disk_limit', 'arm', 'rod', 'trail'}
 ROBOT = {'body', 'heading', 'separation', 'name', 'trail'}
-LIFETIMES = {**dict.fromkeys(ROBOT | {'plume'}, LIFETIME), 'trail': TRAIL_LIFETIME, 'refusal': 8.0}
+LIFETIMES = {
+    **dict.fromkeys(ROBOT | {'plume'}, LIFETIME),
+    'trail': TRAIL_LIFETIME * LIFETIME,
+    'refusal': 8.0,
+}
 
 
 class Viewer:

@@ -11,7 +11,7 @@ from marker_checks import check_markers, Scene
 import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
-from tdm_planner.nodes.markers import colour_of, GREY, Pen, points_of, Trail
+from tdm_planner.nodes.markers import colour_of, GREY, lifetime_at, Pen, points_of, Trail
 
 
 def rgb(name: str) -> tuple[float, float, float]:
@@ -38,6 +38,11 @@ def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
     assert scene.names == {('ball', 0), ('note', 0)}
     scene.apply(MarkerArray(markers=[pen.delete_all(), line]))
     assert scene.names == {('way', 4)}
+
+
+@pytest.mark.parametrize('rate', [0.1, 1.0, 25.0, 100.0])
+def test_what_moves_is_visible_until_the_next_message_and_not_much_longer(rate) -> None:
+    assert 2 / rate < lifetime_at(rate) <= max(0.5, 5 / rate)
 
 
 def test_a_trail_keeps_its_distance_and_forgets() -> None:

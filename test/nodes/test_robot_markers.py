@@ -21,7 +21,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 LOOK = RobotLook('robot2', radius=0.15, separation=0.4, thrust=1.05)
 LIFETIMES = {
     **dict.fromkeys(('body', 'heading', 'separation', 'name', 'plume'), LIFETIME),
-    'trail': TRAIL_LIFETIME,
+    'trail': TRAIL_LIFETIME * LIFETIME,
 }
 angle, place = st.floats(-20.0, 20.0), st.floats(-10.0, 10.0)
 states = st.builds(RobotState, place, place, angle, angle, st.floats(0.0, 2.0))
@@ -85,6 +85,14 @@ def test_discs_of_two_robots_touch_at_the_minimum_separation() -> None:
     b = Scene(RobotPicture(LOOK, 60.0).draw(Time(), RobotState(1.4, 1.0, 0.0)))['separation']
     gap = b.pose.position.x - a.pose.position.x - (a.scale.x + b.scale.x) / 2
     assert gap == pytest.approx(0.0)
+
+
+def test_markers_drawn_seldom_stay_longer() -> None:
+    picture = RobotPicture(LOOK, 60.0)
+    picture.add(0, 0.0, 0.0)
+    picture.add(1_000_000_000, 0.1, 0.0)
+    array = picture.draw(Time(), RobotState(0.1, 0.0, 0.0), lifetime=3.0)
+    check_markers(array, 'arena', {**dict.fromkeys(LIFETIMES, 3.0), 'trail': 12.0})
 
 
 def test_the_trail_is_repeated_now_and_then() -> None:
