@@ -36,10 +36,10 @@ def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
     """
     frame = message.header.frame_id
     if frame not in ('', ARENA_FRAME):
-        raise InvalidProblem(f"its frame is '{frame}': must be '{ARENA_FRAME}'")
+        raise InvalidProblem(f"the pose's frame is '{frame}': must be '{ARENA_FRAME}'")
     x, y = message.pose.position.x, message.pose.position.y
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise InvalidProblem(f'its position is ({x:g}, {y:g}) m: must be finite numbers')
+        raise InvalidProblem(f"the pose's position is ({x:g}, {y:g}) m: must be finite numbers")
     return x, y, yaw_of(message.pose.orientation)
 
 
