@@ -1,0 +1,182 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What README and documentation tell people to type works; what they open is there.
+
+Commands of this package are run. Those that need a ROS 2 installation, start processes that run on
+(demo, nodes, recordings: other tests run these) or build are checked against what is declared.
+"""
+
+from __future__ import annotations
+
+import ast
+from configparser import ConfigParser
+from pathlib import Path
+import re
+import shutil
+from xml.etree import ElementTree
+
+import pages
+from pages import blocks, commands, name_of, PAGES, SOURCE
+import pytest
+import yaml
+
+from tdm_planner import cli
+from tdm_planner.problems.registry import problem_names
+
+EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
+OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', 'python', 'pip', '.', 'source'}
+SERVICES = {'plan', 'reset', 'push'}
+
+
+def test_all_pages_are_found():
+    names = {name_of(page) for page in PAGES}
+    assert {'README.md', 'CONTRIBUTING.md', 'docs/theory.md', 'docs/nodes/planner.md'} <= names
+    assert sum(len(commands(page)) for page in PAGES) > 30
+
+
+@EVERY_PAGE
+def test_python_examples_run(page: Path):
+    for block in blocks(page, 'python'):
+        exec(compile(block, name_of(page), 'exec'), {})
+
+
+@EVERY_PAGE
+def test_data_examples_can_be_parsed(page: Path):
+    for block in blocks(page, 'yaml'):
+        assert yaml.safe_load(block)
+    for block in blocks(page, 'xml'):
+        ElementTree.fromstring(block)
+    for block in blocks(page, 'ini'):
+        ConfigParser().read_string(block)
+
+
+@EVERY_PAGE
+def test_commands_do_what_they_say(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """In order, in a folder that has the package's parameter files."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(SOURCE / 'config', tmp_path / 'config')
+    for command in commands(page):
+        check = CHECKS.get(command[0])
+        assert check is not None or command[0] in OF_OTHER_PROJECTS, command
+        if check is not None:
+            check(command)
+
+
+def check_tdm(command: list[str]) -> None:
+    options = cli._parser().parse_args(command[1:])  # exits for what is wrong
+    made = getattr(options, 'output', None)
+    installed = {*cli.SHORT_NAMES, *problem_names()}
+    runs = command[1] == 'plan' and options.problem in installed
+    runs = runs or (command[1] == 'report' and Path(command[2]).is_file())
+    if runs:
+        assert cli.main(command[1:]) == 0, command
+        for path in (made, getattr(options, 'plot', None)):
+            assert path is None or path.stat().st_size > 0
+
+
+def check_make(command: list[str]) -> None:
+    makefile = (SOURCE / 'Makefile').read_text(encoding='utf-8')
+    for target in command[1:]:
+        if '=' not in target:
+            assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
+
+
+def check_copy(command: list[str]) -> None:
+    _, source, target = command
+    shutil.copy(source, target)
+
+
+def check_ros2(command: list[str]) -> None:
+    {'launch': check_launch, 'run': check_run, 'service': check_service, 'bag': lambda _: None}[
+        command[1]
+    ](command)
+
+
+def check_launch(command: list[str]) -> None:
+    _, _, package, file, *arguments = command
+    assert package == 'tdm_planner'
+    source = (SOURCE / 'launch' / file).read_text(encoding='utf-8')
+    declared = {
+        ast.literal_eval(node.args[0])
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
+    }
+    assert {argument.split(':=')[0] for argument in arguments} <= declared, command
+
+
+def check_run(command: list[str]) -> None:
+    """Check that the executable exists, and that it has the parameters that are set."""
+    pytest.importorskip('rclpy')
+    from tools.node_parameters import parameters_by_node
+
+    _, _, package, executable, *arguments = command
+    assert package == 'tdm_planner'
+    found = {
+        node: parameters
+        for node, parameters in parameters_by_node().items()
+        if node.split()[0] == executable
+    }
+    assert found, command
+    assert not arguments or arguments[0] == '--ros-args', command
+    for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
+        assert option in ('-p', '-r'), command
+        name, value = assignment.split(':=')
+        if option == '-p':
+            specifications = [specs[name] for specs in found.values() if name in specs]
+            assert specifications, command
+            specifications[0].check(yaml.safe_load(value))
+
+
+def check_service(command: list[str]) -> None:
+    _, _, verb, name, kind = command
+    assert verb == 'call', command
+    assert name.rpartition('/')[2] in SERVICES, command
+    assert kind == 'std_srvs/srv/Trigger'
+
+
+def check_program(command: list[str]) -> None:
+    assert (SOURCE / command[0]).is_file(), command
+
+
+CHECKS = {
+    'tdm': check_tdm,
+    'make': check_make,
+    'cp': check_copy,
+    'ros2': check_ros2,
+    '.ci/run': check_program,
+}
+
+
+def test_an_unknown_command_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    page = tmp_path / 'page.md'
+    page.write_text('```sh\nros2 launch tdm_planner pendulum.launch.py plnat:=false\n```\n')
+    monkeypatch.setattr(pages, 'SOURCE', tmp_path)
+    (command,) = commands(page)
+    with pytest.raises(AssertionError):
+        check_launch(command)
+
+
+@EVERY_PAGE
+def test_mentioned_make_targets_exist(page: Path):
+    for target in re.findall(r'`make (\w+)', page.read_text(encoding='utf-8')):
+        check_make(['make', target])
+
+
+@EVERY_PAGE
+def test_links_lead_somewhere(page: Path):
+    text = page.read_text(encoding='utf-8')
+    for link in re.findall(r'\]\((?!https?:)([^)#\s]+)', text):
+        assert (page.parent / link).exists(), link
+
+
+@EVERY_PAGE
+def test_links_to_other_places_are_encrypted(page: Path):
+    assert 'http://' not in page.read_text(encoding='utf-8')
+
+
+def test_continuous_integration_does_what_contributing_says():
+    script = (SOURCE / '.ci' / 'run').read_text(encoding='utf-8')
+    for target in ('lint', 'docs', 'test'):
+        assert re.search(rf'^step .* make {target}$', script, re.MULTILINE), target
