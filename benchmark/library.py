@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The direct method as a library: speed of a problem that is only stated, and its length."""
+"""The direct method as a library: speed of a problem that is only stated, its length, overhead."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmark import overhead
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
 
@@ -49,6 +50,7 @@ def run() -> dict[str, Any]:
             module: len([line for line in inspect.getsource(kind).splitlines() if line.strip()])
             for module, kind in problems.items()
         },
+        'overhead': overhead.run(),
     }
 
 
@@ -71,4 +73,4 @@ def table(figures: dict[str, Any]) -> str:
         'lines to state a problem:',
     ]
     lines += [f'  {name:28s} {count:10d}' for name, count in figures['lines'].items()]
-    return '\n'.join(lines)
+    return '\n'.join([*lines, overhead.table(figures['overhead'])])

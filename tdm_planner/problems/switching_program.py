@@ -12,6 +12,7 @@ states follow by integration and the terminal conditions become equalities,
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,8 @@ class SwitchingProgram(NonlinearProgram):
         self.evaluations = 0
         w0 = plant.natural_frequency
         self._scale = np.array([1.0, 1.0, 1.0 / w0, 1.0 / w0])
+        # Margins of all arcs where the disk is far from its limit.
+        self._far = np.full(torques.size, np.inf), np.zeros((torques.size, torques.size))
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled time, and violations of the ends (group 0) and of |psi| (group 1)."""
@@ -79,16 +82,16 @@ class SwitchingProgram(NonlinearProgram):
         residual[0] -= 2 * np.pi * self.turns
         sensitivities = sensitivities / w0
         jacobian = sensitivities[-1] * self._scale[:, None]
+        ends, beyond = float(np.abs(residual).max()), 0.0
         if np.abs(states[1:, 1]).max() < self.disk_angle - _NEAR_LIMIT:
-            arcs = xi.size
-            motion = _Motion(residual, jacobian, np.full(arcs, np.inf), np.zeros((arcs, arcs)))
+            motion = _Motion(residual, jacobian, *self._far)
         else:
             heights, slopes = _peaks(states, sensitivities, xi / w0, self.steps, w0)
             motion = _Motion(residual, jacobian, self.disk_angle - heights, -slopes)
-        worst = np.array([np.abs(residual).max(), max(float(-motion.margins.min()), 0.0)])
-        if not np.isfinite(worst).all():
-            worst = np.full(2, np.inf)
-        return Point(xi, float(xi.sum()), worst, motion)
+            beyond = max(float(-motion.margins.min()), 0.0)
+        if not math.isfinite(ends + beyond):
+            ends = beyond = math.inf
+        return Point(xi, float(xi.sum()), np.array([ends, beyond]), motion)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """First derivatives, and the Hessian reduced to the null space of the end conditions."""

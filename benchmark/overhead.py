@@ -1,0 +1,83 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the library's structure costs: the pendulum's search against the same one in flat loops.
+
+Both are measured in processor time, in turns, and come by the same plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from benchmark import by_hand
+from benchmark.pendulum import problem, REGIMES, start_state
+from tdm_planner.direct_method import Budget
+from tdm_planner.problems import PendulumSwingUp, Solution
+from tdm_planner.problems.switching_search import Candidate, polish
+
+_DEADLINE = 60.0  # [s], never reached: time decides nothing
+
+
+def run(states: int = 20, repetitions: int = 3) -> dict[str, Any]:
+    """Solve from random states in both regimes both ways; medians of the ratios of times."""
+    problems = [problem(t, start_state(s)) for t in REGIMES.values() for s in range(states)]
+    whole, part = [], []
+    for made in problems:
+        # The first arrivals of the search, to compare the minimiser alone.
+        found = by_hand.arrivals(made, np.random.default_rng(0))[:3]
+        ways = (
+            lambda m=made: by_library(m),
+            lambda m=made: by_hand.solve(m),
+            lambda m=made, f=found: [_polish(m, *arcs) for arcs in f],
+            lambda m=made, f=found: [_polish_by_hand(m, *arcs) for arcs in f],
+        )
+        seconds = np.min([[_seconds(way) for way in ways] for _ in range(repetitions)], axis=0)
+        whole.append(seconds[:2])
+        part.append(seconds[2:])
+    totals, minimiser = np.array(whole), np.array(part)
+    ratios = totals[:, 0] / totals[:, 1]
+    return {
+        'cases': len(problems),
+        'library_ms': 1e3 * float(np.median(totals[:, 0])),
+        'by_hand_ms': 1e3 * float(np.median(totals[:, 1])),
+        'overhead': float(np.median(ratios)) - 1.0,
+        'largest_overhead': float(ratios.max()) - 1.0,
+        'minimiser_overhead': float(np.median(minimiser[:, 0] / minimiser[:, 1])) - 1.0,
+    }
+
+
+def by_library(made: PendulumSwingUp) -> Solution:
+    """Solve without regard to time."""
+    return made.solve(_DEADLINE, seed=0)
+
+
+def _polish(made: PendulumSwingUp, durations: Any, torques: Any, turns: int) -> None:
+    polish(made.task, Candidate(durations, torques, turns), by_hand.COARSE, 1e-8, Budget(60.0))
+
+
+def _polish_by_hand(made: PendulumSwingUp, durations: Any, torques: Any, turns: int) -> None:
+    by_hand.polish(by_hand.numbers(made), durations, torques, turns, by_hand.COARSE, math.inf)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the figures as text."""
+    return '\n'.join(
+        [
+            f'{figures["cases"]} swing-ups, processor time over that of a hand-written loop:',
+            f'  request to verified plan   {figures["overhead"]:+8.1%} median, '
+            f'{figures["largest_overhead"]:+.1%} largest '
+            f'({figures["library_ms"]:.0f} ms, by hand {figures["by_hand_ms"]:.0f} ms)',
+            f'  minimiser alone            {figures["minimiser_overhead"]:+8.1%} median',
+        ]
+    )
