@@ -16,32 +16,50 @@ import signal
 import sys
 import threading
 import time
-from typing import Any, ClassVar
+from typing import Any
 
 import rclpy
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
+from tdm_sim.progress import make_progress
+from tdm_sim.progress import Progress as Shown
 from tdm_sim.wire_types import message_class, subscription_profile
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
-PROGRESS_PERIOD = 0.5  # s
+PROGRESS_PERIOD = 0.5  # s between updates of the live line
+PLAIN_PERIOD = 10.0  # s between plain lines, where there is no terminal
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a recording is: seconds since its start, and messages written by topic."""
+    """How far a recording is.
+
+    Seconds since its start, messages written by topic, messages that the middleware says were
+    lost on the way here, bytes on disk, messages a second of late.
+    """
 
     elapsed: float
     counts: Mapping[str, int]
+    dropped: int = 0
+    size: int = 0
+    rate: float = 0.0
 
     @property
     def messages(self) -> int:
         """Messages written, all topics together."""
         return sum(self.counts.values())
+
+    def __str__(self) -> str:
+        """Return the figures as the progress line shows them."""
+        return (
+            f'{self.elapsed:.0f} s, {self.messages} messages on {len(self.counts)} topics, '
+            f'{self.rate:.0f}/s, {self.size / 1e6:.1f} MB, {self.dropped} dropped'
+        )
 
 
 class Recorder(Node):
@@ -58,8 +76,14 @@ class Recorder(Node):
         self._wanted = frozenset(self.resolve_topic_name(topic) for topic in topics)
         self._recorded: set[str] = set()
         self._skipped: set[str] = set()
+        self._lost: dict[str, int] = {}
         self.create_timer(DISCOVERY_PERIOD, self.subscribe_new_topics)
         self.subscribe_new_topics()
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were sent but did not arrive, as far as the middleware tells."""
+        return sum(self._lost.values())
 
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
@@ -93,6 +117,9 @@ class Recorder(Node):
             lambda data: self._writer.write(connection, time.time_ns(), data),
             subscription_profile([item.qos_profile for item in publishers]),
             raw=True,
+            event_callbacks=SubscriptionEventCallbacks(
+                message_lost=lambda event: self._lost.update({topic: event.total_count})
+            ),
         )
 
     def _skip(self, topic: str, reason: str) -> None:
@@ -119,31 +146,79 @@ def record(
     ------
     RecordingError
         If the folder exists or cannot be made, the storage is unknown, or `rosbags` is missing.
+    IncompleteRecording
+        If the disk gets full; the bag holds, and is closed with, what was recorded until then.
     """
     with (
         _signals_set(stop or threading.Event()) as ended,
         BagWriter(Path(output), storage) as writer,
         _own_context() as context,
     ):
-        start = reported = time.monotonic()
         node = Recorder(writer, topics, context=context)
+        figures = _Figures(writer, node)
         executor = make_executor(context)
         executor.add_node(node)
         try:
-            while context.ok() and not ended.is_set():
+            while context.ok() and not ended.is_set() and not writer.failure:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
-                now = time.monotonic()
-                if on_progress and now - reported >= PROGRESS_PERIOD:
-                    reported = now
-                    on_progress(Progress(now - start, writer.counts))
-                if duration is not None and now - start >= duration:
+                writer.keep()
+                if on_progress and figures.due:
+                    on_progress(figures.read())
+                if duration is not None and figures.elapsed >= duration:
                     break
         except ExternalShutdownException:
             pass
         finally:
+            dropped = node.dropped
             executor.shutdown()
             node.destroy_node()
-        return Progress(time.monotonic() - start, writer.counts)
+    done = figures.final(dropped)
+    if writer.failure:
+        raise IncompleteRecording(
+            f'{writer.failure}; the recording ends there, with {done.messages} messages', done
+        )
+    return done
+
+
+class IncompleteRecording(RecordingError):
+    """A recording ended before it was asked to; `progress` has its final figures."""
+
+    def __init__(self, message: str, progress: Progress) -> None:
+        super().__init__(message)
+        self.progress = progress
+
+
+class _Figures:
+    """Figures of a recording under way."""
+
+    def __init__(self, writer: BagWriter, node: Recorder) -> None:
+        self._writer, self._node = writer, node
+        self._start = self._read_at = time.monotonic()
+        self._messages = 0
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._start
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to show them again."""
+        return time.monotonic() - self._read_at >= PROGRESS_PERIOD
+
+    def read(self) -> Progress:
+        """Return the figures as they are, the rate since they were read last."""
+        now, counts = time.monotonic(), self._writer.counts
+        messages = sum(counts.values())
+        rate = (messages - self._messages) / (now - self._read_at)
+        self._read_at, self._messages = now, messages
+        return Progress(self.elapsed, counts, self._node.dropped, self._writer.size, rate)
+
+    def final(self, dropped: int) -> Progress:
+        """Return the figures of the whole recording, once it has been closed."""
+        elapsed, counts = self.elapsed, self._writer.counts
+        rate = sum(counts.values()) / elapsed
+        return Progress(elapsed, counts, dropped, self._writer.size, rate)
 
 
 @contextmanager
@@ -172,34 +247,40 @@ def _signals_set(event: threading.Event) -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-class _Lines:
-    """One live line on a terminal, nothing elsewhere."""
-
-    erase: ClassVar[str] = '\r\x1b[K'
-
-    def __call__(self, progress: Progress) -> None:
-        """Show the figures."""
-        print(
-            f'{self.erase}recording: {progress.elapsed:.0f} s, {progress.messages} messages on '
-            f'{len(progress.counts)} topics (Ctrl-C ends)',
-            end='',
-            file=sys.stderr,
-            flush=True,
-        )
-
-
 def run(output: Path, topics: Sequence[str], storage: str, quiet: bool = False) -> int:
     """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
-    live = sys.stderr.isatty() and not quiet
+    shown = make_progress(quiet)
+    told = _Telling(shown)
     try:
-        done = record(output, topics, storage, on_progress=_Lines() if live else None)
+        with shown:
+            shown.phase(f'recording to {output}: Ctrl-C ends')
+            done = record(output, topics, storage, on_progress=told)
+    except IncompleteRecording as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
     except RecordingError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
-    if live:
-        print(file=sys.stderr)
-    if not quiet:
-        print(f'{done.messages} messages in {done.elapsed:.1f} s written to {output}')
-        for topic, count in sorted(done.counts.items()):
-            print(f'  {count:8d}  {topic}')
+    shown.line(f'{done.messages} messages in {done.elapsed:.1f} s written to {output}')
+    if done.dropped:
+        shown.line(f'  {done.dropped:8d}  were lost on the way here')
+    for topic, count in sorted(done.counts.items()):
+        shown.line(f'  {count:8d}  {topic}')
     return 0
+
+
+class _Telling:
+    """A live line twice a second on a terminal; elsewhere a plain one now and then."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+        self._live = sys.stdout.isatty()
+        self._next = PLAIN_PERIOD
+
+    def __call__(self, progress: Progress) -> None:
+        """Show the figures."""
+        if self._live:
+            self._shown.update(str(progress))
+        elif progress.elapsed >= self._next:
+            self._next += PLAIN_PERIOD
+            self._shown.phase(str(progress))

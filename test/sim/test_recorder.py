@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+import errno
+import os
 from pathlib import Path
+import pty
+import re
 import signal
+import sqlite3
+import subprocess
 import threading
 import time
 from typing import Any
@@ -22,7 +29,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from tdm_planner.cli import main
-from tdm_sim.recorder import Progress, record, RecordingError
+from tdm_sim import full_disk
+from tdm_sim.bag_writer import BagWriter
+from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -208,3 +217,247 @@ def test_without_rosbags_the_way_out_is_named(
     with pytest.raises(RecordingError, match="'pip install rosbags', or use 'ros2 bag record'"):
         record(tmp_path / 'bag')
     assert not (tmp_path / 'bag').exists()
+
+
+class FullFile:
+    """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
+
+    def __init__(self, file: Any, room: int, reserve: Path) -> None:
+        self._file, self._room, self._reserve = file, room, reserve
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def write(self, data: bytes) -> int:
+        room = self._room + (0 if self._reserve.exists() else full_disk.RESERVE)
+        if len(data) > room:
+            self._file.write(data[:room])
+            self._room -= room
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._room -= len(data)
+        return int(self._file.write(data))
+
+
+class Endpoint:
+    """What a publisher says of itself to the writer."""
+
+    qos_profile = LATCHED
+    topic_type_hash = None
+
+
+def written(writer: BagWriter, most: int, size: int) -> int:
+    """Write messages until one cannot be, at most `most`; how many could."""
+    from rclpy.serialization import serialize_message
+
+    connection = writer.add_topic('/t', 'std_msgs/msg/String', [Endpoint()])
+    for k in range(most):
+        text = f'{k:06d}' + 'x' * size
+        writer.write(connection, 10**9 + k, serialize_message(String(data=text)))
+        if writer.failure:
+            return k
+    return most
+
+
+def numbers(messages: list[Any]) -> list[int]:
+    return [int(message.data[:6]) for message in messages]
+
+
+@pytest.mark.parametrize('room', [1_500_000, 3_000_000, 3_145_728])
+def test_a_full_disk_costs_nothing_that_was_written_to_an_mcap_file(
+    tmp_path: Path, room: int
+) -> None:
+    bag = tmp_path / 'bag'
+    with BagWriter(bag) as writer:
+        storage = writer._writer.storage
+        storage.bio = FullFile(storage.bio, room, bag / '.reserve')
+        count = written(writer, 10_000, 1000)
+        assert count < 10_000
+        assert 'No space left on device' in writer.failure
+        writer.write(None, 0, b'left out')
+    assert not (bag / '.reserve').exists()
+    found = numbers(read_with_mcap(bag)['/t'])
+    assert found == list(range(count)) or found == list(range(count + 1))
+    assert numbers(read_with_rosbags(bag)['/t']) == found
+    metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    assert metadata['rosbag2_bagfile_information']['message_count'] == len(found)
+
+
+def limit_pages(writer: BagWriter, pages: int) -> None:
+    """Let SQLite say that the disk is full beyond so many pages."""
+    writer._writer.storage.conn.execute(f'PRAGMA max_page_count={pages}')
+
+
+def test_a_full_disk_leaves_a_database_that_can_be_read(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with BagWriter(bag, 'sqlite3') as writer:
+        limit_pages(writer, 400)
+        count = written(writer, 10_000, 1000)
+        assert 500 < count < 10_000
+        assert 'disk is full' in writer.failure
+        limit_pages(writer, 10_000)  # the reserve is given up
+    found = numbers(read_with_rosbags(bag)['/t'])
+    assert found == list(range(len(found)))
+    metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    assert metadata['rosbag2_bagfile_information']['message_count'] == len(found)
+
+
+def test_a_disk_too_full_to_begin_is_said_to_be(
+    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(full_disk.os, 'posix_fallocate', full)
+    with pytest.raises(IncompleteRecording, match='No space left on device; the recording ends'):
+        record(tmp_path / 'bag', duration=5.0)
+    assert read_with_mcap(tmp_path / 'bag') == {}
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 12 MB."""
+    folder = tmp_path / 'small'
+    folder.mkdir()
+    command = ['mount', '-t', 'tmpfs', '-o', 'size=12m', 'tmpfs', str(folder)]
+    try:
+        subprocess.run(command, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip('mounting is not permitted here')
+    yield folder
+    subprocess.run(['umount', str(folder)], check=True)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
+    ros: Ros, small_disk: Path, storage: str
+) -> None:
+    bag = small_disk / 'bag'
+    publisher = ros.node.create_publisher(String, f'/full/{storage}', 100)
+    recorder = start(ros, bag, publisher.topic, '--storage', storage)
+    assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
+    sent = 0
+    while recorder.running and sent < 2000:
+        publisher.publish(String(data=f'{sent:06d}' + 'x' * 10_000))
+        sent += 1
+        time.sleep(0.002)
+    assert ros.spin_until(lambda: not recorder.running), recorder.output
+    assert recorder.end() == 1
+    assert 'Traceback' not in recorder.output
+    assert re.search(r'error: .*(No space left|disk is full).*; the recording ends there, with',
+                     recorder.output)  # fmt: skip
+    found = numbers(read_with_rosbags(bag)[publisher.topic])
+    assert found == list(range(len(found)))
+    assert len(found) > 200
+    said = re.search(r'with (\d+) messages', recorder.output)
+    assert said is not None
+    assert int(said.group(1)) == len(found)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_recorder_that_is_killed_leaves_what_was_completed(
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is on disk after `keep`, before the bag is closed, is what a kill leaves."""
+    monkeypatch.setattr('tdm_sim.bag_writer.LONGEST_OPEN', 0.0)
+    bag, copy = tmp_path / 'bag', tmp_path / 'killed'
+    with BagWriter(bag, storage) as writer:
+        assert written(writer, 50, 10) == 50
+        writer.keep()
+        copy.mkdir()
+        for file in bag.iterdir():
+            if not file.name.startswith('.'):
+                (copy / file.name).write_bytes(file.read_bytes())
+    if storage == 'sqlite3':
+        database = sqlite3.connect(copy / 'bag.db3')
+        assert database.execute('SELECT count(*) FROM messages').fetchone() == (50,)
+        database.close()
+    else:
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Message
+        from mcap.stream_reader import StreamReader
+
+        seen = 0
+        with (copy / 'bag.mcap').open('rb') as file, suppress(EndOfFile):
+            for item in StreamReader(file).records:
+                seen += isinstance(item, Message)
+        assert seen == 50
+
+
+def test_figures_of_the_progress_line() -> None:
+    shown = str(Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6))
+    assert shown == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'
+
+
+def test_figures_while_recording(ros: Ros, tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    publisher = ros.node.create_publisher(String, '/figures', 100)
+    stop = threading.Event()
+    done: list[Progress] = []
+    thread = threading.Thread(
+        target=lambda: done.append(
+            record(tmp_path / 'bag', ['/figures'], stop=stop, on_progress=seen.append)
+        )
+    )
+    thread.start()
+    assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
+    begun = time.monotonic()
+    while len(seen) < 4 and time.monotonic() - begun < 20.0:
+        publisher.publish(String(data='x' * 1000))
+        time.sleep(0.005)
+    stop.set()
+    thread.join(10.0)
+    rates = [progress.rate for progress in seen[1:]]
+    assert max(rates) > 20.0
+    assert done[0].dropped == 0
+    file = tmp_path / 'bag' / 'bag.mcap'
+    metadata = tmp_path / 'bag' / 'metadata.yaml'
+    assert done[0].size == file.stat().st_size + metadata.stat().st_size
+    assert done[0].messages * 1000 < done[0].size
+    assert done[0].rate == pytest.approx(done[0].messages / done[0].elapsed)
+
+
+def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path) -> None:
+    """A flood that a recorder, stopped for a while, cannot take up."""
+    publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
+    recorder = start(ros, tmp_path / 'bag', '/lost')
+    assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
+    os.kill(recorder.process.pid, signal.SIGSTOP)
+    for _ in range(4000):
+        publisher.publish(String(data='x' * 60_000))
+    os.kill(recorder.process.pid, signal.SIGCONT)
+    for _ in range(20):
+        publisher.publish(String(data='x'))
+        ros.spin_for(0.05)
+    assert recorder.end() == 0
+    received = len(read_with_mcap(tmp_path / 'bag')['/lost'])
+    lost = re.search(r'(\d+)  were lost on the way here', recorder.output)
+    assert lost is not None, recorder.output
+    assert 0 < int(lost.group(1)) <= 4020 - received
+
+
+def test_a_live_line_on_a_terminal(ros: Ros, tmp_path: Path) -> None:
+    leader, follower = pty.openpty()
+    command = [os.sys.executable, '-m', 'tdm_planner.cli', 'record', '-o', str(tmp_path / 'bag')]
+    process = subprocess.Popen(
+        command, env=ros.environment, stdout=follower, stderr=follower, close_fds=True
+    )
+    os.close(follower)
+    shown = b''
+    begun = time.monotonic()
+    while b'dropped' not in shown and time.monotonic() - begun < 20.0:
+        shown += os.read(leader, 4096)
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:
+        try:
+            shown += os.read(leader, 4096)
+        except OSError:  # the terminal's other end is closed
+            break
+    assert process.wait(10.0) == 0
+    os.close(leader)
+    assert re.search(rb'\d+ s, \d+ messages on \d+ topics, \d+/s, [\d.]+ MB, 0 dropped', shown)
+
+
+def test_quiet_prints_nothing(ros: Ros, tmp_path: Path) -> None:
+    recorder = start(ros, tmp_path / 'bag', '-q')
+    assert recorder.end(signal.SIGTERM) == 0
+    assert recorder.output == ''
