@@ -111,7 +111,7 @@ def _key(mission: Mission, scene: str) -> str:
             'planned path': line.format('path'),
             'travelled': line.format('trail'),
             'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
-            'half the minimum separation': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
+            'safety circle': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
             'stroke-dasharray="3 3"></circle>',
             'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
             '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import time
 
 import numpy as np
@@ -14,35 +13,22 @@ from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, r
 import pytest
 
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
-from tdm_sim.report.page import write_report
+from tools.browser import chromium, open_browser, open_report, PATIENCE
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
-DRIVER = shutil.which('chromedriver')
-if CHROMIUM is None or DRIVER is None:
+pytest.importorskip('plotly')
+pytest.importorskip('selenium')
+if chromium() is None:
     pytest.skip(
         'no headless Chromium: apt-get install chromium chromium-driver', allow_module_level=True
     )
-webdriver = pytest.importorskip('selenium.webdriver')
 
-from selenium.webdriver.chrome.options import Options  # noqa: E402
-from selenium.webdriver.chrome.service import Service  # noqa: E402
-from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
-from selenium.webdriver.common.by import By  # noqa: E402
-from selenium.webdriver.common.keys import Keys  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
-FLAGS = (
-    '--headless',
-    '--no-sandbox',
-    '--disable-gpu',
-    '--disable-dev-shm-usage',
-    '--disable-quic',
-    '--no-first-run',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--disable-sync',
-)
+from tdm_sim.report.page import write_report
+
 DESKTOP, PHONE = (1280, 800), (390, 844)
-PATIENCE = 30.0  # s
 
 
 class Page:
@@ -52,17 +38,8 @@ class Page:
         self.driver = driver
 
     def open(self, path, size=DESKTOP, scheme='light'):
-        width, height = size
-        metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1}
-        mobile = width < 600
-        self.driver.execute_cdp_cmd(
-            'Emulation.setDeviceMetricsOverride', metrics | {'mobile': mobile}
-        )
-        media = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
-        self.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', media)
         self.logs()
-        self.driver.get(path.as_uri())
-        self.wait('return document.documentElement.dataset.ready === "true"')
+        open_report(self.driver, path, size, scheme)
         return self
 
     def run(self, script, *arguments):
@@ -120,17 +97,8 @@ class Page:
 
 @pytest.fixture(scope='module')
 def page(tmp_path_factory):
-    options = Options()
-    options.binary_location = CHROMIUM
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.add_argument(f'--user-data-dir={tmp_path_factory.mktemp("chromium")}')
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-    try:
+    with open_browser(tmp_path_factory.mktemp('chromium')) as driver:
         yield Page(driver)
-    finally:
-        driver.quit()
 
 
 @pytest.fixture(scope='module')

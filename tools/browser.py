@@ -1,0 +1,68 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A headless Chromium that asks nothing of the network, for tests and pictures of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import shutil
+import time
+from typing import Any
+
+FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-dev-shm-usage',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--hide-scrollbars',
+)
+PATIENCE = 30.0  # s
+
+
+def chromium() -> str | None:
+    """Return the path of Chromium if it and its driver are installed."""
+    found = shutil.which('chromium') or shutil.which('chromium-browser')
+    return found if shutil.which('chromedriver') else None
+
+
+@contextmanager
+def open_browser(profile: Path) -> Iterator[Any]:
+    """Start Chromium with the empty folder `profile`; yields selenium's driver."""
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+
+    options = Options()
+    options.binary_location = chromium() or ''
+    for flag in (*FLAGS, f'--user-data-dir={profile}'):
+        options.add_argument(flag)
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which('chromedriver')))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+def open_report(
+    driver: Any, report: Path, size: tuple[int, int], scheme: str = 'light', pixels: float = 1.0
+) -> None:
+    """Open a report in a window of a size [px], in the colour scheme `light` or `dark`."""
+    width, height = size
+    metrics = {'width': width, 'height': height, 'deviceScaleFactor': pixels}
+    driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics | {'mobile': width < 600})
+    media = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
+    driver.execute_cdp_cmd('Emulation.setEmulatedMedia', media)
+    driver.get(report.resolve().as_uri())
+    end = time.monotonic() + PATIENCE
+    while not driver.execute_script('return document.documentElement.dataset.ready === "true"'):
+        if time.monotonic() > end:
+            raise TimeoutError(f'{report} was not drawn within {PATIENCE:g} s')
+        time.sleep(0.05)
