@@ -148,6 +148,11 @@ class Trajectory:
         at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
         return Sample(self._state_at(at), self._control_at(at))
 
+    def controls_at(self, t: ArrayLike) -> Array:
+        """Read the controls alone at time(s) `t` [s], as `sample` does."""
+        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
+        return self._control_at(at)
+
     def _control_at(self, t: Array) -> Array:
         if self.interpolation == 'zero_order_hold':
             index = np.searchsorted(self.times, t, side='right') - 1

@@ -149,7 +149,27 @@ def verify(
     """
     times = dense_times(trajectory, resolution)
     states = replay(plant, trajectory, times)
-    controls = trajectory.sample(times).control
+    return judge(
+        plant, trajectory, times, states, goal, tolerance, constraints, consistency=consistency
+    )
+
+
+def judge(
+    plant: Plant,
+    trajectory: Trajectory,
+    times: Array,
+    states: Array,
+    goal: Array,
+    tolerance: Array,
+    constraints: Sequence[Constraint],
+    *,
+    consistency: Array | None = None,
+) -> Verification:
+    """Check a trajectory replayed at `times` (n,): states (n, nx); see `verify`.
+
+    Every sample of the trajectory is among the `times`.
+    """
+    controls = trajectory.controls_at(times)
     error = np.where(np.isfinite(tolerance), states[-1] - goal, 0.0)
     reasons = [
         f'{name} ends {abs(e):.3g} {unit} from the goal (allowed {tol:.3g})'

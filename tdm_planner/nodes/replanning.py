@@ -43,6 +43,7 @@ class Replanning:
         self._timer: Timer | None = None
         self._replanner: Replanner | None = None
         self._reviewed: Plan | None = None
+        self._taken_over: PlanInForce | None = None
         self._question: tuple[Mapping[str, Any], Problem] | None = None
         self._reviewing = False
         self._waiting: Callable[[], None] | None = None
@@ -123,7 +124,10 @@ class Replanning:
         if replanner is None or self._reviewed is not plan:
             execution = adapter.execution(plan.problem)
             replanner = self._replanner = Replanner(execution, parameters)
-            replanner.adopt(PlanInForce(plan.problem, plan.solution, self._seconds(plan.start)))
+            made = self._taken_over
+            if made is None or made.solution is not plan.solution:
+                made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
+            replanner.adopt(made)
             self._reviewed = plan
         replanner.parameters = parameters
         return replanner
@@ -175,5 +179,6 @@ class Replanning:
             )
             return
         self.replans += 1
+        self._taken_over = review.plan
         self._node.get_logger().info(f'new plan: {review.reason}')
         self._publish(Plan(review.plan.problem, review.plan.solution, start))

@@ -131,10 +131,10 @@ class FloatingRobot(Validated):
 
     def _integrate(self, trajectory: Trajectory, grid: Array) -> Array:
         h = np.diff(grid)
-        begin = trajectory.sample(grid[:-1]).control
+        begin = trajectory.controls_at(grid[:-1])
         slope = np.zeros_like(begin)
         if trajectory.interpolation == 'linear':
-            slope = (trajectory.sample(grid[1:]).control - begin) / h[:, None]
+            slope = (trajectory.controls_at(grid[1:]) - begin) / h[:, None]
         states = np.empty((grid.size, 7))
         states[0] = first = trajectory.states[0]
         omega_dot, omega_ddot = begin[:, 2] / self.inertia, slope[:, 2] / self.inertia

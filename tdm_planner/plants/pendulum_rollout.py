@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 ARRIVED = 1e-12
 _TARGET = 1e-20
 _ITERATIONS = 25
-_CHUNK = 8
+_CHUNK = 4  # starts between two looks at the clock
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def steer(
         return rollouts
 
     workers = min(_cores(), -(-batch.arcs.size // _CHUNK))
-    if workers == 1:
+    if workers <= 1:
         return work()
     with ThreadPoolExecutor(workers) as pool:
         return sum(future.result() for future in [pool.submit(work) for _ in range(workers)])

@@ -22,13 +22,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
+
+if TYPE_CHECKING:  # a simulated pendulum has no use for scipy, which trajectories need
+    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -195,6 +198,12 @@ class RotaryPendulum(Validated):
         )
         determinant = k.pendulum * j - b * b
         return (j * r1 - b * r2) / determinant, (k.pendulum * r2 - b * r1) / determinant
+
+    def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
+        """States (n, 4) at `times` (n,), integrated anew; None where that takes another method."""
+        from tdm_planner.plants.pendulum_replay import replay_pendulum
+
+        return replay_pendulum(self, trajectory, times)
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., 4, 4) and df/du (..., 4, 1) at states (..., 4), controls (..., 1)."""

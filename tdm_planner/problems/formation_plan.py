@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
@@ -89,8 +90,13 @@ def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
     return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
 
 
-def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory:
-    """Controls of one robot and the states that follow from them by forward integration."""
+def trajectory(
+    model: ReferenceMotion, motion: Motion, robot: int, budget: Budget | None = None
+) -> Trajectory:
+    """Controls of one robot and the states that follow from them by forward integration.
+
+    When the `budget` is spent the corrections of the end go on no longer.
+    """
     task, goal = model.task, model.task.goal[robot]
     aim = _turnable(task, robot, wanted(model, motion, robot))
     direction = ThrustDirection(
@@ -115,7 +121,7 @@ def trajectory(model: ReferenceMotion, motion: Motion, robot: int) -> Trajectory
         miss = float(np.abs(error).max())
         if miss < best:
             best, accepted = miss, flown
-        if best <= 1.0:
+        if best <= 1.0 or (budget is not None and budget.spent):
             break
         if shot:  # Broyden's update: what the last change of the corrections really did.
             effects = effects + np.outer(error - before - effects @ change, change) / (

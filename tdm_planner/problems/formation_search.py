@@ -30,11 +30,12 @@ Array = NDArray[np.float64]
 
 _FEASIBLE = 5e-3  # violation, relative to the limit, up to which a plan may survive the check
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
-_ALIGNED = 0.02  # [rad] less than this needs no turning
+_ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, each keeping more distance, before giving up
-_SEARCH_SHARE = 0.75  # of the deadline: the rest is for the check
+_SEARCH_SHARE = 0.75  # of the deadline: the rest is for the check, if it takes so long
+_CHECK_TIME = 4e-3  # s a robot
 
 
 @dataclass(frozen=True)
@@ -110,13 +111,31 @@ class FormationSearch(Search[Candidate]):
         self._first: Array | None = None
         if previous is not None:
             self._first = warm_parameters(self.model, self.seeds, previous)
+            self._turn_first()
 
     def _aim(self, task: FormationTask) -> None:
         self.task = task
-        self.model = self.form.model(task)
-        self.program = FormationProgram(self.model, self.form.nodes)
+        self._use(task)
         self.seeds = BowSeeds(self.model, self._rng)
         self._guesses = iter(self.seeds)
+
+    def _use(self, task: FormationTask) -> None:
+        self.model = self.form.model(task)
+        self.program = FormationProgram(self.model, self.form.nodes)
+
+    def _turn_first(self) -> None:
+        """Reckon with the turning that the first guess needs from the outset."""
+        if self._first is None:
+            return
+        coast = self._needed_coast(self.model, self.model.unpack(self._first))
+        if coast.any():
+            self._use(self.task.with_coast(1.03 * coast))
+
+    def _needed_coast(self, model: ReferenceMotion, motion: Motion) -> Array:
+        """Time [s] that every thruster needs to turn before a motion begins (n,)."""
+        angle = initial_misalignment(model, motion)
+        needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
+        return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
 
     def candidates(self) -> Iterator[Candidate]:
         """Minima with thrusters turned first; then, did none do, with their rate limited."""
@@ -138,7 +157,9 @@ class FormationSearch(Search[Candidate]):
     def plans(self, candidate: Candidate) -> Iterator[Plan]:
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         task, model, motion = self._required, candidate.program.model, candidate.motion
-        motions = {name: trajectory(model, motion, i) for i, name in enumerate(task.names)}
+        motions = {
+            name: trajectory(model, motion, i, self.budget) for i, name in enumerate(task.names)
+        }
         check = verify_formation(task, motions, self._penalty_weights)
         terms = task.cost_terms(
             np.array([motions[name].duration for name in task.names]),
@@ -161,8 +182,10 @@ class FormationSearch(Search[Candidate]):
     def widen(self) -> bool:
         """Keep more distance, where plans failed the check; else go on with other guesses."""
         self._rounds += 1
-        self._first = None
-        if self._found:
+        if self._first is not None:
+            self._first = None
+            self._aim(self.task)
+        elif self._found:
             margin = self.task.margin + 0.04 * self.task.separation
             self._aim(replace(self.task, margin=margin))
         return self._rounds <= _ROUNDS
@@ -215,7 +238,9 @@ class FormationSearch(Search[Candidate]):
             iterations=60,
         )
         before = program.evaluations
-        minimum = minimise(program, guess, options, self.budget)
+        # What is left when the search must end is for the check.
+        check = min(_CHECK_TIME * program.model.task.n, (1 - _SEARCH_SHARE) * self.budget.seconds)
+        minimum = minimise(program, guess, options, Budget(self.budget.remaining - check))
         self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point)
         violation = float(minimum.point.violations[0])
@@ -231,9 +256,7 @@ class FormationSearch(Search[Candidate]):
         """
         for spare in (1.0, 1.03, 1.1):
             model = candidate.program.model
-            angle = initial_misalignment(model, candidate.motion)
-            needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
-            needed = np.where(angle > _ALIGNED, needed + 0.01 * candidate.motion.durations, 0.0)
+            needed = self._needed_coast(model, candidate.motion)
             kept = model.task.coast
             if ((needed <= kept) & (kept <= 1.2 * needed + 0.05)).all():
                 return candidate

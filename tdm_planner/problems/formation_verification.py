@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, replay, Verification, verify
+from tdm_planner.verification import check, Constraint, judge, replay, Verification
 
 Array = NDArray[np.float64]
 
@@ -49,19 +49,28 @@ def verify_formation(
 
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
-    robots = {
-        name: verify(
+    last = max(trajectory.duration for trajectory in trajectories.values())
+    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    robots, every_state, every_control = {}, [], []
+    for i, name in enumerate(task.names):
+        trajectory = trajectories[name]
+        own = np.union1d(times[times <= trajectory.duration], trajectory.times)
+        flown = replay(task.plant, trajectory, own)
+        robots[name] = judge(
             task.plant,
-            trajectories[name],
+            trajectory,
+            own,
+            flown,
             np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
             TERMINAL_TOLERANCE,
             robot_constraints(task),
-            resolution=_RESOLUTION,
             consistency=_CONSISTENCY,
         )
-        for i, name in enumerate(task.names)
-    }
-    times, states, controls = common_states(task, trajectories)
+        # Robots that have arrived are parked, with their controls off.
+        every_state.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
+        under_way = times <= trajectory.duration
+        every_control.append(trajectory.controls_at(times) * under_way[:, None])
+    states, controls = np.concatenate(every_state, axis=1), np.concatenate(every_control, axis=1)
     separations = separation_constraints(task)
     pairs, pair_times, violated = check(separations, times, states, controls)
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
@@ -94,26 +103,6 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
         for a, b in zip(i, j, strict=True)
     ]
     return bool((np.array(left) >= 0.5 * reserved).all())
-
-
-def common_states(
-    task: FormationTask, trajectories: Mapping[str, Trajectory]
-) -> tuple[Array, Array, Array]:
-    """Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
-
-    Robots that have arrived are parked, with their controls off.
-    """
-    last = max(trajectory.duration for trajectory in trajectories.values())
-    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
-    states, controls = [], []
-    for name in task.names:
-        trajectory = trajectories[name]
-        under_way = times <= trajectory.duration
-        own = np.union1d(times[under_way], trajectory.times[-1])
-        flown = replay(task.plant, trajectory, own)
-        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
-        controls.append(trajectory.sample(times).control * under_way[:, None])
-    return times, np.concatenate(states, axis=1), np.concatenate(controls, axis=1)
 
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:

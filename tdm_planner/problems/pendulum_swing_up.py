@@ -22,6 +22,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
+from tdm_planner.plants.pendulum_replay import compile_replay
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
@@ -30,6 +31,7 @@ from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
+from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
 
 Array = NDArray[np.float64]
@@ -122,6 +124,7 @@ class PendulumSwingUp(Problem, Validated):
         """Compile the kernels, or load them."""
         compile_kernels(self.plant)
         compile_kernel(self.plant)
+        compile_replay(self.plant)
         if self.method == 'virtual_arc':
             compile_arc_kernel(self.plant)
 
@@ -139,7 +142,9 @@ class PendulumSwingUp(Problem, Validated):
         if self.method == 'virtual_arc':
             return VirtualArcMethod(task, budget, rng, self.switching_arcs, tolerance)
         arcs = previous_arcs(previous)
-        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+        if arcs is None:
+            return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)
+        return WarmSwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
 
     def describe(self, plan: Plan) -> str:
         """Return when the pendulum is upright, and by what torque."""

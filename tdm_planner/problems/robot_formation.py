@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 import math
 from typing import Any, ClassVar
 
@@ -33,6 +34,7 @@ from tdm_planner.problems.formation_parameters import (
 from tdm_planner.problems.formation_search import Form, FormationSearch, gas_used
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.search import Plan
+from tdm_planner.problems.thrust_direction import compile_following
 
 Array = NDArray[np.float64]
 
@@ -129,7 +131,7 @@ class RobotFormation(FormationParameters, Problem):
             nodes=self.nodes,
         )
 
-    @property
+    @cached_property
     def task(self) -> FormationTask:
         """Boundary conditions and limits as arrays."""
         starts = [self._start(name) for name in self.robots]
@@ -173,7 +175,7 @@ class RobotFormation(FormationParameters, Problem):
         )
 
     def _start(self, name: str) -> RobotStart:
-        start = self.starts.get(name, default_start(name))
+        start = self.starts[name] if name in self.starts else default_start(name)
         for axis in ('x', 'y'):
             if getattr(start, axis) is None:
                 raise InvalidProblem(
@@ -194,6 +196,7 @@ class RobotFormation(FormationParameters, Problem):
     def prepare(self) -> None:
         """Tabulate the reference functions."""
         self.form.model(self.task)
+        compile_following()
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

@@ -8,7 +8,7 @@ order of their time finely, until one passes the verification.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import math
 
 import numpy as np
@@ -30,7 +30,7 @@ from tdm_planner.problems.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import Arcs, starts, warm_starts
+from tdm_planner.problems.switching_seeds import starts
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,8 @@ _ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 48), 3)
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
-_WARM = 2  # arrivals from an earlier plan that are polished
+_FEWEST_STARTS = 8
+_START_TIME = 4e-3  # s of the deadline for one start of a round
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -50,8 +51,7 @@ class SwitchingMethod(Search[Candidate]):
     """The search for the quickest switching times.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
-    feasible. The arcs of a `previous` plan are tried first, and alone: only if they lead to no
-    plan does the search begin anew.
+    feasible.
     """
 
     def __init__(
@@ -61,23 +61,19 @@ class SwitchingMethod(Search[Candidate]):
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
-        previous: Arcs | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
         self._rng = rng
         self._arcs = arcs
         self._tolerance = tolerance
-        self._previous = previous
         self._steps = COARSE_STEPS
         self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
         self._arrived = 0
 
-    def candidates(self) -> list[Candidate]:
+    def candidates(self) -> Iterable[Candidate]:
         """Steer rounds of starts upright and minimise the times of the quickest arrivals."""
-        if self._previous is not None:
-            return self._polished(self._warm_arrivals(self._previous)[:_WARM])
         return self._polished(self._arrivals())[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Plan]:
@@ -93,9 +89,7 @@ class SwitchingMethod(Search[Candidate]):
 
     def widen(self) -> bool:
         """Integrate more finely: the coarse integration may have found what does not exist."""
-        if self._previous is not None:
-            self._previous = None
-        elif self.rejected:
+        if self.rejected:
             self._steps = min(2 * self._steps, FINE_STEPS)
         return True
 
@@ -121,7 +115,7 @@ class SwitchingMethod(Search[Candidate]):
         budget, found = self.budget, list[Candidate]()
         rounds = 0
         while budget.elapsed < _STEERED * budget.seconds:
-            size = _ROUNDS[min(rounds, len(_ROUNDS) - 1)]
+            size = min(_ROUNDS[min(rounds, len(_ROUNDS) - 1)], self._affordable)
             batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
             found += steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
             self._remember_closest(batch)
@@ -133,17 +127,10 @@ class SwitchingMethod(Search[Candidate]):
                 break
         return distinct(found)
 
-    def _warm_arrivals(self, previous: Arcs) -> list[Candidate]:
-        """Steer the arcs of an earlier plan, a little changed; all distinct arrivals."""
-        batch = warm_starts(self._task, self._rng, previous, self._arcs)
-        if batch is None:
-            return []
-        budget = self.budget
-        found = steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
-        self._remember_closest(batch)
-        self._starts += batch.arcs.size
-        self._arrived += len(found)
-        return distinct(found)
+    @property
+    def _affordable(self) -> int:
+        """Starts of a round: fewer where time is so short that one round would use it up."""
+        return max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME))
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
         """Minimise the times of the quickest candidates."""

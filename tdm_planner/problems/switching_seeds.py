@@ -100,29 +100,34 @@ def previous_arcs(solution: Solution | None) -> Arcs | None:
 
 
 def warm_starts(
-    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int
+    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int, change: float
 ) -> ArcBatch | None:
-    """Return the arcs of an earlier plan, as they are and a little changed; None if too many.
+    """Return the arcs of an earlier plan, their durations changed at random; None if too many.
 
-    An arc of no duration is put before or after them, where a new switch may grow.
+    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
+    put before or after them, or both, where a new switch may grow.
     """
     signs = previous.signs
     if signs.size > most or (signs[1:] * signs[:-1] != -1.0).any():
         return None
-    durations, first = [], []
-    for before in (0, 1):
-        for scale in (0.0, 0.03, 0.1):
-            for after in (0, 1):
-                arcs = np.zeros(most)
-                if before + signs.size + after > most:
-                    continue
-                changed = previous.durations * np.exp(scale * rng.normal(size=signs.size))
-                arcs[before : before + signs.size] = changed
-                durations.append(arcs)
-                first.append(signs[0] * (-1.0) ** before)
-    count = len(durations)
-    lasting = np.array([np.flatnonzero(arcs)[-1] + 1 for arcs in durations])
-    varied: Integers = np.clip(lasting + np.arange(count) % 2, FEWEST_ARCS + 1, most)
+    durations, first, arcs = [], [], []
+    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
+        count = before + signs.size + after
+        if count > most:
+            continue
+        row = np.zeros(most)
+        row[before : before + signs.size] = previous.durations * np.exp(
+            change * rng.normal(size=signs.size)
+        )
+        durations.append(row)
+        first.append(signs[0] * (-1.0) ** before)
+        arcs.append(min(max(count, FEWEST_ARCS + 1), most))
     torques = task.torque * np.array(first)[:, None] * (-1.0) ** np.arange(most)
-    turns = np.full(count, math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(np.array(durations), varied, torques, turns, np.full(count, np.inf))
+    turns = np.full(len(arcs), math.nan if task.turns is None else float(task.turns))
+    return ArcBatch(
+        np.array(durations),
+        np.array(arcs, dtype=np.intp),
+        torques,
+        turns,
+        np.full(len(arcs), np.inf),
+    )

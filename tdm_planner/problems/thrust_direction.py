@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tdm_planner.plants.compilation import compiled
+
 Array = NDArray[np.float64]
 
 _ANY_DIRECTION = 50.0  # [rad] an allowed error that allows everything
@@ -140,17 +142,14 @@ class ThrustDirection:
         while not envelopes.open and error < 6.0 * self.thrust:
             error = max(1.1 * error, 1e-5 * self.thrust)
             envelopes = self.envelopes(wanted, direction, error)
-        lower, upper = envelopes.lower.tolist(), envelopes.upper.tolist()
-        wished, steps = direction.tolist(), np.diff(self.reach).tolist()
+        upper, lower = envelopes
         # Where no direction will do, the thruster still starts where it stands.
-        angle = min(max(wished[0], lower[0]), upper[0]) if np.isnan(self.alpha) else self.alpha
-        angles = [angle]
-        for k, step in enumerate(steps, start=1):
-            least, most = max(lower[k], angle - step), min(upper[k], angle + step)
-            angle = min(max(wished[k], least), most, angle + step)
-            angle = max(angle, angles[-1] - step)
-            angles.append(angle)
-        return self._smoothed(np.array(angles))
+        first = self.alpha
+        if np.isnan(first):
+            first = min(max(float(direction[0]), float(lower[0])), float(upper[0]))
+        angles = np.empty(direction.size)
+        _follow(direction, lower, upper, np.diff(self.reach), first, angles)
+        return self._smoothed(angles)
 
     def _smoothed(self, angles: Array) -> tuple[Array, Array]:
         steps = np.diff(self.times)
@@ -159,3 +158,21 @@ class ThrustDirection:
         rate = 0.5 * (padded[1:] + padded[:-1])
         turned = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)
         return np.concatenate([angles[:1], angles[0] + turned]), rate
+
+
+def compile_following() -> None:
+    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
+    _follow(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(1), 0.0, np.zeros(2))
+
+
+@compiled
+def _follow(
+    wished: Array, lower: Array, upper: Array, steps: Array, first: float, angles: Array
+) -> None:
+    """Fill `angles` (n,): as wished between the envelopes, in `steps` (n - 1,) at most."""
+    angle = angles[0] = first
+    for k in range(1, wished.size):
+        step = steps[k - 1]
+        least, most = max(lower[k], angle - step), min(upper[k], angle + step)
+        angle = max(min(max(wished[k], least), most, angle + step), angle - step)
+        angles[k] = angle

@@ -10,7 +10,7 @@ from typing import Final
 
 from tdm_planner.problems.base import Solution
 
-LEAST_LEFT: Final = 0.25  # of a plan's cost; with less to come it is kept if it will do
+LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,13 @@ class Decision:
     reason: str
 
 
-def worth_improving(outlook: Outlook, old: Solution, improvement: float) -> bool:
+def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
     """Whether a plan that would do has so much cost still to come that a better one may matter.
 
-    Near the goal it has not: what noise makes of the little that is left is no reason for a plan.
+    `whole` is the cost of the whole way. Near the goal the little that is left is no reason for a
+    plan: noise makes it more or less.
     """
-    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * old.cost
+    return not outlook.settled and improvement < 1.0 and outlook.cost > LEAST_LEFT * whole
 
 
 def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: float) -> Decision:

@@ -18,11 +18,21 @@ _SHORTEST = 1e-3  # s; of less nothing is left that a first guess could be made 
 
 @dataclass(frozen=True, eq=False)
 class PlanInForce:
-    """A verified plan and the problem it solves; its motion starts at the instant `start` [s]."""
+    """A verified plan and the problem it solves; its motion starts at the instant `start` [s].
+
+    `whole` is the cost of the plan for the whole way, where this one was made on the way; its own
+    by default.
+    """
 
     problem: Problem
     solution: Solution
     start: float
+    whole: float | None = None
+
+    @property
+    def whole_cost(self) -> float:
+        """Cost of the whole way, of which this plan may be the last part."""
+        return self.solution.cost if self.whole is None else self.whole
 
     @property
     def end(self) -> float:

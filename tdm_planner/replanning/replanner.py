@@ -71,7 +71,7 @@ class Replanner:
         changed = not self.execution.same_question(problem, plan.problem)
         necessary = changed or bool(outlook.trouble)
         if not necessary and not worth_improving(
-            outlook, plan.solution, self.parameters.improvement
+            outlook, plan.whole_cost, self.parameters.improvement
         ):
             return Review(None, 'the plan in force does', outlook)
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
@@ -82,7 +82,11 @@ class Replanner:
         except TdmError as error:
             return Review(None, f'{error.code}: {error}', outlook, necessary, self._spent(began))
         decision = decide(outlook, changed, new, self.parameters.improvement)
-        taking_over = PlanInForce(new_problem, new, at) if decision.take_over else None
+        taking_over = None
+        if decision.take_over:
+            # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
+            whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
+            taking_over = PlanInForce(new_problem, new, at, whole)
         return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
 
     def _solve(
