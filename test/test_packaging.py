@@ -124,6 +124,13 @@ def test_wheel_holds_every_module(wheel: zipfile.ZipFile):
     assert not {name for name in names if name.startswith(('test/', 'benchmark/', 'tools/'))}
 
 
+def test_wheel_holds_what_reports_are_made_of(wheel: zipfile.ZipFile):
+    folder = Path('tdm_sim', 'report', 'assets')
+    assets = {str(folder / path.name) for path in (SOURCE / folder).iterdir()}
+    assert str(folder / 'page.html') in assets
+    assert assets <= set(wheel.namelist())
+
+
 def test_wheel_holds_shared_files_and_index_marker(wheel: zipfile.ZipFile):
     prefix = f'tdm_planner-{tdm_planner.__version__}.data/data/share/'
     names = {n.removeprefix(prefix) for n in wheel.namelist() if n.startswith(prefix)}
