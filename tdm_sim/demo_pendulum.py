@@ -25,6 +25,7 @@ from tdm_planner.nodes.messages import (
     pendulum_trajectory,
     seconds_of,
 )
+from tdm_planner.plan_files import finite
 from tdm_planner.plan_margins import plan_margins
 from tdm_planner.plotting import Measurement, plot_limits, plot_trajectory
 from tdm_planner.problems import PendulumSwingUp
@@ -150,6 +151,8 @@ class PendulumScene(Scene):
             **self.figures(self.problem.name),
             **self.trajectory.to_dict(),
             'verification': self.problem.task.verify(self.trajectory).to_dict(),
+            'summary': str(self.answer['summary']),
+            'parameters': finite(self.problem.to_parameters()),
         }
 
     def draw(self, path: Path) -> None:

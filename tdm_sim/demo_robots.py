@@ -23,6 +23,7 @@ from tdm_planner.measured_robot import MeasuredRobot
 from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
 from tdm_planner.nodes.robot_messages import odometry_state, ROBOT_JOINTS, robot_trajectory
 from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.plan_files import finite
 from tdm_planner.plan_margins import plan_margins
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.problems.robot_formation import RobotFormation
@@ -262,6 +263,8 @@ class RobotsScene(Scene):
                 for name, plan in self.plans.items()
             },
             'verification': check.overall.to_dict(),
+            'summary': str(self.answer['summary']),
+            'parameters': finite(self.problem.to_parameters()),
         }
 
     def draw(self, path: Path) -> None:

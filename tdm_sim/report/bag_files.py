@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, NamedTuple
 
 from tdm_planner.exceptions import TdmError
+from tdm_sim.report import untrusted
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
@@ -185,7 +186,10 @@ def _stated_size(path: Path) -> int:
 
 
 def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
-    import zstandard
+    try:
+        import zstandard
+    except ImportError:
+        raise _without('zstandard', packed) from None
 
     with packed.open('rb') as source, plain.open('wb') as target:
         stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
@@ -196,16 +200,20 @@ def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
             notes.append(f'{packed.name} is damaged: it was unpacked as far as it goes.')
 
 
+def _without(package: str, path: Path) -> UnreadableRecording:
+    return UnreadableRecording(
+        f"'{untrusted.text(path.name)}' was not closed; reading it needs the Python package "
+        f"'{package}', which is not installed: 'pip install {package}'"
+    )
+
+
 def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
     try:
         from mcap.exceptions import InvalidMagic
         from mcap.records import Channel, Chunk, Footer, Message, Schema
         from mcap.stream_reader import breakup_chunk, StreamReader
     except ImportError:
-        raise UnreadableRecording(
-            f"'{path.name}' was not closed; reading it needs the Python package 'mcap', which is "
-            "not installed: 'pip install mcap'"
-        ) from None
+        raise _without('mcap', path) from None
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str, bool]] = {}
     lost, complete = 0, False
