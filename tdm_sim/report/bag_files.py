@@ -147,7 +147,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _sidecars(path: Path) -> list[Path]:
-    """What SQLite has not yet moved into a file that was not closed."""
+    """Return what SQLite has not yet moved into a file that was not closed."""
     beside = [path.with_name(path.name + ending) for ending in _SIDECARS]
     return [file for file in beside if file.is_file() and file.stat().st_size]
 
@@ -209,47 +209,55 @@ def _without(package: str, path: Path) -> UnreadableRecording:
 
 def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
     try:
-        from mcap.exceptions import InvalidMagic
-        from mcap.records import Channel, Chunk, Footer, Message, Schema
-        from mcap.stream_reader import breakup_chunk, StreamReader
+        from mcap.records import Channel, Message, Schema
     except ImportError:
         raise _without('mcap', path) from None
+    topics: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
-    channels: dict[int, tuple[str, str, bool]] = {}
-    lost, complete = 0, False
+    for record in _mcap_records(path, notes):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            topics[record.id] = record.topic, schemas.get(record.schema_id, '')
+        elif isinstance(record, Message) and record.channel_id in topics:
+            topic, kind = topics[record.channel_id]
+            if wanted(topic, kind):
+                with suppress(Exception):  # of a compressed message that is damaged
+                    yield Raw(topic, kind, record.log_time, unpacked(record.data))
+
+
+def _mcap_records(path: Path, notes: list[str]) -> Iterator[Any]:
+    """Read records from the beginning as far as they go; blocks that are damaged are left out."""
+    from mcap.exceptions import InvalidMagic
+    from mcap.records import Chunk, Footer
+    from mcap.stream_reader import breakup_chunk, StreamReader
+
+    lost, complete, begun = 0, False, False
     with path.open('rb') as file:
-        records = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD).records
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
+        records = iter(reader.records)
         while True:
             try:
-                record: Any = next(records)
-            except StopIteration:
-                break
-            except InvalidMagic:
-                # of the beginning or, where the footer has been read, of the end
-                if not (schemas or channels or complete):
+                record = next(records, None)
+            except InvalidMagic:  # of the beginning or, where there was a footer, of the end
+                if not begun:
                     notes.append(f'{path.name} is not an MCAP file.')
+                    return
                 break
             except Exception:  # the library raises many kinds where a file ends in the middle
                 break
-            complete = complete or isinstance(record, Footer)
-            parts = [record]
-            if isinstance(record, Chunk):
-                try:
-                    parts = breakup_chunk(record, validate_crc=True)
-                except Exception:  # as many kinds for a chunk that is damaged
-                    lost += 1
-                    continue
-            for part in parts:
-                if isinstance(part, Schema):
-                    schemas[part.id] = part.name
-                elif isinstance(part, Channel):
-                    kind = schemas.get(part.schema_id, '')
-                    channels[part.id] = part.topic, kind, wanted(part.topic, kind)
-                elif isinstance(part, Message) and part.channel_id in channels:
-                    topic, kind, is_wanted = channels[part.channel_id]
-                    if is_wanted:
-                        with suppress(Exception):  # of a compressed message that is damaged
-                            yield Raw(topic, kind, part.log_time, unpacked(part.data))
+            if record is None:
+                break
+            begun, complete = True, complete or isinstance(record, Footer)
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            try:
+                parts = breakup_chunk(record, validate_crc=True)
+            except Exception:  # as many kinds for a block that is damaged
+                lost += 1
+                continue
+            yield from parts
     if lost:
         notes.append(f'{path.name}: {lost} damaged block(s) of messages were left out.')
     if not complete:
