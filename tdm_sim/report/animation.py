@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.palette import COLOURS
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.report.embedding import packed
@@ -27,6 +26,7 @@ MOST_POSES = 6000  # frames of all vehicles together
 _PENDULUM = ('theta', 'psi', 'torque')
 _ROBOT = ('x', 'y', 'yaw', 'alpha', 'thrust')
 _ANGLES = ('yaw', 'alpha')
+_LONGEST_GAP, _GAP_RATIO = 0.25, 5.0  # s; of the time between samples
 
 
 def scene(mission: Mission) -> dict[str, Any] | None:
@@ -80,19 +80,22 @@ def measured_frames(vehicle: Vehicle, times: Array, names: Sequence[str]) -> Fra
 
 def _read(name: str, times: Array, *sources: Signals | None) -> Array:
     for signals in sources:
-        if signals is not None and name in signals and signals.times.size:
-            values = signals.column(name)
-            known = np.isfinite(values)
-            if not known.any():
-                break
-            values = values[known]
-            if name in _ANGLES:
-                values = np.unwrap(values)
-            result: Array = np.interp(
-                times, signals.times[known], values, left=np.nan, right=np.nan
-            )
-            return result
+        if signals is not None and name in signals:
+            return _between(times, signals.times, signals.column(name), name in _ANGLES)
     return np.full(times.size, np.nan)
+
+
+def _between(times: Array, instants: Array, values: Array, angle: bool) -> Array:
+    """Read a history at `times`, NaN outside and in the midst of gaps."""
+    known = np.isfinite(values)
+    instants, values = instants[known], values[known]
+    if instants.size < 2:
+        return np.full(times.size, np.nan)
+    found = np.interp(times, instants, np.unwrap(values) if angle else values)
+    gap = max(_LONGEST_GAP, _GAP_RATIO * float(np.median(np.diff(instants))))
+    after = np.clip(np.searchsorted(instants, times), 1, instants.size - 1)
+    outside = (times < instants[0]) | (times > instants[-1])
+    return np.where(outside | (np.diff(instants)[after - 1] > gap), np.nan, found)
 
 
 def _columns(frames: Mapping[str, Array] | None) -> dict[str, Any] | None:

@@ -125,6 +125,8 @@ def _key(mission: Mission, scene: str) -> str:
             'stroke="currentColor"></path>',
         }
     absent = set() if mission.was_carried_out else {'travelled', 'measured'}
+    if not any(vehicle.plans for vehicle in mission.vehicles):
+        absent |= {'planned', 'planned path', 'goal'}
     if mission.number('limits.disk_angle') is None:
         absent.add('limit of the disk')
     items = ''.join(

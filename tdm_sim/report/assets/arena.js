@@ -67,7 +67,7 @@ function arenaScene(scene, holder) {
 
   function drawPaths(robot) {
     if (robot.planned) {
-      const path = pathOf(robot.planned);
+      const path = pathOf(robot.planned).filter(Boolean);
       draw(svg, 'polyline', { class: 'path', points: pointList(path), style: `stroke: var(--c${robot.colour})` });
     }
     if (robot.goal) {
@@ -83,7 +83,7 @@ function arenaScene(scene, holder) {
   function pathOf(columns, until = Infinity) {
     const path = [];
     for (let k = 0; k < columns.x.length && k <= until; k++) {
-      if (Number.isFinite(columns.x[k])) path.push(at(columns.x[k], columns.y[k]));
+      path.push(Number.isFinite(columns.x[k]) ? at(columns.x[k], columns.y[k]) : null);
     }
     return path;
   }
@@ -92,7 +92,7 @@ function arenaScene(scene, holder) {
     const alone = kind === 'planned' && named ? ' alone' : '';
     const group = draw(svg, 'g', { class: `robot ${kind}${alone}`, 'data-robot': index,
       style: `stroke: var(--c${robot.colour}); fill: var(--c${robot.colour})` });
-    const trail = kind === 'measured' ? draw(group, 'polyline', { class: 'trail' }) : null;
+    const trail = kind === 'measured' ? draw(group, 'path', { class: 'trail' }) : null;
     const body = draw(group, 'g', { class: 'body' });
     const half = scale * (scene.separation || 0.3) / 2;
     const r = half * 0.62;
@@ -127,7 +127,7 @@ function arenaScene(scene, holder) {
     body.body.setAttribute('transform',
       `translate(${cx.toFixed(2)} ${cy.toFixed(2)}) rotate(${(-turn * 180 / Math.PI).toFixed(2)})`);
     body.plume.setAttribute('points', plume(body, alpha, thrust));
-    if (body.trail) body.trail.setAttribute('points', pointList([...pathOf(columns, index), [cx, cy]]));
+    if (body.trail) body.trail.setAttribute('d', way([...pathOf(columns, index), [cx, cy]]));
     body.centre = [cx, cy];
   }
 

@@ -162,6 +162,7 @@ function chartView(chart, clock) {
       list.appendChild(item);
       legend.push({ button, swatch, group, name, meta });
     }
+    list.classList.toggle('many', entries.size > 14);
     node.before(list);
   }
 

@@ -47,6 +47,20 @@ function pointList(points) {
   return points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(' ');
 }
 
+// The way through points, with gaps where there is none.
+function way(points) {
+  let pen = 'M';
+  return points.map((point) => {
+    if (!point) {
+      pen = 'M';
+      return '';
+    }
+    const step = `${pen}${point[0].toFixed(1)} ${point[1].toFixed(1)}`;
+    pen = 'L';
+    return step;
+  }).join('');
+}
+
 function show(element, visible) {
   element.style.display = visible ? '' : 'none';
 }

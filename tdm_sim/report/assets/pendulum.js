@@ -16,7 +16,6 @@ function pendulumScene(scene, holder) {
   const motion = { planned: unpackColumns(scene.planned), measured: unpackColumns(scene.measured) };
   const times = unpack(scene.times);
   const reach = Math.hypot(scene.arm, scene.rod);
-  const leading = motion.measured ? 'measured' : 'planned';
   const tips = {};
   for (const [kind, columns] of Object.entries(motion)) {
     if (!columns) continue;
@@ -42,7 +41,8 @@ function pendulumScene(scene, holder) {
         view.move(kind, theta, psi, torque, tips[kind].slice(0, index + 1));
       }
     }
-    const now = motion[leading];
+    const known = (columns) => columns && Number.isFinite(valueAt(times, columns.theta, t));
+    const now = known(motion.measured) ? motion.measured : motion.planned || motion.measured;
     readings.textContent = [['theta', 'θ', 'rad', 3], ['psi', 'ψ', 'rad', 3],
       ['torque', 'T', 'N m', 4]].map(([name, symbol, unit, digits]) => {
       const value = valueAt(times, now[name], t);
@@ -125,7 +125,7 @@ function pendulumView(scene, holder, name, reach, project) {
     const group = draw(svg, 'g', { class: `rig ${kind}` });
     return {
       group,
-      trail: kind === 'measured' ? draw(group, 'polyline', { class: 'trail' }) : null,
+      trail: kind === 'measured' ? draw(group, 'path', { class: 'trail' }) : null,
       arm: draw(group, 'line', { class: 'arm' }),
       torque: name === 'top' ? draw(group, 'path', { class: 'torque' }) : null,
       rod: draw(group, 'line', { class: 'rod' }),
@@ -145,7 +145,7 @@ function pendulumView(scene, holder, name, reach, project) {
     place(body.rod, { x1: px, y1: py, x2: x, y2: y });
     place(body.pivot, { cx: px, cy: py });
     place(body.tip, { cx: x, cy: y });
-    if (body.trail) place(body.trail, { points: pointList(trail.filter(Boolean).map(at)) });
+    if (body.trail) place(body.trail, { d: way(trail.map((tip) => tip && at(tip))) });
     if (body.torque) place(body.torque, { d: torqueArrow(psi, torque) });
   }
 
