@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import re
@@ -25,6 +25,7 @@ from tdm_sim.report.plan_documents import (
     read_summary,
 )
 from tdm_sim.report.recorded_events import events, statuses
+from tdm_sim.report.recorded_gaps import gaps
 from tdm_sim.report.recorded_plans import in_force, read_plans, TimedPlan
 from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
 from tdm_sim.report.recorded_vehicles import find_sites, measured, namespace_of, Site
@@ -161,7 +162,7 @@ def _mission(
     happened, left_out = events(topics, sites[0].planner, origin)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
-    notes += _missing(topics, sites, vehicles, summaries, figures, names)
+    notes += gaps(topics, sites, vehicles, summaries, figures, names)
     parameters = next((f.parameters for f in reversed(figures) if f.parameters), {})
     return Mission(
         title=_TITLES.get(sites[0].plant, names[sites[0]]),
@@ -289,62 +290,3 @@ def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
                     first.setdefault(name, int(count))
                     last[name] = int(count)
     return {name: max(last[name] - first[name], 0) for name in last}
-
-
-_Topic = tuple[str, Callable[[Vehicle], object], str]
-
-_PENDULUM_TOPICS: tuple[_Topic, ...] = (
-    ('joint_states', lambda v: v.states, 'what the plant did is not known'),
-    ('joint_command', lambda v: v.commands, 'what the tracker asked for is not known'),
-    ('tracking_error', lambda v: v.tracking_error, 'errors are computed from states and plans'),
-)
-_ROBOT_TOPICS: tuple[_Topic, ...] = (
-    ('odom', lambda v: v.states, 'how the robot moved is not known'),
-    ('joint_states', lambda v: v.applied, 'what the actuators did is not known'),
-    *_PENDULUM_TOPICS[1:],
-)
-
-
-def _missing(
-    topics: RecordedTopics,
-    sites: Sequence[Site],
-    vehicles: Sequence[Vehicle],
-    summaries: Mapping[int, PlanSummary],
-    figures: Sequence[PlanFigures],
-    names: Mapping[Site, str],
-) -> list[str]:
-    """Say what is not in the recording, and what follows."""
-    found = []
-    for site, vehicle in zip(sites, vehicles, strict=True):
-        where = untrusted.text(site.namespace, 100)
-        expected = {'pendulum': _PENDULUM_TOPICS, 'robot': _ROBOT_TOPICS}.get(site.plant, ())
-        found += [
-            f'{where}/{name} is not in the recording, or empty: {consequence}.'
-            for name, of, consequence in expected
-            if of(vehicle) is None
-        ]
-        if not vehicle.plans:
-            found.append(f'There is no plan of {vehicle.name} in the recording.')
-    planner = untrusted.text(sites[0].planner, 100)
-    if not summaries:
-        known = (
-            'only what the diagnostics tell of the plans is known'
-            if figures
-            else ('neither cost nor margins of the plans are known')
-        )
-        found.append(
-            f'{planner}/plan_summary is not in the recording: {known}, and limits and dimensions '
-            'cannot be drawn.'
-        )
-    told = next(iter(summaries.values())).vehicles if summaries else {}
-    found += [
-        f'Nothing of {name}, which the plan names, is in the recording.'
-        for name in told
-        if name not in names.values()
-    ]
-    for counts, fault in (
-        (topics.malformed, 'are not what their type says and were left out'),
-        (topics.not_finite, 'hold values that are not finite, which were left out'),
-    ):
-        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
-    return found

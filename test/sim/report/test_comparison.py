@@ -9,10 +9,10 @@ from mission_bags import robot_parameters
 import numpy as np
 from page_missions import DURATION, pendulum_mission, robot_plan, robot_states, robots_mission
 import pytest
-
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.report.comparison import compare, Comparison, Entry, missed_deadlines
+from tdm_sim.report.comparison import compare, Comparison, Entry
+from tdm_sim.report.limit_entries import missed_deadlines
 from tdm_sim.report.margins import MOST_PAIRS, separations
 from tdm_sim.report.mission import (
     Event,

@@ -1,0 +1,154 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of reaching the goal: when, at what cost, with which error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import math
+
+import numpy as np
+from scipy.integrate import trapezoid
+from tdm_sim.report.entries import Entry
+from tdm_sim.report.margins import Limits
+from tdm_sim.report.mission import Mission, Vehicle
+from tdm_sim.report.outcome import landing_errors
+
+
+def _several(mission: Mission) -> str:
+    count = len(mission.figures)
+    return f'planned: the first of {count} plans' if count > 1 else ''
+
+
+def duration_entries(mission: Mission, arrivals: Mapping[str, float | None]) -> Iterator[Entry]:
+    """When the goal was reached for good, counted from the start of the first plan."""
+    rows = []
+    for vehicle in mission.vehicles:
+        if vehicle.plans:
+            reached = arrivals[vehicle.name]
+            start = vehicle.plans[0].start
+            note = 'the goal was not held to the end' if reached == math.inf else ''
+            rows.append(
+                Entry(
+                    kind='duration',
+                    name='time to the goal',
+                    unit='s',
+                    planned=vehicle.plans[0].trajectory.duration,
+                    achieved=None
+                    if reached is None or math.isinf(reached)
+                    else max(reached - start, 0.0),
+                    planned_at=vehicle.plans[0].end,
+                    achieved_at=None if reached is None or math.isinf(reached) else reached,
+                    vehicle=vehicle.name,
+                    note=note or _several(mission),
+                )
+            )
+    if len(rows) > 1:
+        done = [row.achieved for row in rows if row.achieved is not None]
+        yield Entry(
+            kind='duration',
+            name='time until all are at the goal',
+            unit='s',
+            planned=max(row.planned for row in rows if row.planned is not None),
+            achieved=max(done) if len(done) == len(rows) else None,
+            note=_several(mission),
+        )
+    yield from rows
+
+
+def cost_entries(
+    mission: Mission, limits: Limits, arrivals: Mapping[str, float | None]
+) -> Iterator[Entry]:
+    """Yield performance index and its terms, as planned and for the motion as it was measured."""
+    figures = mission.figures[0] if mission.figures else None
+    planned = {} if figures is None else dict(figures.cost_terms)
+    achieved = _achieved_terms(mission, limits, arrivals)
+    total = sum(achieved.values()) if achieved else None
+    if figures is None or figures.cost is None:
+        return
+    unit = 's' if mission.problem == 'pendulum_swing_up' else ''
+    yield Entry('cost', 'cost J', unit, figures.cost, total, note=_several(mission))
+    if len(planned) > 1 or len(achieved) > 1:
+        for name in dict.fromkeys([*planned, *achieved]):
+            yield Entry('cost', f'cost: {name}', unit, planned.get(name), achieved.get(name))
+
+
+def _achieved_terms(
+    mission: Mission, limits: Limits, arrivals: Mapping[str, float | None]
+) -> dict[str, float]:
+    """Terms of J for the measured motion until the goal was held; empty where not known."""
+    times = {}
+    for vehicle in mission.vehicles:
+        reached = arrivals[vehicle.name]
+        if reached is None or math.isinf(reached):
+            return {}
+        times[vehicle.name] = max(reached - vehicle.plans[0].start, 0.0)
+    if mission.problem == 'pendulum_swing_up' and len(times) == 1:
+        return {'time': next(iter(times.values()))}
+    task = limits.formation
+    if task is None or set(task.names) != set(times):
+        return {}
+    by_name = {vehicle.name: vehicle for vehicle in mission.vehicles}
+    gas = [_gas(by_name[name], times[name]) for name in task.names]
+    if any(value is None for value in gas):
+        return {}
+    arrived = np.array([times[name] for name in task.names])
+    return task.cost_terms(arrived, np.array(gas, dtype=float) / task.plant.mass)
+
+
+def _gas(robot: Vehicle, duration: float) -> float | None:
+    """Return the integral of the thrust [N s] until the goal is reached, or was to be."""
+    if robot.controls is None or 'thrust' not in robot.controls:
+        return None
+    start = robot.plans[0].start
+    during = robot.controls.between(start, max(start + duration, robot.plans[-1].end))
+    thrust = during.column('thrust')
+    known = np.isfinite(thrust)
+    return float(trapezoid(thrust[known], during.times[known])) if known.any() else None
+
+
+def landing_entries(mission: Mission) -> Iterator[Entry]:
+    """Where the vehicle was when the last plan was to end."""
+    said = mission.figures[-1].terminal_error if mission.figures else {}
+    for vehicle in mission.vehicles:
+        plan = vehicle.plan
+        if plan is None:
+            continue
+        errors: dict[str, float | None] = {**landing_errors(vehicle)}
+        planned = {
+            name: said.get(name, said.get(f'{vehicle.name}.{name}'))
+            for name in plan.trajectory.state_names
+        }
+        units = plan.trajectory.units
+        if vehicle.plant == 'robot':
+            planned, errors = _polar(planned), _polar(errors)
+            units = {'position': 'm', 'velocity': 'm/s', 'yaw': 'rad', 'omega': 'rad/s'}
+        for name in dict.fromkeys([*planned, *errors]):
+            if planned.get(name) is None and name not in errors:
+                continue
+            yield Entry(
+                kind='landing',
+                name=f'error of {name} at the planned end',
+                unit=units.get(name, ''),
+                planned=planned.get(name),
+                achieved=errors.get(name),
+                achieved_at=plan.end,
+                vehicle=vehicle.name,
+            )
+
+
+def _polar(errors: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Return errors of position and velocity as lengths."""
+
+    def length(*names: str) -> float | None:
+        values = [errors.get(name) for name in names]
+        known = [value for value in values if value is not None]
+        return math.hypot(*known) if len(known) == len(values) else None
+
+    found = {
+        'position': length('x', 'y'),
+        'velocity': length('u', 'v'),
+        'yaw': errors.get('yaw'),
+        'omega': errors.get('omega'),
+    }
+    return {name: value for name, value in found.items() if value is not None}
