@@ -71,7 +71,7 @@ def pumping_durations(
     task: SwingUpTask, rng: np.random.Generator, count: int, most: int
 ) -> tuple[Array, Integers]:
     """Half swings that grow slower as they grow larger, then a few random arcs to the top."""
-    arcs = rng.integers(FEWEST_ARCS + 1, most + 1, size=count)
+    arcs = rng.integers(min(FEWEST_ARCS + 1, most), most + 1, size=count)
     index = np.arange(most)
     swing = math.pi / task.plant.natural_frequency * rng.uniform(0.5, 1.3, size=(count, 1))
     growth = rng.uniform(-0.05, 0.15, size=(count, 1)) * index

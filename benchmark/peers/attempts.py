@@ -1,0 +1,110 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""One solver, one case: what came out; and the figures of many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What a solver made of a case.
+
+    `solved`: the controls, flown through the true dynamics, reach the goal within limits;
+    `converged`: the solver says it is done. `seconds` is processor time, of the solver alone for
+    peers (without building expressions, guessing and judging); `cost` that of the motion flown;
+    `iterations` of the solver, evaluations of the dynamics along a candidate for this package.
+    """
+
+    case: int
+    converged: bool
+    solved: bool
+    seconds: float
+    iterations: int | None
+    cost: float | None
+    reason: str = ''
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        return asdict(self)
+
+
+Method = Callable[[int], Attempt]
+
+
+def best_of(attempts: Sequence[Attempt]) -> Attempt:
+    """Return what trying several guesses gives: the cheapest that is solved, all their time."""
+    solved = [a for a in attempts if a.solved]
+    iterations = [a.iterations for a in attempts if a.iterations is not None]
+    return Attempt(
+        case=attempts[0].case,
+        converged=any(a.converged for a in attempts),
+        solved=bool(solved),
+        seconds=sum(a.seconds for a in attempts),
+        iterations=sum(iterations) if iterations else None,
+        cost=min((a.cost for a in solved if a.cost is not None), default=None),
+        reason='' if solved else attempts[0].reason,
+    )
+
+
+def alternate(
+    methods: Mapping[str, Method],
+    cases: Sequence[int],
+    limits: Mapping[str, int],
+    report: Callable[[str], None],
+) -> dict[str, list[Attempt]]:
+    """Solve every case by every method in turn, each time beginning with another one.
+
+    `limits` holds how many of the cases a slow method is given, by name.
+    """
+    names = list(methods)
+    found: dict[str, list[Attempt]] = {name: [] for name in names}
+    for count, case in enumerate(cases):
+        turn = count % len(names)
+        for name in names[turn:] + names[:turn]:
+            if count < limits.get(name, len(cases)):
+                report(f'case {count + 1} of {len(cases)}: {name}')
+                found[name].append(methods[name](case))
+    return found
+
+
+def summary(attempts: Sequence[Mapping[str, Any]], known: Mapping[int, float]) -> dict[str, Any]:
+    """Figures of attempts (as dictionaries), costs relative to the best `known`."""
+    solved = [a for a in attempts if a['solved']]
+    ratios = np.array([a['cost'] / known[a['case']] for a in solved if a['case'] in known])
+    seconds = np.array([a['seconds'] for a in attempts])
+    iterations = [a['iterations'] for a in solved if a['iterations'] is not None]
+    count = len(attempts)
+    return {
+        'cases': count,
+        'converged': sum(a['converged'] for a in attempts) / count,
+        'solved': len(solved) / count,
+        'near': float((ratios <= 1.02).sum()) / count if ratios.size else None,
+        'ratio_median': float(np.median(ratios)) if ratios.size else None,
+        'ratio_p95': float(np.quantile(ratios, 0.95)) if ratios.size else None,
+        'ms_median': 1e3 * float(np.median(seconds)),
+        'ms_p95': 1e3 * float(np.quantile(seconds, 0.95)),
+        'iterations': float(np.median(iterations)) if iterations else None,
+    }
+
+
+def against(
+    ours: Sequence[Mapping[str, Any]], theirs: Sequence[Mapping[str, Any]]
+) -> dict[str, float | None]:
+    """Medians of their time and cost over ours: time on the same cases, cost where both solve."""
+    mine = {a['case']: a for a in ours}
+    times = [a['seconds'] / mine[a['case']]['seconds'] for a in theirs]
+    costs = [
+        a['cost'] / mine[a['case']]['cost']
+        for a in theirs
+        if a['solved'] and mine[a['case']]['solved']
+    ]
+    return {
+        'time': float(np.median(times)) if times else None,
+        'cost': float(np.median(costs)) if costs else None,
+    }

@@ -1,0 +1,85 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a solution is one: its controls flown through the true dynamics, as every plan's are.
+
+The replay takes nothing from a peer but its controls: whoever applies them ends where it ends. The
+tolerances are wider than those that plans of this package must keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.problems.formation_search import gas_used
+from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_verification import (
+    common_states,
+    robot_constraints,
+    separation_constraints,
+)
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import check, Constraint, verify
+
+Array = NDArray[np.float64]
+
+# rad, rad/s: from there a linear feedback holds the pendulum.
+PENDULUM_TOLERANCE = np.array([0.05, 0.05, 0.5, 0.5])
+DISK_SLACK = 0.01  # rad
+# m, m/s, rad, rad/s; the thruster's angle is free.
+ROBOT_TOLERANCE = np.array([0.02, 0.02, 0.01, 0.01, 0.05, 0.02, np.inf])
+DISTANCE_SLACK = 0.01  # m
+
+
+def judge_pendulum(task: SwingUpTask, motion: Trajectory) -> tuple[str, ...]:
+    """Reasons why a swing-up is none; empty if it lands and keeps the limits."""
+    constraints = (
+        Constraint(
+            'torque', lambda t, x, u: task.torque_limit - np.abs(u[:, 0]), 1e-9 * task.torque_limit
+        ),
+        Constraint('disk_angle', lambda t, x, u: task.disk_angle - np.abs(x[:, 1]), DISK_SLACK),
+    )
+    anywhere = np.full(4, np.inf)
+    return verify(
+        task.plant,
+        motion,
+        task.goal_nearest(motion.states[-1]),
+        PENDULUM_TOLERANCE,
+        constraints,
+        resolution=5e-3,
+        consistency=anywhere,
+    ).reasons
+
+
+def judge_formation(task: FormationTask, motions: Mapping[str, Trajectory]) -> tuple[str, ...]:
+    """Reasons why a manoeuvre is none; empty if all robots land, keep limits and stay apart."""
+    goal = np.concatenate([task.goal, np.zeros((task.n, 2)), task.goal_yaw[:, None]], axis=1)
+    reasons: list[str] = []
+    for i, name in enumerate(task.names):
+        constraints = [
+            Constraint(c.name, c.margin, DISTANCE_SLACK if c.unit == 'm' else c.tolerance, c.unit)
+            for c in robot_constraints(task)
+        ]
+        reasons += verify(
+            task.plant,
+            motions[name],
+            np.array([*goal[i], 0.0, 0.0]),
+            ROBOT_TOLERANCE,
+            constraints,
+            resolution=0.02,
+            consistency=np.full(7, np.inf),
+        ).reasons
+    apart = [
+        Constraint(c.name, c.margin, DISTANCE_SLACK, c.unit) for c in separation_constraints(task)
+    ]
+    return (*reasons, *check(apart, *common_states(task, motions))[2])
+
+
+def formation_cost(task: FormationTask, motions: Mapping[str, Trajectory]) -> float:
+    """J of (28), from the arrival times and the thrust that is flown."""
+    arrivals = np.array([motions[name].duration for name in task.names])
+    gas = np.array([gas_used(task.plant, motions[name]) for name in task.names])
+    return sum(task.cost_terms(arrivals, gas).values())

@@ -1,0 +1,128 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measure this package and its peers side by side, on one core.
+
+python -m benchmark.peers.measure --cases 100 --output FILE.json
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import importlib.metadata
+import importlib.util
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from benchmark.peers import memory, scaling
+from benchmark.peers.attempts import alternate, Attempt, best_of
+from benchmark.peers.pendulum_cases import (
+    best_known,
+    DRAKE,
+    DRAKE_CASES,
+    GUESSES,
+    PendulumCases,
+)
+from benchmark.peers.robots_cases import BOWS, RobotsCases
+from benchmark.pendulum import REGIMES
+from benchmark.robots import references
+from tdm_sim.progress import make_progress, Progress
+
+Report = Callable[[str], None]
+BEST = 'collocation, best of 3 guesses'
+
+
+def measure(cases: int, progress: Progress) -> dict[str, Any]:
+    """Return everything as JSON holds it."""
+    figures: dict[str, Any] = {'cases': cases, 'versions': versions(), 'problems': {}}
+    problems = figures['problems']
+    for regime in REGIMES:
+        progress.phase(f'pendulum, {regime} torque: {cases} random states')
+        pendulum = PendulumCases(regime)
+        found = alternate(pendulum.methods(), range(cases), {DRAKE: DRAKE_CASES}, progress.update)
+        problems[f'pendulum, {regime} torque'] = _problem(found, list(GUESSES), best_known(regime))
+        problems[f'pendulum, {regime} torque']['build_s'] = pendulum.collocation.build_seconds
+        problems[f'pendulum, {regime} torque']['variables'] = pendulum.collocation.solver.variables
+    progress.phase(f'3 robots: {cases} random crossings')
+    robots = RobotsCases()
+    found = alternate(robots.methods(), range(cases), {}, progress.update)
+    problems['3 robots'] = _problem(found, list(BOWS), references())
+    problems['3 robots']['build_s'] = robots.collocation.build_seconds
+    problems['3 robots']['variables'] = robots.collocation.solver.variables
+    if importlib.util.find_spec('ruckig') is not None:
+        problems['3 robots']['bound'] = _bounds(robots, cases)
+    progress.phase('memory: one process a solver')
+    figures['memory_mb'] = {
+        problem: {solver: memory.peak(solver, problem) for solver in memory.SOLVERS}
+        for problem in memory.PROBLEMS
+    }
+    figures['memory_mb']['robots']['Drake'] = None
+    progress.phase('nodes of the collocation and of the quadrature')
+    figures['nodes'] = scaling.nodes(cases, progress.update)
+    progress.phase('number of varied parameters')
+    figures['parameters'] = scaling.parameters(cases, progress.update)
+    progress.phase('number of robots')
+    figures['teams'] = scaling.teams(cases, progress.update)
+    return figures
+
+
+def _problem(
+    found: dict[str, list[Attempt]], guesses: list[str], known: dict[int, float]
+) -> dict[str, Any]:
+    several = [
+        best_of(attempts) for attempts in zip(*(found[name] for name in guesses), strict=True)
+    ]
+    found = {**found, BEST: several}
+    return {
+        'attempts': {name: [a.to_dict() for a in attempts] for name, attempts in found.items()},
+        'known': {str(case): known[case] for case in known if case < len(several)},
+    }
+
+
+def _bounds(robots: RobotsCases, cases: int) -> list[dict[str, float]]:
+    from benchmark.peers.ruckig_bound import bound
+
+    found = []
+    for case in range(cases):
+        task = robots.problem(case).task
+        best = bound(task)
+        found.append(
+            {
+                'case': case,
+                'cost': best.cost,
+                'seconds': best.seconds,
+                'apart': best.separation / task.separation,
+            }
+        )
+    return found
+
+
+def versions() -> dict[str, str]:
+    """Versions of this package and of what it is compared with."""
+    names = ('tdm_planner', 'numpy', 'scipy', 'numba', 'daqp', 'casadi', 'drake', 'ruckig')
+    found = {}
+    for name in names:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = 'not installed'
+    return found
+
+
+def main() -> None:
+    """Measure and write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument('--cases', type=int, default=100, help='random cases of every problem')
+    parser.add_argument('--output', type=Path, required=True, help='JSON file to write')
+    arguments = parser.parse_args()
+    if hasattr(os, 'sched_setaffinity'):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    with make_progress() as progress:
+        figures = measure(arguments.cases, progress)
+    arguments.output.write_text(json.dumps(figures) + '\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,106 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The swing-up in the shortest time by Hermite-Simpson collocation: CasADi and Ipopt."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
+from benchmark.peers.pendulum_guesses import Guess
+from tdm_planner.plants import RotaryPendulum
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Array = NDArray[np.float64]
+
+_LONGEST = 200.0  # in 1 / w0
+_INSIDE = 0.9  # of the limit: torques of a first guess stay off their bounds
+
+
+def dynamics(plant: RotaryPendulum, torque: float) -> Any:
+    """Equations of motion with time in 1 / w0 and the control in units of `torque` [N m]."""
+    w0 = plant.natural_frequency
+    x, u = casadi.SX.sym('x', 4), casadi.SX.sym('u')
+    theta, psi = plant.accelerations(
+        casadi.sin(x[0]), casadi.cos(x[0]), x[2] * w0, x[3] * w0, u * torque
+    )
+    rates = casadi.vertcat(x[2], x[3], theta / w0**2, psi / w0**2)
+    return casadi.Function('f', [x, u], [rates])
+
+
+class PendulumCollocation:
+    """Swing-ups of one pendulum with one torque limit, on `intervals` equal intervals.
+
+    The variables are the states and torques at the nodes and the final time; rates and times are
+    in units of w0. `build_seconds` is the processor time of building program and solvers.
+    """
+
+    def __init__(self, task: SwingUpTask, intervals: int, **ipopt: Any) -> None:
+        began = time.process_time()
+        self.plant, self.torque, self.disk_angle = task.plant, task.torque, task.disk_angle
+        self.intervals = n = intervals
+        w0 = task.plant.natural_frequency
+        self.unit = np.array([1.0, 1.0, w0, w0])
+        x, u = casadi.MX.sym('x', 4, n + 1), casadi.MX.sym('u', 1, n + 1)
+        total = casadi.MX.sym('T')
+        rows, _ = defects(dynamics(self.plant, self.torque), x, u, casadi.repmat(total / n, 1, n))
+        program = {'x': casadi.veccat(x, u, total), 'f': total, 'g': casadi.vec(rows)}
+        self.solver = Solver(program, **ipopt)
+        self.build_seconds = time.process_time() - began
+
+    def solve(
+        self, start: Array, goal: Array, guess: Guess | Outcome, warm: bool = False
+    ) -> Outcome:
+        """Solve for a start and a goal (4,), from a guess or a neighbouring problem's outcome."""
+        near = guess if isinstance(guess, Outcome) else None
+        first = guess.x if isinstance(guess, Outcome) else self.variables(guess)
+        return self.solver.solve(first, self._bounds(start, goal), np.zeros(0), near, warm)
+
+    def _bounds(self, start: Array, goal: Array) -> Bounds:
+        n = self.intervals
+        upper = np.full((n + 1, 4), np.inf)
+        upper[:, 1] = self.disk_angle
+        lower = -upper
+        lower[0] = upper[0] = start / self.unit
+        lower[-1] = upper[-1] = goal / self.unit
+        ones, zeros = np.ones(n + 1), np.zeros(4 * n)
+        return Bounds(
+            np.concatenate([lower.ravel(), -ones, [0.1]]),
+            np.concatenate([upper.ravel(), ones, [_LONGEST]]),
+            zeros,
+            zeros,
+        )
+
+    def variables(self, guess: Guess) -> Array:
+        """Variables of the program at a guess."""
+        states, torques = guess.at(np.linspace(0.0, guess.duration, self.intervals + 1))
+        shares = np.clip(torques / self.torque, -_INSIDE, _INSIDE)
+        duration = guess.duration * self.unit[2]
+        return np.concatenate([(states / self.unit).ravel(), shares, [duration]])
+
+    def trajectory(self, outcome: Outcome) -> Trajectory:
+        """The motion found, with the torques linear between its nodes."""
+        n = self.intervals
+        states = outcome.x[: 4 * (n + 1)].reshape(n + 1, 4) * self.unit
+        torques = np.clip(outcome.x[4 * (n + 1) : -1], -1.0, 1.0) * self.torque
+        return linear_motion(self.plant, outcome.x[-1] / self.unit[2], states, torques)
+
+
+def linear_motion(
+    plant: RotaryPendulum, duration: float, states: Array, torques: Array
+) -> Trajectory:
+    """A trajectory on equal intervals, its torque linear between the samples."""
+    return Trajectory(
+        times=to_nanoseconds(np.linspace(0.0, duration, len(torques))),
+        states=states,
+        controls=torques[:, None],
+        state_names=plant.state_names,
+        control_names=plant.control_names,
+        interpolation='linear',
+    )

@@ -1,0 +1,220 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The robots' formation by Hermite-Simpson collocation: CasADi and Ipopt.
+
+Every robot has all its states and controls at the nodes of common intervals: the time until the
+first arrival is one phase, each further arrival ends another. Separations are kept at nodes and
+middles by all pairs until the last robot has arrived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import itertools
+import time
+from typing import Any
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
+from tdm_planner.plants import FloatingRobot
+from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Array = NDArray[np.float64]
+
+_TIME = 10.0  # s, unit of time
+_STATE = np.array([1.0, 1.0, 1.0 / _TIME, 1.0 / _TIME, 1.0, 1.0 / _TIME, 1.0])
+_LONGEST = 120.0
+_SHORTEST_PHASE = 0.05
+
+
+@dataclass(frozen=True)
+class FormationGuess:
+    """Arrival times (n,) s, then states (M, 7) and controls (M, 3) of every robot's nodes."""
+
+    arrivals: Array
+    states: list[Array]
+    controls: list[Array]
+
+
+def dynamics(plant: FloatingRobot, limits: Array) -> Any:
+    """Equations (17) with time in 10 s and controls (3,) in units of their limits."""
+    x, u = casadi.SX.sym('x', 7), casadi.SX.sym('u', 3)
+    state, control = x * _STATE, u * limits
+    heading, push = state[4] + state[6], control[0] / plant.mass
+    rates = casadi.vertcat(
+        state[2],
+        state[3],
+        push * casadi.cos(heading),
+        push * casadi.sin(heading),
+        state[5],
+        control[2] / plant.inertia,
+        control[1],
+    )
+    return casadi.Function('f', [x, u], [rates * _TIME / _STATE])
+
+
+class FormationCollocation:
+    """Manoeuvres of n robots with the limits, arena and weights of `task`.
+
+    `first` intervals lead to the first arrival and `later` to each further one. Variables: the
+    phases' durations, what the sequence is off by, states and controls of every robot's nodes.
+    """
+
+    def __init__(self, task: FormationTask, first: int, later: int, **ipopt: Any) -> None:
+        began = time.process_time()
+        self.task, n = task, task.n
+        self.cells = np.array([first] + [later] * (n - 1))
+        self.limits = np.array(
+            [
+                task.thrust * task.plant.mass,
+                task.thruster_rate,
+                task.torque * task.plant.inertia,
+            ]
+        )
+        self.nodes = np.cumsum(self.cells) + 1
+        phases, off = casadi.MX.sym('phases', n), casadi.MX.sym('off', n)
+        goals = casadi.MX.sym('goals', 2, n)
+        x = [casadi.MX.sym(f'x{i}', 7, m) for i, m in enumerate(self.nodes)]
+        u = [casadi.MX.sym(f'u{i}', 3, m) for i, m in enumerate(self.nodes)]
+        lengths = casadi.horzcat(
+            *(casadi.repmat(phases[k] / c, 1, int(c)) for k, c in enumerate(self.cells))
+        )
+        f = dynamics(task.plant, self.limits)
+        equal, places, gas = [], [], 0
+        for i in range(n):
+            h = lengths[:, : int(self.nodes[i]) - 1]
+            rows, middle = defects(f, x[i], u[i], h)
+            equal.append(casadi.vec(rows))
+            parked = int(self.nodes[-1] - self.nodes[i])
+            stay = casadi.repmat(goals[:, i], 1, parked)
+            # Nodes, then middles, all until the last arrival.
+            places.append(casadi.horzcat(x[i][:2, 1:], stay, middle[:2, :], stay))
+            gas += casadi.sum2((u[i][0, :-1] + u[i][0, 1:]) / 2 * h) * _TIME * task.thrust
+        apart = [
+            casadi.sum1((places[i] - places[j]) ** 2).T / task.separation**2
+            for i, j in itertools.combinations(range(n), 2)
+        ]
+        gaps = phases[1:] - task.interval / _TIME
+        unequal = [*apart, off[1:] - gaps, off[1:] + gaps]
+        weights = task.weights
+        cost = weights[0] * phases[0] * _TIME + weights[2] * gas
+        cost += weights[1] * casadi.sum1(off[1:]) * _TIME
+        program = {
+            'x': casadi.veccat(phases, off, *itertools.chain(*zip(x, u, strict=True))),
+            'f': cost,
+            'g': casadi.veccat(*equal, *unequal),
+            'p': casadi.vec(goals),
+        }
+        self._equal = sum(int(row.numel()) for row in equal)
+        self._apart = sum(int(row.numel()) for row in apart)
+        self.solver = Solver(program, **ipopt)
+        self.build_seconds = time.process_time() - began
+
+    def solve(
+        self, task: FormationTask, guess: FormationGuess | Outcome, warm: bool = False
+    ) -> Outcome:
+        """Solve for starts and goals of `task`, from a guess or a neighbouring outcome."""
+        near = guess if isinstance(guess, Outcome) else None
+        first = guess.x if isinstance(guess, Outcome) else self.variables(guess)
+        return self.solver.solve(first, self._bounds(task), task.goal.ravel(), near, warm)
+
+    def _bounds(self, task: FormationTask) -> Bounds:
+        n = task.n
+        half = task.separation / 2
+        lower = [np.full(n, _SHORTEST_PHASE / _TIME), np.zeros(n)]
+        upper = [np.full(n, _LONGEST / _TIME), np.full(n, np.inf)]
+        lower[0][0] = 5.0 / _TIME
+        for i, m in enumerate(self.nodes):
+            high = np.full((m, 7), np.inf)
+            high[:, :2] = task.sides - half
+            low = -high
+            low[:, :2] = half
+            start = [*task.start[i], *task.velocity[i], task.yaw[i], task.yaw_rate[i]]
+            low[0, :6] = high[0, :6] = start / _STATE[:6]
+            low[-1, :6] = high[-1, :6] = [*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0]
+            if np.isfinite(task.alpha[i]):
+                low[0, 6] = high[0, 6] = task.alpha[i]
+            controls = np.ones((m, 3))
+            lower += [low.ravel(), (controls * [0.0, -1.0, -1.0]).ravel()]
+            upper += [high.ravel(), controls.ravel()]
+        left = self.solver.rows - self._equal - self._apart
+        return Bounds(
+            np.concatenate(lower),
+            np.concatenate(upper),
+            np.concatenate([np.zeros(self._equal), np.ones(self._apart), np.zeros(left)]),
+            np.concatenate([np.zeros(self._equal), np.full(self._apart + left, np.inf)]),
+        )
+
+    def instants(self, arrivals: Array, robot: int) -> Array:
+        """Instants of a robot's nodes [s]."""
+        edges = np.concatenate([[0.0], arrivals])[: robot + 2]
+        parts = [
+            np.linspace(edges[k], edges[k + 1], self.cells[k] + 1)[1:] for k in range(robot + 1)
+        ]
+        return np.concatenate([[0.0], *parts])
+
+    def variables(self, guess: FormationGuess) -> Array:
+        """Variables of the program at a guess."""
+        phases = np.maximum(np.diff(guess.arrivals, prepend=0.0), _SHORTEST_PHASE)
+        off = np.abs(phases - self.task.interval)
+        parts = [phases / _TIME, off / _TIME]
+        for states, controls in zip(guess.states, guess.controls, strict=True):
+            parts += [(states / _STATE).ravel(), (controls / self.limits).ravel()]
+        return np.concatenate(parts)
+
+    def trajectories(self, task: FormationTask, outcome: Outcome) -> dict[str, Trajectory]:
+        """The motions found, with controls linear between their nodes."""
+        n, plant = self.task.n, self.task.plant
+        arrivals = np.cumsum(outcome.x[:n]) * _TIME
+        found, place = {}, 2 * n
+        for i, (name, m) in enumerate(zip(task.names, self.nodes, strict=True)):
+            states = outcome.x[place : place + 7 * m].reshape(m, 7) * _STATE
+            controls = outcome.x[place + 7 * m : place + 10 * m].reshape(m, 3)
+            controls = np.clip(controls, [0.0, -1.0, -1.0], 1.0) * self.limits
+            place += 10 * m
+            found[name] = Trajectory(
+                times=to_nanoseconds(self.instants(arrivals, i)),
+                states=states,
+                controls=controls,
+                state_names=plant.state_names,
+                control_names=plant.control_names,
+                interpolation='linear',
+            )
+        return found
+
+    def guess_ways(self, task: FormationTask, bow: float, first: float = 33.0) -> FormationGuess:
+        """Quintic laws of time on the straight ways, bowed sideways by a share of them."""
+        arrivals = first + task.interval * np.arange(task.n)
+        states, controls = [], []
+        for i in range(task.n):
+            t = self.instants(arrivals, i)
+            s = np.polynomial.Polynomial([0.0, 1.0 / t[-1]])
+            share, bulge = 10 * s**3 - 15 * s**4 + 6 * s**5, 16 * s**2 * (1 - s) ** 2
+            way = task.goal[i] - task.start[i]
+            side = bow * np.array([-way[1], way[0]])
+            path = [task.start[i, k] + share * way[k] + bulge * side[k] for k in range(2)]
+            yaw = task.yaw[i] + share * (task.goal_yaw[i] - task.yaw[i])
+            x, y = path
+            push = np.hypot(x.deriv(2)(t), y.deriv(2)(t))
+            alpha = np.unwrap(np.arctan2(y.deriv(2)(t), x.deriv(2)(t))) - yaw(t)
+            columns = [x, y, x.deriv(), y.deriv(), yaw, yaw.deriv()]
+            states.append(np.stack([*(c(t) for c in columns), alpha], axis=1))
+            torque = yaw.deriv(2)(t) * task.plant.inertia
+            wanted = np.stack([push * task.plant.mass, np.gradient(alpha, t), torque], axis=1)
+            controls.append(np.clip(wanted, self.limits * [0.0, -1.0, -1.0], self.limits))
+        return FormationGuess(arrivals, states, controls)
+
+    def guess_plan(self, task: FormationTask, plan: Mapping[str, Trajectory]) -> FormationGuess:
+        """A plan as a guess."""
+        arrivals = np.maximum.accumulate([plan[name].duration for name in task.names])
+        states, controls = [], []
+        for i, name in enumerate(task.names):
+            sample = plan[name].sample(self.instants(arrivals, i))
+            states.append(sample.state)
+            controls.append(sample.control)
+        return FormationGuess(arrivals, states, controls)

@@ -1,0 +1,141 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of the peers' figures, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmark.peers.attempts import against, summary
+
+OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
+_BLANK = '-'
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table, its first column to the left, the others to the right."""
+    rule = ['---', *['---:'] * (len(head) - 1)]
+    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in (head, rule, *rows))
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure of a table, with `digits` that count."""
+    if value is None or not np.isfinite(value):
+        return _BLANK
+    if value == 0 or abs(value) >= 10 ** (digits - 1):
+        return f'{value:.0f}'
+    return f'{value:.{digits}g}'
+
+
+def share(value: float | None) -> str:
+    """A share in percent."""
+    return _BLANK if value is None else f'{100 * value:.0f} %'
+
+
+def ratio(value: float | None) -> str:
+    """A ratio of costs."""
+    return _BLANK if value is None or not np.isfinite(value) else f'{value:.3f}'
+
+
+def comparison(problem: Mapping[str, Any]) -> str:
+    """Every solver of one problem."""
+    known = {int(case): cost for case, cost in problem['known'].items()}
+    attempts = problem['attempts']
+    head = [
+        'solver', 'cases', 'converged', 'solved', 'within 1.02', 'cost / best known', 'p95',
+        'ms, median', 'p95', 'iterations', 'time / ours', 'cost / ours',
+    ]  # fmt: skip
+    rows = []
+    for name in sorted(attempts, key=lambda name: ('warm' in name, name != OURS)):
+        f = summary(attempts[name], known)
+        ours = OURS_WARM if 'warm' in name else OURS
+        relative = against(attempts[ours], attempts[name])
+        rows.append(
+            [
+                name,
+                str(f['cases']),
+                share(f['converged']),
+                share(f['solved']),
+                share(f['near']),
+                ratio(f['ratio_median']),
+                ratio(f['ratio_p95']),
+                number(f['ms_median']),
+                number(f['ms_p95']),
+                number(f['iterations']),
+                number(relative['time'], 2),
+                ratio(relative['cost']),
+            ]  # fmt: skip
+        )
+    return markdown(head, rows)
+
+
+def bound(problem: Mapping[str, Any]) -> str:
+    """One sentence on what Ruckig's motions say."""
+    found = problem.get('bound')
+    if not found:
+        return ''
+    costs = {item['case']: item['cost'] for item in found}
+    ours = [a for a in problem['attempts'][OURS] if a['solved']]
+    over = [a['cost'] / costs[a['case']] for a in ours]
+    clear = sum(item['apart'] >= 1.0 for item in found)
+    micro = 1e6 * float(np.median([item['seconds'] for item in found]))
+    return (
+        f'Ruckig along the straight ways ({micro:.0f} us for three robots) bounds J from below: '
+        f'plans of this package cost {np.median(over):.3f} of the bound in the median, '
+        f'{np.max(over):.3f} at most. The bound knows no collisions; its motions keep the '
+        f'separation in {clear} of {len(found)} crossings.'
+    )
+
+
+def scaling(rows: Sequence[Mapping[str, Any]], value: str, against_what: str) -> str:
+    """Time and cost over nodes, varied parameters or robots."""
+    head = [
+        'problem', 'solver', value, 'variables', 'cases', 'solved', 'ms, median',
+        f'cost / {against_what}', 'build, s',
+    ]  # fmt: skip
+    return markdown(
+        head,
+        [
+            [
+                row['section'], row['solver'], str(row['value']),
+                _BLANK if row['variables'] is None else str(row['variables']),
+                str(row['cases']), share(row['solved']), number(row['ms_median']),
+                ratio(row['ratio_median']), number(row.get('build_s'), 2),
+            ]
+            for row in rows
+        ],
+    )  # fmt: skip
+
+
+def memory(figures: Mapping[str, Mapping[str, float | None]]) -> str:
+    """Peak memory of every solver."""
+    solvers = list(next(iter(figures.values())))
+    rows = [[problem, *(number(found[s]) for s in solvers)] for problem, found in figures.items()]
+    return markdown(['MB', *('numpy alone' if s == 'none' else s for s in solvers)], rows)
+
+
+def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Headings and tables."""
+    found = []
+    for name, problem in figures['problems'].items():
+        parts = [comparison(problem), bound(problem)]
+        parts.append(
+            f'The program of the collocation has {problem["variables"]} variables; building it '
+            f'and its derivatives took {problem["build_s"]:.2f} s, once, not counted above.'
+        )
+        found.append((name, '\n\n'.join(part for part in parts if part)))
+    found.append(('Memory', memory(figures['memory_mb'])))
+    found.append(('Nodes', scaling(figures['nodes'], 'nodes', 'best known')))
+    found.append(
+        ('Varied parameters', scaling(figures['parameters'], 'order or arcs', 'best known'))
+    )
+    found.append(('Robots', scaling(figures['teams'], 'robots', 'ours')))
+    return found
+
+
+def text(figures: Mapping[str, Any]) -> str:
+    """All tables."""
+    return '\n\n'.join(f'{heading}\n\n{body}' for heading, body in sections(figures))
