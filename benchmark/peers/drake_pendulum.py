@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import time
 from typing import Any
 
+from benchmark.peers.pendulum_collocation import linear_motion
+from benchmark.peers.pendulum_guesses import Guess
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.all import (
@@ -28,9 +30,6 @@ from pydrake.all import (
     SpatialInertia,
     UnitInertia,
 )
-
-from benchmark.peers.pendulum_collocation import linear_motion
-from benchmark.peers.pendulum_guesses import Guess
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory

@@ -12,17 +12,15 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import (
-    common_states,
     robot_constraints,
     separation_constraints,
 )
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, verify
+from tdm_planner.verification import check, Constraint, replay, verify
 
 Array = NDArray[np.float64]
 
@@ -32,6 +30,7 @@ DISK_SLACK = 0.01  # rad
 # m, m/s, rad, rad/s; the thruster's angle is free.
 ROBOT_TOLERANCE = np.array([0.02, 0.02, 0.01, 0.01, 0.05, 0.02, np.inf])
 DISTANCE_SLACK = 0.01  # m
+_RESOLUTION = 0.02  # s
 
 
 def judge_pendulum(task: SwingUpTask, motion: Trajectory) -> tuple[str, ...]:
@@ -69,13 +68,26 @@ def judge_formation(task: FormationTask, motions: Mapping[str, Trajectory]) -> t
             np.array([*goal[i], 0.0, 0.0]),
             ROBOT_TOLERANCE,
             constraints,
-            resolution=0.02,
+            resolution=_RESOLUTION,
             consistency=np.full(7, np.inf),
         ).reasons
     apart = [
         Constraint(c.name, c.margin, DISTANCE_SLACK, c.unit) for c in separation_constraints(task)
     ]
-    return (*reasons, *check(apart, *common_states(task, motions))[2])
+    times, states = _together(task, motions)
+    return (*reasons, *check(apart, times, states, np.zeros((times.size, 3 * task.n)))[2])
+
+
+def _together(task: FormationTask, motions: Mapping[str, Trajectory]) -> tuple[Array, Array]:
+    """Common instants and the replayed states (n_times, n 7); who has arrived is parked."""
+    last = max(motion.duration for motion in motions.values())
+    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    states = []
+    for name in task.names:
+        own = np.union1d(times[times <= motions[name].duration], motions[name].times[-1])
+        flown = replay(task.plant, motions[name], own)
+        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
+    return times, np.concatenate(states, axis=1)
 
 
 def formation_cost(task: FormationTask, motions: Mapping[str, Trajectory]) -> float:

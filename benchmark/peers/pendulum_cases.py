@@ -11,9 +11,6 @@ import json
 from pathlib import Path
 import time
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmark.peers.attempts import Attempt, Method
 from benchmark.peers.collocation import Outcome
 from benchmark.peers.judge import judge_pendulum
@@ -27,6 +24,8 @@ from benchmark.peers.pendulum_guesses import (
     straight_line,
 )
 from benchmark.pendulum import problem, REGIMES, start_state
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask

@@ -7,12 +7,11 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
+from benchmark.peers.pendulum_guesses import Guess
 import casadi
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
-from benchmark.peers.pendulum_guesses import Guess
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory

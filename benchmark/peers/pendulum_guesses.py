@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 

@@ -7,14 +7,13 @@ from __future__ import annotations
 from functools import lru_cache
 import time
 
-import numpy as np
-
 from benchmark.peers.attempts import Attempt, Method
 from benchmark.peers.collocation import Outcome
 from benchmark.peers.judge import formation_cost, judge_formation
 from benchmark.peers.robots_collocation import FormationCollocation, FormationGuess
 from benchmark.robots import MARGIN
 from benchmark.scenarios import crossing
+import numpy as np
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.base import Solution

@@ -15,11 +15,10 @@ import itertools
 import time
 from typing import Any
 
+from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
 import casadi
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
 from tdm_planner.plants import FloatingRobot
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 import ruckig
 from scipy.optimize import minimize_scalar
-
 from tdm_planner.problems.formation_task import FormationTask
 
 Array = NDArray[np.float64]
