@@ -10,6 +10,7 @@ import inspect
 from pathlib import Path
 import sys
 import time
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from benchmark import overhead
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.problems import DirectSolverParameters
 
 PLANTS = {
     'double_integrator': 'DoubleIntegrator',
@@ -27,14 +29,14 @@ PLANTS = {
 FOLDER = Path(__file__).parents[1] / 'docs' / 'plants'
 _SECONDS = 1.0
 _BATCH = 200
+_DEADLINE = 10.0  # s, for plans
 
 
 def run() -> dict[str, Any]:
-    """Measure evaluations per second of the landing with 21 parameters, and count lines."""
+    """Measure evaluations per second of the landing with 21 parameters, lines, and optimality."""
     sys.path.insert(0, str(FOLDER))
-    problems = {
-        module: getattr(importlib.import_module(module), name) for module, name in PLANTS.items()
-    }
+    modules = {module: importlib.import_module(module) for module in PLANTS}
+    problems = {module: getattr(modules[module], name) for module, name in PLANTS.items()}
     landing = problems['landing'](free=6, speed_factor_order=2)
     program = Transcription(landing, chebyshev_nodes(41))
     program.begin(program.first_guess)
@@ -51,7 +53,36 @@ def run() -> dict[str, Any]:
             for module, kind in problems.items()
         },
         'overhead': overhead.run(),
+        'double_integrator': _double_integrator(modules['double_integrator']),
+        'brachistochrone': _brachistochrone(modules['brachistochrone']),
+        'landing': _landing(modules['landing']),
     }
+
+
+def _double_integrator(module: ModuleType) -> dict[int, float]:
+    """Time over the optimum of 2 s, by the number of varied parameters."""
+    return {free + 1: t_f / 2.0 for free, t_f in module.table((0, 2, 4, 8, 12, 20)).items()}
+
+
+def _brachistochrone(module: ModuleType) -> float:
+    """Time over the cycloid's."""
+    problem = module.Brachistochrone(solver=DirectSolverParameters(deadline=_DEADLINE))
+    best = module.cycloid_time(problem.across, problem.down, problem.gravity)
+    return float(problem.solve().cost / best)
+
+
+def _landing(module: ModuleType) -> dict[str, Any]:
+    """Performance index over that of collocation, by the number of varied parameters."""
+    plans = module.table((2, 3, 6, 9), (0, 2))
+    costs = {plan.parameters.size: plan.cost for plan in plans.values()}
+    try:
+        reference = importlib.import_module('landing_reference')
+    except ImportError:  # casadi belongs to the extra of the benchmark
+        return {'cost': costs}
+    guess = plans[6, 2].trajectory
+    optima = [reference.collocation(module.Landing(), guess, n).cost for n in (40, 80)]
+    ratios = {size: costs[size] / optima[-1] for size in sorted(costs)}
+    return {'ratio': ratios, 'reference': optima[-1], 'reference_half_grid': optima[0]}
 
 
 def _rate(work: Callable[[], object]) -> float:
@@ -73,4 +104,20 @@ def table(figures: dict[str, Any]) -> str:
         'lines to state a problem:',
     ]
     lines += [f'  {name:28s} {count:10d}' for name, count in figures['lines'].items()]
+    lines += ['double integrator, time over the optimum, by varied parameters:']
+    lines += _rows(figures['double_integrator'])
+    lines += [f'brachistochrone, time over the cycloid: {figures["brachistochrone"]:.6f}']
+    landing = figures['landing']
+    if 'ratio' in landing:
+        lines += [
+            f'landing, J over collocation ({landing["reference"]:.5f}; with half the intervals '
+            f'{landing["reference_half_grid"]:.5f}), by varied parameters:'
+        ]
+    else:
+        lines += ['landing, J (no casadi to compare with), by varied parameters:']
+    lines += _rows(landing.get('ratio', landing.get('cost')))
     return '\n'.join([*lines, overhead.table(figures['overhead'])])
+
+
+def _rows(values: dict[int, float]) -> list[str]:
+    return [f'  {size:28d} {value:10.4f}' for size, value in values.items()]

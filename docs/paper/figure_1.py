@@ -26,7 +26,7 @@ CURVATURES = (-1.0, 0.0, 1.0)
 
 
 def path(tau_f: float, curvature: float = 0.0) -> NDArray[np.float64]:
-    """Return the path (101, 2) for an arc's length tau_f and a final x_1'' of `curvature`."""
+    """Return the path, (101, 2), for an arc's length tau_f and a final x_1'' of `curvature`."""
     tau = np.linspace(0.0, tau_f, 101)
     ends = ({**END[0], 2: curvature}, END[1])
     columns = [PolynomialReference(a, b, tau_f)(tau) for a, b in zip(START, ends, strict=True)]
@@ -49,7 +49,7 @@ def draw(file: Path) -> None:
             right.plot(*path(tau_f, curvature).T, style, label=label)
     titles = (r'(a) $\tau_f$ varied', r"(b) $\tau_f$ and $x''_{1f}$ varied")
     for axes, title in zip((left, right), titles, strict=True):
-        axes.set(title=title, xlabel='$x_1$', aspect='equal')
+        axes.set(title=title, xlabel='$x_1$', aspect='equal', xlim=(-0.2, 4.6), ylim=(-0.2, 3.2))
         axes.legend(fontsize=7)
     left.set_ylabel('$x_2$')
     figure.tight_layout()

@@ -58,6 +58,14 @@ class Approach(Validated):
         return np.array([[self.x, velocity[0]], [self.y, velocity[1]], [self.h, climb]])
 
 
+THRESHOLD = Approach(x=500.0, y=300.0, h=2.0, speed=16.0, path_angle=-0.06, heading=2.2)
+
+
+def drag(v: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """Drag per unit of mass [m/s^2], from speed and load factor."""
+    return DRAG * v**2 + INDUCED * n**2 / v**2
+
+
 @dataclass(frozen=True)
 class Landing(DirectProblem, Validated):
     """Reach the runway's threshold soon and in comfort."""
@@ -79,9 +87,7 @@ class Landing(DirectProblem, Validated):
     speed_factor_order: int = parameter(2, 'degree of dt/ds', allowed=NON_NEGATIVE)
     solver: DirectSolverParameters = group(DirectSolverParameters)
 
-    goal: ClassVar[Approach] = Approach(
-        x=500.0, y=300.0, h=2.0, speed=16.0, path_angle=-0.06, heading=2.2
-    )
+    goal: ClassVar[Approach] = THRESHOLD
 
     def outputs(self):
         ends = zip('xyh', self.start.conditions(), self.goal.conditions(), strict=True)
@@ -100,18 +106,17 @@ class Landing(DirectProblem, Validated):
         chi_dot = (vx * ay - vy * ax) / level**2
         up, side = v * gamma_dot / G + level / v, level * chi_dot / G
         n = np.sqrt(up**2 + side**2)
-        thrust = v_dot + DRAG * v**2 + INDUCED * n**2 / v**2 + G * vh / v
+        thrust = v_dot + drag(v, n) + G * vh / v
         return (px, py, h, v, gamma, chi), (thrust, n, arctan2(side, up))
 
     def derivative(self, x, u):
         (_, _, _, v, gamma, chi), (thrust, n, bank) = x, u
         level = v * np.cos(gamma)
-        drag = DRAG * v**2 + INDUCED * n**2 / v**2
         return (
             level * np.cos(chi),
             level * np.sin(chi),
             v * np.sin(gamma),
-            thrust - drag - G * np.sin(gamma),
+            thrust - drag(v, n) - G * np.sin(gamma),
             G / v * (n * np.cos(bank) - np.cos(gamma)),
             G * n * np.sin(bank) / level,
         )
@@ -130,8 +135,7 @@ class Landing(DirectProblem, Validated):
         return t
 
     def running_cost(self, t, x, u):
-        n, bank = u[1], u[2]
-        return self.comfort * (n**2 - 2.0 * n * np.cos(bank) + 1.0)
+        return self.comfort * (u[1] ** 2 - 2.0 * u[1] * np.cos(u[2]) + 1.0)
 
 
 def table(counts: tuple[int, ...], orders: tuple[int, ...]) -> dict[tuple[int, int], Solution]:

@@ -27,7 +27,7 @@ FAMILIES = {
 
 @st.composite
 def references(draw):
-    """A function with derivatives given at both ends, its conditions, and what is varied."""
+    """Return a function with end derivatives given, its conditions, and what is varied."""
     shapes, highest = FAMILIES[draw(st.sampled_from(sorted(FAMILIES)))]
     span, tau_0 = 10 ** draw(st.floats(-2, 2)), draw(st.floats(-5, 5))
     start = {k: draw(VALUES) / span**k for k in range(draw(st.integers(1, highest + 1)))}

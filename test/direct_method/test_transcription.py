@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tdm_planner.direct_method import (
+    Budget,
     Duration,
     Formulation,
     Integrated,
@@ -13,6 +14,7 @@ from tdm_planner.direct_method import (
     SineSeries,
     Transcription,
 )
+from tdm_planner.direct_method import transcription
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.exceptions import InvalidProblem
 
@@ -186,3 +188,26 @@ def test_mistakes_are_named(change, words):
 def test_durations_that_make_no_sense(arguments):
     with pytest.raises(InvalidProblem):
         Duration(**arguments)
+
+
+def test_no_time_is_spent_on_a_hessian_past_the_deadline(program):
+    xi = changed(program)
+    point = program.evaluate(xi)
+    in_time = program.linearise(point, None)
+    program.budget = Budget(0.0)
+    before = program.evaluations
+    late = program.linearise(point, None)
+    assert program.evaluations - before == program.size  # the Jacobian alone
+    np.testing.assert_array_equal(late.gradient, in_time.gradient)
+
+
+def test_the_hessian_is_the_same_in_batches(program, monkeypatch):
+    point = program.evaluate(changed(program))
+    at_once = program.linearise(point, None).hessian
+    monkeypatch.setattr(transcription, '_HESSIAN_BATCH', 1)
+    np.testing.assert_allclose(program.linearise(point, None).hessian, at_once, atol=1e-9)
+
+
+def test_quadrature_on_other_nodes_is_that_of_a_spline():
+    nodes = np.linspace(0, 1, 101)
+    assert quadrature_weights(nodes) @ np.exp(nodes) == pytest.approx(np.e - 1, rel=1e-8)
