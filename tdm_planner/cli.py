@@ -28,7 +28,7 @@ EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 OPTIONAL_PACKAGES = {
     'rclpy': 'source a ROS 2 installation, or run make setup in the source tree',
     'matplotlib': 'pip install matplotlib',
-    'plotly': "pip install 'plotly>=6'",
+    'plotly': 'pip install plotly',
     'rich': 'pip install rich',
 }
 

@@ -11,7 +11,6 @@ from mcap_ros2.reader import read_ros2_messages
 import numpy as np
 import pytest
 from ros_harness import reserved_domain, ros_environment
-
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 
@@ -45,6 +44,9 @@ def test_pendulum(tmp_path):
     assert plan['verification']['ok'] is True
     assert 1.0 < Trajectory.from_dict(plan).duration < 2.0
     assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert 'report in pendulum/report.html' in done.stdout
+    report = (folder / 'report.html').read_text()
+    assert '<p class="verdict good">Goal reached and held' in report
     counts = topics(folder)
     assert counts['/pendulum/trajectory'] == 1
     assert counts['/pendulum/joint_states'] > 500
