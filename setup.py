@@ -54,7 +54,7 @@ setup(
     extras_require={
         # What makes planning fast and the demo complete; every one of them has a fall-back or a
         # clear message, since a ROS 2 machine may have only Debian's packages.
-        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'plotly>=6', 'rich', 'rosbags'],
+        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'plotly>=5.15', 'rich', 'rosbags'],
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
