@@ -17,12 +17,13 @@ import platform
 import time
 from typing import Any
 
-from benchmark import closed_loop, library, nodes, pendulum, robots
+from benchmark import closed_loop, library, nodes, pendulum, replanning, robots
 
 PARTS: dict[str, tuple[Callable[[], dict[str, Any]], Callable[[dict[str, Any]], str]]] = {
     'pendulum': (pendulum.run, pendulum.table),
     'robots': (robots.run, robots.table),
     'closed_loop': (closed_loop.run, closed_loop.table),
+    'replanning': (replanning.run, replanning.table),
     'nodes': (nodes.run, nodes.table),
     'library': (library.run, library.table),
 }

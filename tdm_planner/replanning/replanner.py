@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 import time
 
 from tdm_planner.exceptions import TdmError
@@ -21,6 +22,7 @@ from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observat
 from tdm_planner.replanning.plan_in_force import PlanInForce
 
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
+_SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of that, where the plan in force would do
 
 
@@ -47,6 +49,7 @@ class Replanner:
         self.parameters = parameters
         self.plan: PlanInForce | None = None
         self._reviews = 0
+        self._improved_at = -math.inf
 
     def adopt(self, plan: PlanInForce) -> None:
         """Take note of the plan that is now in force, from its start on."""
@@ -70,9 +73,7 @@ class Replanner:
         outlook = self.execution.outlook(plan, foreseen, at)
         changed = not self.execution.same_question(problem, plan.problem)
         necessary = changed or bool(outlook.trouble)
-        if not necessary and not worth_improving(
-            outlook, plan.whole_cost, self.parameters.improvement
-        ):
+        if not (necessary or self._may_improve(plan, outlook, now)):
             return Review(None, 'the plan in force does', outlook)
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
         allowed -= time.perf_counter() - began
@@ -88,6 +89,15 @@ class Replanner:
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
             taking_over = PlanInForce(new_problem, new, at, whole)
         return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
+
+    def _may_improve(self, plan: PlanInForce, outlook: Outlook, now: float) -> bool:
+        """Whether to look for a better plan though the old one does: not often, it costs time."""
+        if not worth_improving(outlook, plan.whole_cost, self.parameters.improvement):
+            return False
+        if now - self._improved_at < _SELDOM * plan.solution.duration:
+            return False
+        self._improved_at = now
+        return True
 
     def _solve(
         self,

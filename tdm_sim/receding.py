@@ -1,0 +1,106 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Trackers, simulated plants and the replanner stepped together, without ROS, planning late.
+
+The same code as the nodes': a plan made from the states measured at t reaches the trackers later
+and takes over at t + replan.delay; of the plants nothing is known but what their sensors say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tdm_planner.problems.base import Problem
+from tdm_planner.replanning import Mode, Observation, PlanInForce, Replanner, Review
+from tdm_planner.tracking import Command, TrajectoryRefused, TrajectoryTracker
+from tdm_sim.simulation import SimulatedPlant
+
+Array = NDArray[np.float64]
+
+_ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers
+
+
+class Vehicle(NamedTuple):
+    """A plant and its tracker."""
+
+    tracker: TrajectoryTracker
+    plant: SimulatedPlant
+
+
+@dataclass
+class RecedingHorizon:
+    """Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
+
+    `plans` are those that were put in force, `reviews` what the replanner made of it (at most once
+    an interval of 1 / replan.rate), `refusals` what the trackers did not accept. Without a
+    replanner the first plan is all there is.
+    """
+
+    vehicles: Mapping[str, Vehicle]
+    problem: Problem
+    interval: float
+    replanner: Replanner | None = None
+    plans: list[PlanInForce] = field(default_factory=list)
+    reviews: list[Review] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+    time: float = 0.0
+    _coming: tuple[float, PlanInForce] | None = None
+    _next_review: float = 0.0
+
+    def begin(self, plan: PlanInForce) -> None:
+        """Have a plan carried out that starts now."""
+        for vehicle in self.vehicles.values():
+            vehicle.tracker.observe(vehicle.plant.measure(), self.time - self.interval)
+        self._put_in_force(plan, self.time - self.interval)
+
+    def tick(self) -> None:
+        """Measure, command, review if it is time to, move."""
+        now = self.time
+        measured = {name: vehicle.plant.measure() for name, vehicle in self.vehicles.items()}
+        for name, vehicle in self.vehicles.items():
+            vehicle.tracker.observe(measured[name], now)
+        if self._coming is not None and now >= self._coming[0]:
+            self._put_in_force(self._coming[1], now)
+            self._coming = None
+        commands = {name: v.tracker.command(now) for name, v in self.vehicles.items()}
+        seen = {
+            name: Observation(measured[name], now, tracker_mode(command))
+            for name, command in commands.items()
+        }
+        self._review(seen, now)
+        for name, vehicle in self.vehicles.items():
+            vehicle.plant.command(commands[name].control)
+            vehicle.plant.step(self.interval)
+        self.time = now + self.interval
+
+    def _review(self, seen: Mapping[str, Observation], now: float) -> None:
+        replanner = self.replanner
+        if replanner is None or self._coming is not None or now < self._next_review - 1e-9:
+            return
+        self._next_review = now + 1.0 / replanner.parameters.rate
+        review = replanner.review(self.problem, seen, now)
+        self.reviews.append(review)
+        if review.plan is not None:
+            self._coming = now + _ARRIVAL * replanner.parameters.delay, review.plan
+
+    def _put_in_force(self, plan: PlanInForce, now: float) -> None:
+        for name, vehicle in self.vehicles.items():
+            try:
+                vehicle.tracker.accept(plan.solution.trajectories[name], plan.start, now)
+            except TrajectoryRefused as refusal:
+                self.refusals.append(str(refusal))
+        self.plans.append(plan)
+        if self.replanner is not None:
+            self.replanner.adopt(plan)
+
+
+def tracker_mode(command: Command) -> Mode:
+    """What a tracker that sends this command does."""
+    if command.action is not None:
+        return Mode.FOLLOWING
+    return Mode.RECOVERING if command.control.any() else Mode.IDLE
