@@ -22,27 +22,11 @@ def _several(mission: Mission) -> str:
 
 def duration_entries(mission: Mission, arrivals: Mapping[str, float | None]) -> Iterator[Entry]:
     """When the goal was reached for good, counted from the start of the first plan."""
-    rows = []
-    for vehicle in mission.vehicles:
-        if vehicle.plans:
-            reached = arrivals[vehicle.name]
-            start = vehicle.plans[0].start
-            note = 'the goal was not held to the end' if reached == math.inf else ''
-            rows.append(
-                Entry(
-                    kind='duration',
-                    name='time to the goal',
-                    unit='s',
-                    planned=vehicle.plans[0].trajectory.duration,
-                    achieved=None
-                    if reached is None or math.isinf(reached)
-                    else max(reached - start, 0.0),
-                    planned_at=vehicle.plans[0].end,
-                    achieved_at=None if reached is None or math.isinf(reached) else reached,
-                    vehicle=vehicle.name,
-                    note=note or _several(mission),
-                )
-            )
+    rows = [
+        _duration(vehicle, arrivals[vehicle.name], _several(mission))
+        for vehicle in mission.vehicles
+        if vehicle.plans
+    ]
     if len(rows) > 1:
         done = [row.achieved for row in rows if row.achieved is not None]
         yield Entry(
@@ -54,6 +38,26 @@ def duration_entries(mission: Mission, arrivals: Mapping[str, float | None]) -> 
             note=_several(mission),
         )
     yield from rows
+
+
+def _duration(vehicle: Vehicle, reached: float | None, note: str) -> Entry:
+    first = vehicle.plans[0]
+    known = reached is not None and math.isfinite(reached)
+    if reached == math.inf:
+        assert vehicle.states is not None
+        over = vehicle.states.times[-1] >= vehicle.plans[-1].end
+        note = 'the goal was not held to the end' if over else 'the recording ends before'
+    return Entry(
+        kind='duration',
+        name='time to the goal',
+        unit='s',
+        planned=first.trajectory.duration,
+        achieved=max(reached - first.start, 0.0) if known and reached is not None else None,
+        planned_at=first.end,
+        achieved_at=reached if known else None,
+        vehicle=vehicle.name,
+        note=note,
+    )
 
 
 def cost_entries(

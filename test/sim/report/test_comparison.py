@@ -122,6 +122,17 @@ def test_a_violated_limit_and_a_goal_that_was_not_held():
     assert entry(late, 'cost J').achieved is None
 
 
+def test_a_recording_that_ends_before_the_motion_does():
+    mission = swing_up()
+    (vehicle,) = mission.vehicles
+    assert vehicle.states is not None
+    cut = replace(vehicle, states=vehicle.states.between(-1.0, 1.0))
+    comparison = compare(replace(mission, vehicles=(cut,)))
+    duration = entry(comparison, 'time to the goal', 'pendulum')
+    assert (duration.achieved, duration.note) == (None, 'the recording ends before')
+    assert comparison.verdict is None
+
+
 def test_only_what_was_measured_after_the_start_counts():
     mission = swing_up()
     (vehicle,) = mission.vehicles
