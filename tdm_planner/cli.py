@@ -153,7 +153,7 @@ def _demo(options: argparse.Namespace) -> int:
 
     output = options.output or Path(options.plant)
     reached = run_demo(options.plant, output, parameters=options.params, quiet=options.quiet)
-    if options.view:
+    if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED
 

@@ -20,7 +20,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
-
 from tdm_planner.exceptions import InvalidProblem, NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameter_files import read_parameters
@@ -31,7 +30,6 @@ from tdm_sim.demo_robots import RobotsScene
 from tdm_sim.demo_scene import Scene
 from tdm_sim.processes import NodeProcesses
 from tdm_sim.progress import make_progress, Progress
-from tdm_sim.report.command import make_report
 from tdm_sim.verdict import Verdict
 
 SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsScene}
@@ -71,12 +69,27 @@ def run_demo(
         progress.phase(f'writing {output}/plan.json and {output}/plan.png')
         save_plan(scene.plan(), output / 'plan.json')
         scene.draw(output / 'plan.png')
-        make_report(output / 'bag', output / 'report.html', progress)
+        fault = _report(output, progress)
     Console(quiet=quiet, highlight=False).print(_table(verdict))
-    progress.line(f'recorded to {output}/bag, report in {output}/report.html')
+    progress.line(f'recorded to {output}/bag' + f', report in {output}/report.html' * (not fault))
+    if fault:
+        print(f'tdm demo: no report: {fault}', file=sys.stderr)
     for reason in verdict.reasons:
         print(f'tdm demo: {reason}', file=sys.stderr)
     return verdict.reached
+
+
+def _report(folder: Path, progress: Progress) -> str:
+    """Write the report; returns why there is none, '' otherwise: the verdict stands without it."""
+    try:
+        from tdm_sim.report.command import make_report
+
+        make_report(folder / 'bag', folder / 'report.html', progress)
+    except ModuleNotFoundError as error:
+        return f"this needs '{error.name}', which is not installed: pip install {error.name}"
+    except TdmError as error:
+        return str(error)
+    return ''
 
 
 def _prepare_folder(folder: Path) -> None:

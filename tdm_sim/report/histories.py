@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
+from scipy.interpolate import CubicSpline
 from tdm_sim.report.charts import Chart, Curve, Kind, Panel
 from tdm_sim.report.mission import Mission, PlanInForce, Signals, Vehicle
 
@@ -196,11 +196,19 @@ def _planned_curve(
             held = trajectory.interpolation == 'zero_order_hold'
             read = plan.controls(at)[:, column]
         else:
-            read = plan.states(at)[:, column]
+            read = _states(plan, at)[:, column]
         times += [at, at[-1:]]
         values += [read, np.array([np.nan])]
     colour, series = colour_of(mission, index, 'planned'), series_of(mission, index)
     return Curve('planned', np.concatenate(times), np.concatenate(values), colour, series, held)
+
+
+def _states(plan: PlanInForce, at: Array) -> Array:
+    """Read states of a plan; smoothly where only its samples are known but it is smooth."""
+    motion = plan.trajectory
+    if motion.interpolation != 'cubic' or motion.rates is not None or motion.times.size < 4:
+        return plan.states(at)
+    return np.asarray(CubicSpline(motion.times, motion.states)(at - plan.start))
 
 
 def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:

@@ -24,6 +24,7 @@ _HEADINGS: dict[Kind, str] = {
     'planner': 'Planner',
 }
 _NOTHING = 1e-12  # below this a figure is shown as 0
+_ROUNDING = 1e-6  # of a margin that is kept exactly
 
 
 def summary_table(mission: Mission, comparison: Comparison) -> str:
@@ -125,19 +126,20 @@ def _row(entry: Entry, several: bool, carried_out: bool) -> str:
         cells = f'<td>{allowed}</td>'
         cells += f'<td>{number(achieved)}</td>' if carried_out else ''
     else:
-        cells = _cell(planned, entry.planned_at, entry)
-        cells += _cell(achieved, entry.achieved_at, entry) if carried_out else ''
+        # a plan was checked, with the problem's own tolerances, before it was published
+        cells = _cell(planned, entry.planned_at, entry.kind)
+        bad = entry.kind == 'margin' and achieved is not None and achieved < -_ROUNDING
+        cells += _cell(achieved, entry.achieved_at, entry.kind, bad) if carried_out else ''
     return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
 
 
-def _cell(value: float | None, instant: float | None, entry: Entry) -> str:
+def _cell(value: float | None, instant: float | None, kind: Kind, bad: bool = False) -> str:
     if value is None:
         return '<td></td>'
     at = ''
-    if instant is not None and entry.kind in ('margin', 'distance', 'tracking'):
+    if instant is not None and kind in ('margin', 'distance', 'tracking'):
         at = f' <small>at {instant_button(instant)}</small>'
-    violated = entry.kind == 'margin' and entry.violated and value < 0
-    style = ' class="bad"' if violated else ''
+    style = ' class="bad"' if bad else ''
     return f'<td{style}>{number(value)}{at}</td>'
 
 
