@@ -9,14 +9,26 @@ from pathlib import Path
 import re
 from typing import Any
 
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import ros_parameters, shown
 import yaml
 
-from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import ros_parameters
+_LONGEST = 300  # letters of an error
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS 2 reads it: ``1e-4`` is a number (PyYAML alone takes it for a string)."""
+    """YAML as ROS 2 reads it, without objects of Python.
+
+    ``1e-4`` is a number (PyYAML alone takes it for a string). Aliases are refused, as ROS 2 does:
+    a few of them make a document without end.
+    """
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Compose the next node."""
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem='aliases are not supported', problem_mark=mark)
+        return super().compose_node(parent, index)
 
 
 _Loader.add_implicit_resolver(
@@ -28,7 +40,13 @@ _Loader.add_implicit_resolver(
 
 def parse_yaml(text: str) -> Any:
     """Parse one YAML document; raises yaml.YAMLError."""
-    return yaml.load(text, Loader=_Loader)  # a SafeLoader
+    try:
+        return yaml.load(text, Loader=_Loader)  # a SafeLoader
+    except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError) as error:
+        # What PyYAML's constructors raise for values that are not what their tag says.
+        raise yaml.YAMLError(f'a value is not what it seems to be: {error}') from None
+    except RecursionError:
+        raise yaml.YAMLError('it is nested too deeply') from None
 
 
 def read_parameters(
@@ -47,20 +65,20 @@ def read_parameters(
             values.update(ros_parameters(parse_yaml(path.read_text(encoding='utf-8')), node))
         except OSError as error:
             raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
-        except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        except (UnicodeDecodeError, yaml.YAMLError) as error:
             raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not (name and equals):
-            raise InvalidProblem(f"the setting '{setting}' must have the form name=value")
+            raise InvalidProblem(f"the setting '{shown(setting)}' must have the form name=value")
         try:
             values[name] = parse_yaml(text)
         except yaml.YAMLError as error:
             raise InvalidProblem(
-                f"the setting '{setting}' has no value: {_one_line(error)}"
+                f"the setting '{shown(setting)}' has no value: {_one_line(error)}"
             ) from None
     return values
 
 
 def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split())
+    return ' '.join(str(error).split())[:_LONGEST]

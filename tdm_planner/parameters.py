@@ -19,6 +19,9 @@ from tdm_planner.exceptions import InvalidProblem
 T = TypeVar('T')
 
 _METADATA_KEY = 'tdm_parameter'
+_LONGEST_INTEGER = 10**60
+_LONGEST_NAME = 200
+_MOST_PARAMETERS = 20_000
 _TYPE_NAMES = {
     float: 'a number',
     int: 'an integer',
@@ -56,9 +59,12 @@ class Range:
         return f'{left}{self.lower:g}, {self.upper:g}{right}'
 
 
-POSITIVE = Range(0.0, lower_open=True)
-PHYSICAL = Range(0.0, 1e12, lower_open=True)  # products of a few stay finite
-NON_NEGATIVE = Range(0.0)
+LARGEST = 1e12  # of numbers in SI units that make sense: products of a few stay finite
+POSITIVE = Range(0.0, LARGEST, lower_open=True)
+PHYSICAL = POSITIVE
+NON_NEGATIVE = Range(0.0, LARGEST)
+SIGNED = Range(-LARGEST, LARGEST)
+SEED = Range(0.0, 2.0**63, upper_open=True)
 ANY = Range()
 
 
@@ -75,7 +81,7 @@ class ParameterSpec:
     default: Any
     description: str
     unit: str = ''
-    range: Range = ANY
+    range: Range = ANY  # noqa: A003
     choices: tuple[str, ...] = ()
     optional: bool = False
     read_only: bool = False
@@ -110,7 +116,7 @@ class ParameterSpec:
         numbers = checked if isinstance(checked, list) else [checked]
         if self.kind in (float, int, list[float]):
             for number in numbers:
-                if not math.isfinite(number) or number not in self.range:
+                if number not in self.range or abs(number) == math.inf:
                     raise self._error(value)
         if self.length is not None and len(checked) != self.length:
             raise self._error(value)
@@ -127,7 +133,10 @@ class ParameterSpec:
             return self._number(value, self.kind)
         elif not isinstance(value, str | bytes | Mapping) and hasattr(value, '__iter__'):
             (element,) = get_args(self.kind)
-            items = list(value)
+            try:
+                items = list(value)
+            except TypeError:  # a numpy array without dimensions
+                raise self._error(value) from None
             if element is float:
                 return [self._number(item, float) for item in items]
             if all(isinstance(item, str) for item in items):
@@ -151,9 +160,14 @@ class ParameterSpec:
 
 
 def _short(value: Any, longest: int = 80) -> str:
+    if isinstance(value, int) and abs(value) > _LONGEST_INTEGER:
+        return f'an integer of {value.bit_length()} bits'  # too long to be written out
     if isinstance(value, str):
-        value = repr(value)
-    text = ' '.join(str(value).split())
+        value = repr(value[:longest])
+    try:
+        text = ' '.join(str(value).split())
+    except (ValueError, RecursionError):
+        text = f'a {type(value).__name__}'
     return text if len(text) <= longest else text[: longest - 3] + '...'
 
 
@@ -267,15 +281,39 @@ class Validated:
 
 
 def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``."""
+    """Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
+
+    Raises
+    ------
+    InvalidProblem
+        If it is not a mapping, or one nested without end.
+    """
+    if not isinstance(mapping, Mapping):
+        raise InvalidProblem(
+            f'parameters must be a mapping of names to values, not {_short(mapping)}'
+        )
     flat: dict[str, Any] = {}
+    _flatten(mapping, prefix, flat)
+    return flat
+
+
+def _flatten(mapping: Mapping[str, Any], prefix: str, flat: dict[str, Any]) -> None:
     for key, value in mapping.items():
-        name = f'{prefix}{key}'
+        name = f'{prefix}{_short(key) if isinstance(key, int) else key}'
+        if len(name) > _LONGEST_NAME or len(flat) > _MOST_PARAMETERS:
+            raise InvalidProblem(
+                f"parameter '{shown(name)}' is one of too many, or its name is too long: at most "
+                f'{_MOST_PARAMETERS} parameters, whose names have at most {_LONGEST_NAME} letters'
+            )
         if isinstance(value, Mapping):
-            flat.update(flatten(value, name + '.'))
+            _flatten(value, name + '.', flat)
         else:
             flat[name] = value
-    return flat
+
+
+def shown(name: str) -> str:
+    """Return a name as it can stand in a sentence: short, on one line, without control codes."""
+    return _short(name)[1:-1]
 
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:

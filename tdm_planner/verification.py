@@ -11,16 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
+import math
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+MOST_INSTANTS = 200_000  # of a check: 200 s at intervals of 1 ms
 
 
 @dataclass(frozen=True)
@@ -124,10 +126,18 @@ def _right_hand_side(
 
 
 def dense_times(trajectory: Trajectory, resolution: float) -> Array:
-    """Every sample instant and instants between them, at most `resolution` s apart."""
-    count = int(np.ceil(trajectory.duration / resolution)) + 1
-    grid = np.linspace(trajectory.times[0], trajectory.times[-1], count)
+    """Every sample instant and instants between them, see `evenly_spaced`."""
+    grid = evenly_spaced(trajectory.times[0], trajectory.times[-1], resolution)
     return np.union1d(grid, trajectory.times)
+
+
+def evenly_spaced(first: float, last: float, resolution: float) -> Array:
+    """Instants from `first` to `last`, `resolution` s apart or less, at most MOST_INSTANTS.
+
+    A check must end in the time allowed, however long the motion.
+    """
+    count = math.ceil(min((last - first) / resolution, MOST_INSTANTS)) + 1
+    return np.linspace(first, last, count)
 
 
 def verify(

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.nodes.pendulum_markers import PendulumPicture
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, Validated
+from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_sim.commands import read_joint
@@ -28,6 +26,7 @@ from tdm_sim.disturbances import pendulum_push
 from tdm_sim.mismatch import mismatched
 from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters
 from tdm_sim.simulation import PlantSetup
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -68,7 +67,10 @@ class PendulumDisturbance(Validated):
     """What happens to the pendulum from outside."""
 
     impulse: float = parameter(
-        2e-4, "angular impulse of one push about the pendulum's pivot", unit='N m s'
+        2e-4,
+        "angular impulse of one push about the pendulum's pivot",
+        unit='N m s',
+        allowed=SIGNED,
     )
     command_loss: float = parameter(
         0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)

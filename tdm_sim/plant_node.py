@@ -20,22 +20,21 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
-    NON_NEGATIVE,
     parameter,
     POSITIVE,
     Range,
+    SEED,
     specifications,
     Validated,
 )
 from tdm_sim.commands import MalformedCommand
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -73,12 +72,12 @@ class SimulationParameters(Validated):
         allowed=_SHARE,
     )
     mismatch_seed: int = parameter(
-        0, 'seed of the mismatch: the same seed gives the same plant', allowed=NON_NEGATIVE
+        0, 'seed of the mismatch: the same seed gives the same plant', allowed=SEED
     )
     seed: int = parameter(
         0,
         'seed of measurement noise, command loss and push directions',
-        allowed=NON_NEGATIVE,
+        allowed=SEED,
         read_only=True,
     )
 

@@ -15,13 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState
 from tdm_planner.nodes.runtime import run
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import (
+    group,
+    NON_NEGATIVE,
+    parameter,
+    POSITIVE,
+    Range,
+    SIGNED,
+    Validated,
+)
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import robot_push
@@ -29,6 +35,7 @@ from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters, WARNING_PERIOD
 from tdm_sim.simulation import PlantSetup
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -76,9 +83,14 @@ class RobotNoise(Validated):
 class RobotDisturbance(Validated):
     """What happens to the robot from outside."""
 
-    impulse: float = parameter(0.3, 'impulse of one push at the centre of mass', unit='N s')
+    impulse: float = parameter(
+        0.3, 'impulse of one push at the centre of mass', unit='N s', allowed=SIGNED
+    )
     direction: float | None = parameter(
-        None, "direction of a push in the arena's frame; unset: at random", unit='rad'
+        None,
+        "direction of a push in the arena's frame; unset: at random",
+        unit='rad',
+        allowed=SIGNED,
     )
     command_loss: float = parameter(
         0.0, 'probability that a command is lost', allowed=Range(0.0, 1.0)

@@ -6,8 +6,6 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 import pytest
-import yaml
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_value
 from tdm_planner.parameters import (
@@ -19,6 +17,7 @@ from tdm_planner.parameters import (
     specifications,
     Validated,
 )
+import yaml
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def test_file_holds_the_defaults_by_node():
 
 def test_comments_tell_unit_range_and_choices():
     text = parameter_file({'node': (SPECS, {})})
-    assert '      # gain of the loop [N m/rad], in (0, inf)\n      gain: 1.0e-08\n' in text
+    assert '      # gain of the loop [N m/rad], in (0, 1e+12]\n      gain: 1.0e-08\n' in text
     assert '    # the mode: a, b\n' in text
     assert '      # turns:\n' in text
 
@@ -113,7 +112,7 @@ def test_table_has_a_row_for_every_parameter():
     rows = parameter_table(SPECS).splitlines()
     assert len(rows) == 2 + len(SPECS)
     assert rows[2 + list(SPECS).index('inner.gain')] == (
-        '| `inner.gain` | `1.0e-08` | a number in (0, inf) N m/rad | gain of the loop |'
+        '| `inner.gain` | `1.0e-08` | a number in (0, 1e+12] N m/rad | gain of the loop |'
     )
     assert '| `inner.turns` | unset |' in parameter_table(SPECS)
     assert 'the mode (fixed while the node runs)' in parameter_table(SPECS)

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -93,6 +92,8 @@ def minimise(
 
 
 class _Search:
+    """The iterate, and what is known about it."""
+
     def __init__(self, program: NonlinearProgram, options: TrustRegionOptions, xi: Array) -> None:
         self.program = program
         self.options = options
@@ -102,9 +103,10 @@ class _Search:
         self.iterations = 0
         self.stalled = 0
         self.converged = False
-        self.failed = False
         self.multipliers: Multipliers | None = None
         self.point = program.evaluate(np.clip(xi, program.lower, program.upper))
+        # From where nothing can be computed there is no way on.
+        self.failed = not np.isfinite([self.point.cost, *self.point.violations]).all()
         self.at: Linearisation | None = None
 
     @property
@@ -214,7 +216,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     )
     if solution is None:
         return None
-    change, slacks = solution.step[:n], np.maximum(solution.step[n + na :], 0.0)
+    change, _, slacks = np.split(solution.step, [n, n + na])
+    slacks = np.maximum(slacks, 0.0)
     terms = np.abs(at.terms + at.terms_jacobian @ change) if na else at.terms
     model = (
         at.gradient @ change
@@ -223,12 +226,10 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
         + search.penalties @ slacks
     )
     now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
-    dual = solution.multipliers
-    multipliers = Multipliers(
-        equalities=dual[ne : 2 * ne] - dual[:ne],
-        inequalities=dual[2 * ne : 2 * ne + at.inequalities.size],
-        tags=at.tags,
+    above, below, inequalities, _ = np.split(
+        solution.multipliers, [ne, 2 * ne, 2 * ne + at.inequalities.size]
     )
+    multipliers = Multipliers(equalities=below - above, inequalities=inequalities, tags=at.tags)
     return _Step(change, float(now - model), float(slacks.max(initial=0.0)), multipliers)
 
 
@@ -237,15 +238,17 @@ def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, A
     ne, ni = at.equalities.size, at.inequalities.size
     rows = np.zeros((2 * ne + ni + 2 * na, n + na + ng))
     rows[:ne, :n] = at.equality_jacobian
-    rows[ne : 2 * ne, :n] = -at.equality_jacobian
-    rows[: 2 * ne, n + na] = 1.0
-    middle = slice(2 * ne, 2 * ne + ni)
+    both = 2 * ne
+    rows[ne:both, :n] = -at.equality_jacobian
+    rows[:both, n + na] = 1.0
+    middle = slice(both, both + ni)
     rows[middle, :n] = at.inequality_jacobian
     rows[np.arange(2 * ne, 2 * ne + ni), n + na + at.inequality_groups] = 1.0
     if na:
         above, below = slice(2 * ne + ni, 2 * ne + ni + na), slice(2 * ne + ni + na, None)
         rows[above, :n], rows[below, :n] = -at.terms_jacobian, at.terms_jacobian
-        rows[above, n : n + na] = rows[below, n : n + na] = np.eye(na)
+        terms = slice(n, n + na)
+        rows[above, terms] = rows[below, terms] = np.eye(na)
     least = np.concatenate([-at.equalities, at.equalities, -at.inequalities, at.terms, -at.terms])
     return rows, least
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import difflib
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -22,6 +22,8 @@ from tdm_planner.parameters import (
     parameter,
     ParameterSpec,
     POSITIVE,
+    SEED,
+    shown,
     specifications,
     to_mapping,
     Validated,
@@ -32,6 +34,7 @@ from tdm_planner.verification import Verification
 
 Array = NDArray[np.float64]
 P = TypeVar('P', bound='Problem')
+_FEW = 30  # parameters that a message can list
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class SolverParameters(Validated):
         allowed=POSITIVE,
     )
     seed: int = parameter(
-        0, 'seed of the random starts; the same seed gives the same plan', allowed=NON_NEGATIVE
+        0, 'seed of the random starts; the same seed gives the same plan', allowed=SEED
     )
     tolerance: float = parameter(
         1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
@@ -203,9 +206,10 @@ class Problem(ABC):
             If no plan was found; its subclass says why (deadline, verification).
         """
         self.prepare()
-        budget = Budget(self.solver.deadline if deadline is None else deadline)
-        rng = np.random.default_rng(self.solver.seed if seed is None else seed)
-        plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
+        allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
+        budget = Budget(allowed)
+        rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
+        plan = self._found(budget, rng, warm_start)
         return Solution(
             problem=self.name,
             trajectories=plan.trajectories,
@@ -219,6 +223,23 @@ class Problem(ABC):
             cost_terms=plan.cost_terms,
             summary=self.describe(plan),
         )
+
+    def _found(self, budget: Budget, rng: np.random.Generator, previous: Solution | None) -> Plan:
+        # Candidates whose numbers overflow are told by their check, not by warnings.
+        with np.errstate(all='ignore'):
+            try:
+                return self.standing_plan() or self.search(budget, rng, previous).run()
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
+                raise Infeasible(
+                    f'the computation broke down ({" ".join(str(error).split())}): parameters '
+                    'lie too many orders of magnitude apart, are their units right?'
+                ) from error
+
+
+_DEADLINE = ParameterSpec(
+    'deadline', float, None, 'time allowed for a plan', unit='s', range=NON_NEGATIVE
+)
+_SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED)
 
 
 def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -234,9 +255,17 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
     unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]
     if unknown:
         raise InvalidProblem(
-            f"parameter '{unknown[0]}' is unknown to {cls.name}; it has: " + ', '.join(specs)
+            f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
+            f'{_similar(unknown[0], specs)}'
         )
     return {name: specs[name].check(value) for name, value in values.items() if name in specs}
+
+
+def _similar(name: str, specs: Mapping[str, ParameterSpec]) -> str:
+    if len(specs) <= _FEW:
+        return '; it has: ' + ', '.join(specs)
+    similar = difflib.get_close_matches(name, specs, n=3)
+    return f': did you mean {" or ".join(similar)}?' if similar else ''
 
 
 def _belongs_to_node(name: str) -> bool:

@@ -18,6 +18,7 @@ from tdm_planner.parameters import (
     ParameterSpec,
     POSITIVE,
     Range,
+    SIGNED,
     specifications,
     Validated,
 )
@@ -34,14 +35,15 @@ _DEFAULT_OFFSETS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _RESERVED = frozenset({'anchor', 'start', 'replan', 'problem', 'solver', 'plan', 'markers'})
 _COORDINATE = Range(-1e4, 1e4)
+_SIDE = Range(1e-6, 2e4)
 
 
 @dataclass(frozen=True)
 class Arena(Validated):
     """The arena [0, length] x [0, width] and the distances to be kept in it."""
 
-    length: float = parameter(4.0, 'length along x', unit='m', allowed=POSITIVE)
-    width: float = parameter(4.0, 'width along y', unit='m', allowed=POSITIVE)
+    length: float = parameter(4.0, 'length along x', unit='m', allowed=_SIDE)
+    width: float = parameter(4.0, 'width along y', unit='m', allowed=_SIDE)
     minimum_separation: float = parameter(
         0.4,
         'least distance between the centres of two robots (MSD); half of it is kept from walls '
@@ -57,7 +59,10 @@ class Arena(Validated):
         allowed=NON_NEGATIVE,
     )
     obstacles: list[float] = parameter(
-        [], 'circular keep-out zones: x, y, radius of one after the other', unit='m'
+        [],
+        'circular keep-out zones: x, y, radius of one after the other',
+        unit='m',
+        allowed=_COORDINATE,
     )
 
 
@@ -144,7 +149,7 @@ class RobotStart(Validated):
         unit='N',
         allowed=NON_NEGATIVE,
     )
-    torque: float = parameter(0.0, 'torque at the start', unit='N m')
+    torque: float = parameter(0.0, 'torque at the start', unit='N m', allowed=SIGNED)
     arrived: float = parameter(
         0.0,
         'time for which a robot that stays has been at its goal: the next one keeps its interval '

@@ -15,10 +15,9 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, judge, replay, Verification
+from tdm_planner.verification import check, Constraint, evenly_spaced, judge, replay, Verification
 
 Array = NDArray[np.float64]
 
@@ -50,7 +49,7 @@ def verify_formation(
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
     last = max(trajectory.duration for trajectory in trajectories.values())
-    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    times = evenly_spaced(0.0, last, _RESOLUTION)
     robots, every_state, every_control = {}, [], []
     for i, name in enumerate(task.names):
         trajectory = trajectories[name]
@@ -144,11 +143,12 @@ def _zone_margin(task: FormationTask, place: Array) -> Array:
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:
-    """The separation of every pair, on the states of all robots side by side."""
+    """Return the separation of every pair, on the states of all robots side by side."""
 
     def margin(i: int, j: int) -> Callable[[Array, Array, Array], Array]:
         def of(times: Array, states: Array, controls: Array) -> Array:
-            apart = states[:, 7 * i : 7 * i + 2] - states[:, 7 * j : 7 * j + 2]
+            every = states.reshape(len(states), -1, 7)
+            apart = every[:, i, :2] - every[:, j, :2]
             return np.asarray(np.hypot(apart[:, 0], apart[:, 1]) - task.separation)
 
         return of
@@ -176,8 +176,10 @@ def penalty(task: FormationTask, states: Array, controls: Array, weights: Array)
 
     terms = np.zeros(4)
     plant = task.plant
+    every_state = states.reshape(len(states), -1, 7)
+    every_control = controls.reshape(len(controls), -1, 3)
     for i in range(task.n):
-        x, u = states[:, 7 * i : 7 * i + 7], controls[:, 3 * i : 3 * i + 3]
+        x, u = every_state[:, i], every_control[:, i]
         place = x[:, :2]
         for side in (place, task.sides - place):
             terms[0] += sum(excess(side[:, axis] - task.separation / 2) for axis in range(2))

@@ -16,10 +16,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, Range, Validated
+from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
 from tdm_planner.plants.pendulum_replay import compile_replay
@@ -44,7 +43,7 @@ class PendulumStart(Validated):
     theta: float = parameter(
         math.pi, "pendulum's angle from upright", unit='rad', allowed=Range(-1e6, 1e6)
     )
-    psi: float = parameter(0.0, "disk's angle", unit='rad')
+    psi: float = parameter(0.0, "disk's angle", unit='rad', allowed=SIGNED)
     theta_dot: float = parameter(
         0.0, "pendulum's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
     )

@@ -12,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.reference_motion import Motion, ReferenceMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+
+_MOST_INSTANTS = 4000
 
 
 class PairApproaches(NamedTuple):
@@ -62,11 +64,13 @@ class PairSeparation:
         if not self.first.size:
             return self.at(motion, np.zeros(0, dtype=np.intp), np.zeros(0))
         last = float((motion.durations + self.model.task.coast).max())
-        t: Array = self.interval * np.arange(int(np.ceil(last / self.interval)) + 1.0)
+        # A motion far longer than this time scale keeps the number of instants, not the interval.
+        interval = max(self.interval, last / _MOST_INSTANTS)
+        t: Array = interval * np.arange(int(np.ceil(last / interval)) + 1.0)
         position = self.model.position_at(motion, t)
         share, distance = _nearest_on_chords(position[self.first] - position[self.second])
         pair, k = np.nonzero(distance < (1.0 + self.near) * self.clearances[:, None])
-        return self.at(motion, pair, (k + share[pair, k]) * self.interval)
+        return self.at(motion, pair, (k + share[pair, k]) * interval)
 
     def at(self, motion: Motion, pair: Indices, t: Array) -> PairApproaches:
         """Distances of the pairs (r,) at the instants t (r,) s."""

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
 from tdm_planner.nodes.robot_messages import robot_trajectory, to_quaternion
 from tdm_planner.problems import RobotFormation
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 MODULE = 'tdm_planner.nodes.planner'
 ROBOTS = ['robot1', 'robot2', 'robot3']
@@ -33,7 +32,7 @@ def planner(ros):
 
 
 def latched(ros, robot):
-    """The plan in force of one robot, received by late subscribers."""
+    """Return the plan in force of one robot, received by late subscribers."""
     motion = ros.subscribe(f'{SPACE}/{robot}/trajectory', MultiDOFJointTrajectory, LATCHED)
     controls = ros.subscribe(f'{SPACE}/{robot}/controls', JointTrajectory, LATCHED)
     path = ros.subscribe(f'{SPACE}/{robot}/path', Path, LATCHED)
@@ -164,7 +163,7 @@ def test_contradictions_are_named_and_the_node_keeps_serving(ros, planner, chang
 @pytest.mark.parametrize(
     ('name', 'value', 'words'),
     [
-        ('arrival_interval', -1.0, ['arrival_interval', '-1', '[0, inf) s']),
+        ('arrival_interval', -1.0, ['arrival_interval', '-1', '[0, 1e+12] s']),
         ('weights.gas', -0.1, ['weights.gas', '-0.1']),
         ('arena.minimum_separation', math.nan, ['arena.minimum_separation', 'nan']),
         ('limits.thrust', 0.0, ['limits.thrust', '(0, 1e+12] N']),
