@@ -91,6 +91,7 @@ test: $(READY)-test
 lint: $(READY)-test
 	@echo 'ruff check' && $(BIN)/ruff check .
 	@echo 'ruff format --check' && $(BIN)/ruff format --check .
+	@echo 'flake8' && $(BIN)/flake8 .
 	@echo 'mypy --strict' && $(BIN)/mypy --strict
 
 # Warnings are errors; then every link inside the pages is followed.
@@ -100,7 +101,7 @@ docs: $(READY)-docs
 	@$(BIN)/python -m tools.links docs/_build
 
 benchmark: $(READY)-benchmark
-	@$(BIN)/python -m benchmark
+	@$(BIN)/python -m benchmark --docs
 
 # Parameter files, tables and pictures of the documentation, from the code.
 config: $(READY)

@@ -54,11 +54,13 @@ setup(
     extras_require={
         # What makes planning fast and the demo complete; every one of them has a fall-back or a
         # clear message, since a ROS 2 machine may have only Debian's packages.
-        'demo': ['daqp', 'matplotlib>=3.5', 'numba', 'plotly>=5.15', 'rich', 'rosbags'],
+        'demo': ['daqp', 'matplotlib>=3.5', 'mcap', 'numba', 'plotly>=5.15', 'rich', 'rosbags'],
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         'test': [
+            'casadi',
+            'catkin-pkg',
             'colcon-core',
             'colcon-ros',
             'hypothesis',
@@ -87,7 +89,8 @@ setup(
             'types-PyYAML',
         ],
         'docs': ['furo', 'myst-parser', 'sphinx'],
-        'benchmark': ['casadi'],
+        # Peers that are not installed are left out of the comparison.
+        'benchmark': ['casadi', 'drake; platform_machine == "x86_64"', 'ruckig'],
     },
     entry_points={
         'console_scripts': [

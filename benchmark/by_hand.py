@@ -17,7 +17,6 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.pendulum_kernels import roll_arcs, steer_arcs
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.switching_seeds import starts
@@ -248,9 +247,10 @@ def _sqp(
         rows[8:, :size] = margins_jacobian[near]
         lower = np.zeros(size + 2 + count)
         lower[:size] = np.maximum(-radius, -xi)
-        lower[size + 2 :] = np.concatenate([-residual, residual, -margins[near]])
+        variables = size + 2
+        lower[variables:] = np.concatenate([-residual, residual, -margins[near]])
         upper = np.full(size + 2 + count, 1e30)
-        upper[:size], upper[size : size + 2] = radius, 1e12
+        upper[:size], upper[size:variables] = radius, 1e12
         solution, _, flag, info = daqp.solve(
             matrix, gradient, rows, upper, lower, np.zeros(lower.size, dtype=np.int32)
         )
@@ -264,7 +264,7 @@ def _sqp(
             model = change.sum() + 0.5 * change @ hessian @ change
             model += rho_ends * slacks[0] + rho_limits * slacks[1]
             predicted = v_now - model
-            multipliers = np.abs(info['lam'][size + 2 :])
+            multipliers = np.abs(info['lam'][variables:])
             if predicted < 1e-4 * max(xi.sum(), 1e-6):
                 if feasible:
                     break

@@ -21,10 +21,9 @@ import itertools
 import math
 from typing import Any
 
+from benchmark.scenarios import crossing, MINIMUM_SEPARATION
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmark.scenarios import crossing, MINIMUM_SEPARATION
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Solution
@@ -95,7 +94,8 @@ def swing_up(
     loop.begin(plan)
     ticks = math.ceil((plan.duration + SETTLING + HELD) / interval)
     states = np.array([loop.tick(k * interval) for k in range(ticks)])
-    last = states[-round(HELD / interval) :]
+    count = round(HELD / interval)
+    last = states[-count:]
     return {
         'angle': float(np.abs(wrapped(last[:, 0])).max()),
         'disk': float(np.abs(states[:, 1]).max()),

@@ -13,9 +13,8 @@ import time
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from benchmark import overhead
+import numpy as np
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.problems import DirectSolverParameters
@@ -72,7 +71,7 @@ def _brachistochrone(module: ModuleType) -> float:
 
 
 def _landing(module: ModuleType) -> dict[str, Any]:
-    """Performance index over that of collocation, by the number of varied parameters."""
+    """Return the performance index over that of collocation, by number of parameters."""
     plans = module.table((2, 3, 6, 9), (0, 2))
     costs = {plan.parameters.size: plan.cost for plan in plans.values()}
     try:

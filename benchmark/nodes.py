@@ -30,8 +30,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from benchmark.pendulum import REGIMES, start_state
+if __package__ in (None, ''):  # run as a file
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from benchmark.pendulum import REGIMES, start_state  # noqa: I100
 
 _DOMAIN = 101
 _STARTS_OF_PROCESS = 5
@@ -75,7 +76,7 @@ class PlannerProcess:
         response = self._call(self._plan, Trigger.Request())
         return time.perf_counter() - began, json.loads(response.message)
 
-    def set(self, values: Mapping[str, Any]) -> None:
+    def set(self, values: Mapping[str, Any]) -> None:  # noqa: A003
         """Set parameters."""
         request = SetParametersAtomically.Request(
             parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
@@ -111,7 +112,7 @@ class PlannerProcess:
 
 @contextmanager
 def planner(**parameters: Any) -> Iterator[PlannerProcess]:
-    """A planner with parameters (``__`` for the dot), planning from the start.* parameters."""
+    """Yield a planner with parameters (``__`` for the dot) that plans from start.*."""
     named = {name.replace('__', '.'): value for name, value in parameters.items()}
     with tempfile.TemporaryDirectory() as folder:
         made = PlannerProcess({'start.source': 'parameters', **named}, Path(folder))
@@ -146,7 +147,7 @@ def latencies(torque: float, states: int) -> dict[str, Any]:
 
 
 def first_answers(count: int) -> list[float]:
-    """Times from starting the process to its first answer [s], discovery included."""
+    """Return the times from starting the process to its first answer [s], discovery included."""
     found = []
     for _ in range(count):
         with planner(limits__torque=REGIMES['strong'], solver__deadline=5.0) as process:

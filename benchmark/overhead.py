@@ -12,10 +12,9 @@ import math
 import time
 from typing import Any
 
-import numpy as np
-
 from benchmark import by_hand
 from benchmark.pendulum import problem, REGIMES, start_state
+import numpy as np
 from tdm_planner.direct_method import Budget
 from tdm_planner.problems import PendulumSwingUp, Solution
 from tdm_planner.problems.switching_search import Candidate, polish

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 

@@ -17,11 +17,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from benchmark.pendulum import problem, REGIMES, start_state
 import casadi
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmark.pendulum import problem, REGIMES, start_state
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask

@@ -30,9 +30,6 @@ import itertools
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmark.closed_loop import (
     ARRIVED,
     DISK_ANGLE,
@@ -42,6 +39,8 @@ from benchmark.closed_loop import (
     ROBOT_NOISE,
 )
 from benchmark.scenarios import crossing, MINIMUM_SEPARATION
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation

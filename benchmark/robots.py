@@ -18,13 +18,12 @@ import resource
 import time
 from typing import Any, TypeAlias
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-
-import numpy as np
+if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
+    os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
 from benchmark.robots_reference import DATA
 from benchmark.scenarios import crossing
+import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation

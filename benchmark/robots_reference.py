@@ -13,11 +13,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+from benchmark.scenarios import ARRIVAL_INTERVAL, Crossing, crossing, MINIMUM_SEPARATION, SLOW_RIG
 import casadi
 import numpy as np
 from numpy.typing import NDArray
-
-from benchmark.scenarios import ARRIVAL_INTERVAL, Crossing, crossing, MINIMUM_SEPARATION, SLOW_RIG
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ sys.path[:0] = [str(HERE / '_extensions'), str(HERE.parent)]
 
 project = 'tdm_planner'
 author = 'The tdm_planner authors'
-copyright = '2026, The tdm_planner authors'
+copyright = '2026, The tdm_planner authors'  # noqa: A001
 version = release = importlib.import_module('tdm_planner').__version__
 
 extensions = [

@@ -15,13 +15,12 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-import yaml
-
 from tdm_planner.parameters import build, ros_parameters
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.resources import config_file
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz
+import yaml
 
 
 def start_viewers(context: LaunchContext) -> list[Node]:

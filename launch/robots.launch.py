@@ -17,13 +17,12 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-import yaml
-
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.parameters import build, ros_parameters
 from tdm_planner.problems.formation_parameters import FormationParameters
 from tdm_planner.resources import config_file
 from tdm_planner.views.rviz import robots_rviz
+import yaml
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:

@@ -14,7 +14,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.palette import COLOURS, LIMIT
 from tdm_planner.plan_margins import PlanMargin
@@ -115,7 +114,8 @@ class _Histories:
         axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
         for axis, name in zip(axes, names, strict=False):
             self._draw_quantity(axis, name)
-        for axis, (name, unit) in zip(axes[len(names) :], kept.items(), strict=True):
+        first = len(names)
+        for axis, (name, unit) in zip(axes[first:], kept.items(), strict=True):
             for robot, found in margins.items():
                 for margin in found:
                     if margin.name == name:

@@ -14,9 +14,8 @@ from collections.abc import Container, Iterator, Mapping
 import textwrap
 from typing import Any
 
-import yaml
-
 from tdm_planner.parameters import ParameterSpec
+import yaml
 
 _WIDTH = 99
 

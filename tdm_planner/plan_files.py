@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory

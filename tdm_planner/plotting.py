@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.palette import LIMIT, MEASURED, PLANNED, SWITCH
 from tdm_planner.plan_margins import plan_margins, PlanMargin
 from tdm_planner.problems.base import Problem, Solution
@@ -95,7 +94,8 @@ def plot_trajectory(
             draw_limits(axis, -limits[name], limits[name])
         _label_turns(axis, trajectory, name)
         label_quantity(axis, name, unit)
-    for axis, margin in zip(axes[len(columns) :], margins, strict=True):
+    first = len(columns)
+    for axis, margin in zip(axes[first:], margins, strict=True):
         axis.plot(margin.times, margin.values, color=PLANNED)
         draw_limits(axis, 0.0)
         label_quantity(axis, f'margin of\n{margin.name}', margin.unit)

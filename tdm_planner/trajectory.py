@@ -12,7 +12,6 @@ from typing import Any, get_args, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -136,11 +135,11 @@ class Trajectory:
         )
 
     def state(self, name: str) -> Array:
-        """Samples of the state called `name`, (N,)."""
+        """Return the samples of the state called `name`, (N,)."""
         return self.states[:, self.state_names.index(name)]
 
     def control(self, name: str) -> Array:
-        """Samples of the control called `name`, (N,)."""
+        """Return the samples of the control called `name`, (N,)."""
         return self.controls[:, self.control_names.index(name)]
 
     def sample(self, t: ArrayLike) -> Sample:
@@ -184,7 +183,7 @@ class Trajectory:
         return CubicSpline(self.times, self.controls)
 
     def to_dict(self) -> dict[str, Any]:
-        """Times, states and controls by name, interpolation, units: what the JSON file holds."""
+        """Return what the JSON file holds: times, states, controls, interpolation, units."""
         return {
             'times': self.times.tolist(),
             'states': {n: self.state(n).tolist() for n in self.state_names},

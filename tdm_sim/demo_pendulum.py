@@ -15,8 +15,6 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.nodes.messages import (
     joint_indices,
     joint_motion,
@@ -39,6 +37,7 @@ from tdm_sim.verdict import (
     UPRIGHT_TOLERANCE,
     Verdict,
 )
+from trajectory_msgs.msg import JointTrajectory
 
 
 class PendulumScene(Scene):

@@ -16,8 +16,6 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-
 from tdm_planner.formation_plot import FormationView, plot_formation
 from tdm_planner.measured_robot import MeasuredRobot
 from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
@@ -37,6 +35,7 @@ from tdm_sim.verdict_formation import (
     POSITION_TOLERANCE,
     YAW_TOLERANCE,
 )
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 Array = NDArray[np.float64]
 

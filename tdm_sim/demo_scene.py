@@ -11,7 +11,6 @@ from typing import Any
 
 from rclpy.client import Client
 from rclpy.node import Node
-
 from tdm_sim.verdict import Verdict
 
 NodeCommand = tuple[str, str, list[str]]
@@ -52,7 +51,7 @@ class Scene(ABC):
 
     @abstractmethod
     def missing(self, node: Node, client: Client) -> str:
-        """What is not up, in words."""
+        """Return what is not up, in words."""
 
     def answered(self, answer: Mapping[str, Any]) -> None:
         """Keep the planner's answer to the request."""

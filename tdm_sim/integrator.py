@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.base import Plant
 
 Array = NDArray[np.float64]

@@ -8,7 +8,6 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.parameters import build, to_mapping
 
 PlantType = TypeVar('PlantType')

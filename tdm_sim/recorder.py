@@ -22,7 +22,6 @@ import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-
 from tdm_planner.exceptions import TdmError
 from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError

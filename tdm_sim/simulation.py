@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.base import Plant
 from tdm_sim.disturbances import Disturbances
@@ -81,7 +80,7 @@ class SimulatedPlant:
 
     @property
     def state(self) -> Array:
-        """True state (nx,)."""
+        """True state, (nx,)."""
         return self._state.copy()
 
     @property
@@ -98,7 +97,7 @@ class SimulatedPlant:
         return saturated if self.setup.gains is None else self.setup.gains * saturated
 
     def command(self, control: Array) -> None:
-        """Give a command (nu,); one that is not finite or of another length raises ValueError."""
+        """Give a command, (nu,); one that is not finite or of another length raises ValueError."""
         values = np.array(control, dtype=float)
         if values.shape != self._command.shape or not np.isfinite(values).all():
             raise ValueError(f'a command must be {self._command.size} finite numbers')

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

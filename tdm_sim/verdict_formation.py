@@ -11,7 +11,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.verdict import held_from, HOLD_TIME, Verdict

@@ -10,7 +10,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.floating_robot import FloatingRobot
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ import sys
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-
 from tdm_planner.exceptions import InvalidProblem
 
 # Deep enough for a burst that arrives while a chunk is written to disk.

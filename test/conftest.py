@@ -12,7 +12,7 @@ from ros_harness import reserved_domain, Ros, ros_environment
 
 @pytest.fixture(scope='module')
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
-    """A ROS domain for the test module; nodes started in it end with the module."""
+    """Yield a ROS domain for the test module; nodes started in it end with the module."""
     pytest.importorskip('rclpy')
     folder = tmp_path_factory.mktemp('ros')
     with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:

@@ -32,7 +32,7 @@ DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 
 @contextmanager
 def reserved_domain() -> Iterator[int]:
-    """A ROS_DOMAIN_ID in 1..101 that no other test process of this machine uses meanwhile."""
+    """Yield a ROS_DOMAIN_ID in 1..101 that no other test process uses meanwhile."""
     candidates = list(range(1, 102))
     random.shuffle(candidates)
     for domain in candidates:

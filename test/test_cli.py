@@ -12,7 +12,6 @@ import sys
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 SOURCE = Path(__file__).resolve().parents[1]

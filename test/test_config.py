@@ -11,11 +11,10 @@ import sys
 from typing import Any
 
 import pytest
-import yaml
-
 from tdm_planner.parameters import ros_parameters
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.problems.base import problem_parameters
+import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)

@@ -21,8 +21,8 @@ NODES = [
     ('robot_plant', 'tdm_sim.robot_plant', 'robots', '/robots/robot1'),
 ]
 OF_EVERY_NODE = re.compile(
-    r'/(rosout|parameter_events|clock)$|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
-    r'|/get_type_description$'
+    r'/(rosout|parameter_events|clock|get_type_description)$'
+    r'|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
 )
 
 Interface = tuple[str, str, str]  # name, kind, type
@@ -43,7 +43,7 @@ def documented(*pages: str) -> set[Interface]:
 
 
 def offered(ros: Any, name: str, namespace: str) -> set[Interface]:
-    """What a running node has, beside what every node has."""
+    """Return what a running node has, beside what every node has."""
     node = ros.node
     found = set()
     for kind, ask in (
@@ -82,7 +82,8 @@ def test_tables_list_exactly_what_the_nodes_have(running: Any, heading: str):
     def found() -> set[Interface]:
         try:
             return set().union(*(offered(running, *node) for node in nodes))
-        except Exception as error:  # until discovery knows the node's endpoints
+        except Exception as error:  # noqa: B902
+            # Until discovery knows the node's endpoints.
             if type(error).__name__ != 'NodeNameNonExistentError':
                 raise
             return set()

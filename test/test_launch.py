@@ -16,9 +16,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-import yaml
-
 from tdm_planner.exceptions import InvalidProblem
+import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
 FILES = sorted(path.name for path in (SOURCE / 'launch').glob('*.launch.py'))
@@ -73,7 +72,7 @@ class LaunchDescription:
     entities: list[Any] = field(default_factory=list)
 
     def nodes(self, **arguments: str) -> list[Node]:
-        """The nodes that start for the given arguments, everything resolved."""
+        """Return the nodes that start for the given arguments, everything resolved."""
         context = {a.name: a.default_value for a in self.arguments()} | arguments
         found: list[Node] = []
         for entity in self.entities:

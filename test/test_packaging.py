@@ -17,7 +17,6 @@ from xml.etree import ElementTree
 import zipfile
 
 import pytest
-
 import tdm_planner
 
 SOURCE = Path(__file__).resolve().parents[1]
@@ -35,7 +34,7 @@ def run(*command: str, cwd: Path) -> str:
 
 @pytest.fixture(scope='module')
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the sources, so that building leaves nothing behind in the tree."""
+    """Return a copy of the sources, so that building leaves nothing behind in the tree."""
     workspace = tmp_path_factory.mktemp('workspace')
     target = workspace / 'src' / 'tdm_planner'
     shutil.copytree(SOURCE, target, ignore=shutil.ignore_patterns(*NOT_SOURCES))
@@ -53,7 +52,7 @@ def shared_files() -> set[str]:
 
 @pytest.fixture(scope='module', params=['plain', 'symlinks'])
 def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
-    """The prefix that `colcon build` installs to."""
+    """Return the prefix that `colcon build` installs to."""
     if importlib.util.find_spec('colcon_ros') is None:
         pytest.skip('colcon is not installed (pip install colcon-core colcon-ros)')
     workspace = copy.parents[1] / request.param

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import check_path, load_plan, save_plan, to_json
 from tdm_planner.problems.base import Solution

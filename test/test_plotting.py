@@ -4,9 +4,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip('matplotlib')
-
 from tdm_planner.formation_plot import FormationView, plot_formation
 from tdm_planner.palette import LIMIT, SWITCH
 from tdm_planner.plan_margins import plan_margins

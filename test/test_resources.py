@@ -4,7 +4,6 @@ from pathlib import Path
 import sys
 
 import pytest
-
 from tdm_planner import resources
 
 SOURCE = Path(__file__).resolve().parents[1]

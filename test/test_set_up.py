@@ -1,7 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
 import pytest
-
 from tdm_planner import set_up
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import RobotFormation

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 
 def make(times=(0.0, 1.0, 3.0), interpolation='zero_order_hold', controls=(1.0, -1.0, 0.0)):
-    """A double integrator under the given controls, exact for held ones."""
+    """Return a double integrator under the given controls, exact for held ones."""
     times, u = np.array(times), np.array(controls)
     states = np.zeros((times.size, 2))
     for k in range(times.size - 1):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint, dense_times, replay, verify
 

@@ -15,15 +15,14 @@ from typing import Any
 
 import rclpy
 from rclpy.qos import DurabilityPolicy
-
 from tdm_planner.nodes.planner import Planner
 from tdm_planner.nodes.tracker import TrackerNode
 from tdm_sim.pendulum_plant import PendulumPlant
 from tdm_sim.robot_plant import RobotPlant
 
 OF_EVERY_NODE = re.compile(
-    r'/(rosout|parameter_events|clock)$|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
-    r'|/get_type_description$'
+    r'/(rosout|parameter_events|clock|get_type_description)$'
+    r'|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
 )
 KINDS = ('service', 'subscribes', 'calls', 'publishes')
 

@@ -22,7 +22,8 @@ def mathml(source: str, display: bool) -> str:
     """
     try:
         made = str(latex2mathml.tex2mathml(source, as_block=display))
-    except Exception as error:  # docutils says what is wrong by several kinds of exception
+    except Exception as error:  # noqa: B902
+        # Docutils says what is wrong by several kinds of exception.
         raise ExtensionError(f'formula not understood ({error}): {source}') from error
     if 'merror' in made:
         raise ExtensionError(f'formula not understood: {source}')

@@ -16,7 +16,6 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method import PolynomialReference
 
 START = ({0: 0.0, 1: 1.0, 2: 0.0}, {0: 0.0, 1: 0.2, 2: 0.1})

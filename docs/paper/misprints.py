@@ -16,7 +16,6 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]

@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-
 from tdm_planner.direct_method import Budget, minimise, PolynomialReference, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -90,7 +89,7 @@ def printed(count: int, switches: Array, completed: bool = False) -> End:
 
 
 def mended(count: int, switch: float) -> End:
-    """The scheme of ``method: virtual_arc`` with one switch at an angle, `count` nodes or so."""
+    """Return what ``method: virtual_arc`` makes of one switch, with `count` nodes or so."""
     task = problem(START, TORQUE).task
     program = VirtualArcProgram(task, TORQUE * np.array([-1.0, 1.0]), 0, count // 2)
     share = (START - switch) / (START - GOAL)
@@ -100,7 +99,7 @@ def mended(count: int, switch: float) -> End:
 
 
 def truth(switches: Array) -> End:
-    """The plant itself, integrated to where theta reaches the goal."""
+    """Return the plant itself, integrated to where theta reaches the goal."""
 
     def motion(t: float, x: Array) -> Array:
         return PLANT.derivative(x, np.array([torque]))
@@ -133,7 +132,7 @@ def problem(theta: float, torque: float, method: str = 'virtual_arc') -> Pendulu
 
 
 def transfers(angles: Array, torques: Array) -> Array:
-    """Times of transfers from rest over those of method switching, NaN where there is none."""
+    """Return the times of transfers from rest over those of method switching, or NaN."""
     ratios = np.full((torques.size, angles.size), np.nan)
     for i, j in np.ndindex(ratios.shape):
         try:

@@ -22,7 +22,6 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import brentq
-
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters

@@ -30,7 +30,6 @@ import math
 from typing import ClassVar
 
 import numpy as np
-
 from tdm_planner.direct_method import arctan2, Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution

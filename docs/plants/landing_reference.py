@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import casadi
 from landing import DRAG, G, INDUCED, Landing, table
 import numpy as np
-
 from tdm_planner.problems import DirectSolverParameters
 from tdm_planner.trajectory import Trajectory
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.interpolate import CubicSpline
-
 from tdm_planner.direct_method.checks import real_array, whole
 from tdm_planner.exceptions import InvalidProblem
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
@@ -97,7 +96,7 @@ class ArcOutputs:
         return np.asarray(guess * xi[:, self.timing])
 
     def _boundary_values(self, output: Output, mu: list[Values], count: int) -> Values:
-        """Derivatives by s at both ends from those by time, (B, mg)."""
+        """Return the derivatives by s at both ends from those by time, (B, mg)."""
         columns = []
         for side, where in enumerate(('start', 'end')):
             given = output.conditions(where)

@@ -14,7 +14,6 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -26,7 +25,7 @@ _DIRECTIONS = 4
 
 
 def jacobians(function: Callable[[Any], Any], points: Array, scheme: Scheme) -> Array:
-    """Derivatives at points (B, n) of `function`, (b, n) -> (b, m) for any b: (B, m, n)."""
+    """Return derivatives at points (B, n) of `function`, (b, n) -> (b, m) for any b: (B, m, n)."""
     count, size = points.shape
     identity = np.eye(size)
     if scheme == 'complex_step':

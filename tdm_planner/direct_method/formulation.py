@@ -16,7 +16,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
 from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem

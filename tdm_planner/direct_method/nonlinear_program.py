@@ -106,11 +106,11 @@ class NonlinearProgram(ABC):
 
     @abstractmethod
     def evaluate(self, xi: Array) -> Point:
-        """Performance index and violations at `xi`."""
+        """Return the performance index and violations at `xi`."""
 
     @abstractmethod
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
-        """Derivatives at a point; `multipliers` are those of the last quadratic program."""
+        """Return derivatives at a point; `multipliers` are those of the last quadratic program."""
 
     def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
         """Residuals at `point` of the equalities and `active` inequality rows of `at`.

@@ -11,7 +11,6 @@ import math
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.formulation import Output
 from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.direct_method.reference_function import ReferenceBasis

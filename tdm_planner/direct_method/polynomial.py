@@ -20,7 +20,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.checks import (
     check_arc,
     check_conditions,
@@ -130,7 +129,7 @@ def _to_array(matrix: list[list[Fraction]]) -> Array:
 
 
 def _horner(coefficients: Array, s: Array, derivative: int) -> Array:
-    """Derivative of polynomials with coefficients (powers, m) at s (...): (..., m)."""
+    """Return the derivative of polynomials with coefficients (powers, m) at s (...): (..., m)."""
     powers, shapes = coefficients.shape
     value = np.zeros((*s.shape, shapes))
     for power in range(powers - 1, derivative - 1, -1):
@@ -181,7 +180,7 @@ class PolynomialReference:
         return np.asarray(np.tensordot(shapes, self._data, axes=(-1, 0)) / self._span**order)
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Derivative of `x(tau, order)` with respect to the end derivatives, (n..., m)."""
+        """Return the derivative of `x(tau, order)` by the end derivatives, (n..., m)."""
         shapes = self.basis.values(self._unit(tau), check_derivative(order))
         return np.asarray(shapes * self._scales / self._span**order)
 

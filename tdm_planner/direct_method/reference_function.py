@@ -27,7 +27,7 @@ class ReferenceFunction(Protocol):
         """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Derivative of `x(tau, order)` with respect to the parameters, (n..., m)."""
+        """Return the derivative of `x(tau, order)` with respect to the parameters, (n..., m)."""
 
 
 @runtime_checkable

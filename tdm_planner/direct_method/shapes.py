@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.exceptions import InvalidProblem
 

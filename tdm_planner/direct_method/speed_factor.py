@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.direct_method.checks import check_arc, check_derivative, real_array
 from tdm_planner.direct_method.virtual_domain import reciprocal
@@ -100,7 +99,7 @@ class SpeedFactor(ArcTime):
         return np.asarray(self.jacobian(tau, order) @ self.coefficients)
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Derivative of `lambda(tau, order)` with respect to the coefficients, (..., n)."""
+        """Return the derivative of `lambda(tau, order)` by the coefficients, (..., n)."""
         order = check_derivative(order)
         basis = bernstein_basis(self.degree, self._unit(tau), order)
         return np.asarray(basis / (self.tau_f - self.tau_0) ** order)

@@ -14,7 +14,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.checks import (
     check_arc,
     check_conditions,
@@ -196,7 +195,7 @@ class TaranenkoReference:
         return np.asarray(value / self._span**order)
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Derivative of `x(tau, order)` with respect to the varied coefficients, (n..., mv)."""
+        """Return the derivative of `x(tau, order)` by the varied coefficients, (n..., mv)."""
         order = check_derivative(order)
         return np.asarray(self.basis.varied(self._unit(tau), order) / self._span**order)
 

@@ -216,8 +216,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     )
     if solution is None:
         return None
-    change, _, slacks = np.split(solution.step, [n, n + na])
-    slacks = np.maximum(slacks, 0.0)
+    first = n + na
+    change, slacks = solution.step[:n], np.maximum(solution.step[first:], 0.0)
     terms = np.abs(at.terms + at.terms_jacobian @ change) if na else at.terms
     model = (
         at.gradient @ change
@@ -226,10 +226,11 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
         + search.penalties @ slacks
     )
     now = at.term_weights @ np.abs(at.terms) + search.penalties @ search.point.violations
-    above, below, inequalities, _ = np.split(
-        solution.multipliers, [ne, 2 * ne, 2 * ne + at.inequalities.size]
+    dual, both = solution.multipliers, 2 * ne
+    last = both + at.inequalities.size
+    multipliers = Multipliers(
+        equalities=dual[ne:both] - dual[:ne], inequalities=dual[both:last], tags=at.tags
     )
-    multipliers = Multipliers(equalities=below - above, inequalities=inequalities, tags=at.tags)
     return _Step(change, float(now - model), float(slacks.max(initial=0.0)), multipliers)
 
 

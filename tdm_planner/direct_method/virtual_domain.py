@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from tdm_planner.direct_method.checks import shown
 from tdm_planner.exceptions import InvalidProblem
 
@@ -128,7 +127,7 @@ def _numbers(values: Sequence[ArrayLike], what: str) -> list[Values]:
 
 
 def _product(first: list[Values], second: list[Values]) -> list[Values]:
-    """Derivatives of a product, as many as the shorter factor has (Leibniz' rule)."""
+    """Return the derivatives of a product, as many as the shorter factor has (Leibniz' rule)."""
     count = min(len(first), len(second))
     return [
         np.asarray(sum(math.comb(n, j) * first[j] * second[n - j] for j in range(n + 1)))

@@ -16,7 +16,7 @@ class MixedInstallations(ImportError):
 
 
 def native_prefixes(environment: Mapping[str, str]) -> list[str]:
-    """Sourced installations that bring their own rclpy, from AMENT_PREFIX_PATH."""
+    """Return the sourced installations that bring their own rclpy, from AMENT_PREFIX_PATH."""
     prefixes = environment.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     return [p for p in prefixes if p and any(Path(p).glob('lib/python*/*-packages/rclpy'))]
 

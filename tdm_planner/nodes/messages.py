@@ -7,8 +7,6 @@ from __future__ import annotations
 from builtin_interfaces.msg import Duration, Time
 import numpy as np
 from numpy.typing import NDArray
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import WORLD_FRAME
 from tdm_planner.nodes.qos import LATCHED
@@ -23,6 +21,7 @@ from tdm_planner.nodes.reading import (
     seconds_of,
 )
 from tdm_planner.trajectory import NANOSECOND, Trajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 __all__ = [
     'LATCHED',
@@ -42,8 +41,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Rates below it are rest: what a plan may be off by at its end [rad/s]. Trajectory controllers want
-# the last velocities to be zero to the last bit (`allow_nonzero_velocity_at_trajectory_end`).
+# Rates below it are rest: what a plan may be off by at its end [rad/s]. Trajectory controllers
+# want the last velocities to be exactly zero (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
 _SECOND = 1_000_000_000  # ns
 

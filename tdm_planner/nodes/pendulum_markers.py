@@ -12,8 +12,6 @@ from geometry_msgs.msg import Point, Quaternion
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tdm_planner.nodes.frames import WORLD_FRAME
 from tdm_planner.nodes.markers import (
     AMBER,
@@ -29,6 +27,7 @@ from tdm_planner.nodes.markers import (
 )
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from visualization_msgs.msg import Marker, MarkerArray
 
 if TYPE_CHECKING:  # a simulated plant has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
@@ -119,8 +118,8 @@ class PendulumPicture:
         points = self._trail.points
         if len(points) < 2:
             return pen.delete('trail', 0)
-        points = points[-len(self._fading) :]
-        fading = self._fading[-len(points) :]
+        count = min(len(points), len(self._fading))
+        points, fading = points[-count:], self._fading[-count:]
         trail = pen.line('trail', 0, points, fading[-1], 0.6 * self._shape.rod_radius)
         trail.colors = fading
         return trail

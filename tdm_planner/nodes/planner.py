@@ -12,7 +12,6 @@ from typing import Any
 
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-
 from tdm_planner.exceptions import Busy, InvalidProblem
 from tdm_planner.nodes.adapters import Adapter, adapter_class
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
@@ -118,7 +117,8 @@ class Planner(ParameterNode):
         try:
             if self._problem_class is not None:
                 self._problem_class.from_parameters({}).prepare()
-        except Exception as error:  # planning will meet it again, and say so in its answer
+        except Exception as error:  # noqa: B902
+            # Planning will meet it again, and say so in its answer.
             return f'{type(error).__name__}: {" ".join(str(error).split())}'
         finally:
             self._prepared.set()
@@ -223,7 +223,7 @@ class Planner(ParameterNode):
             try:
                 self._adopt(changes)
                 self._publish(outcome)
-            except Exception as error:
+            except Exception as error:  # noqa: B902
                 outcome = Failure.of(error)
         if isinstance(outcome, Failure):
             self._failure = outcome
@@ -279,7 +279,7 @@ class Planner(ParameterNode):
         return Report(level, message, values)
 
     def _faults(self) -> list[str]:
-        """What makes every request vain until it is corrected."""
+        """Return what makes every request vain until it is corrected."""
         return [*filter(None, [self._fault]), *self.invalid_overrides.values()]
 
     def _state(self) -> tuple[Level, str]:

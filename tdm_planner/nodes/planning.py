@@ -83,7 +83,7 @@ def make_plan(
             return _plan_from_measured(problem_class, values, adapter, now)
         problem = problem_class.from_parameters(values)
         return Plan(problem, problem.solve(), now + round(values['start.delay'] / NANOSECOND))
-    except Exception as error:
+    except Exception as error:  # noqa: B902
         return Failure.of(error)
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import ARENA_FRAME
+from tdm_planner.parameters import shown
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 
@@ -111,7 +111,7 @@ def joint_indices(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
     listed = list(names)
     wrong = [name for name in wanted if listed.count(name) != 1]
     if wrong:
-        found = ', '.join(listed) or 'none'
+        found = shown(', '.join(listed)) or 'none'
         raise InvalidProblem(
             f'joint(s) {", ".join(wrong)} must be named once, but the names are: {found}'
         )
@@ -230,11 +230,11 @@ def _check_pair(motion: Any, controls: Any, robot: str | None) -> None:
 def _check_motion(motion: Any, robot: str | None) -> None:
     if robot is not None and list(motion.joint_names) != [robot]:
         raise InvalidProblem(
-            f"trajectory 'joint_names' = {list(motion.joint_names)} must be ['{robot}']"
+            f"trajectory 'joint_names' = {shown(list(motion.joint_names))} must be ['{robot}']"
         )
     if motion.header.frame_id not in ('', ARENA_FRAME):
         raise InvalidProblem(
-            f"trajectory 'frame_id' = '{motion.header.frame_id}' must be '{ARENA_FRAME}'"
+            f"trajectory 'frame_id' = '{shown(motion.header.frame_id)}' must be '{ARENA_FRAME}'"
         )
     if len(motion.points) < 2:
         raise InvalidProblem(
@@ -302,7 +302,7 @@ def odometry_state(message: Any) -> Array:
     """
     if message.header.frame_id not in ('', ARENA_FRAME):
         raise InvalidProblem(
-            f"odometry 'frame_id' = '{message.header.frame_id}' must be '{ARENA_FRAME}'"
+            f"odometry 'frame_id' = '{shown(message.header.frame_id)}' must be '{ARENA_FRAME}'"
         )
     place, rates = message.pose.pose, message.twist.twist
     yaw = yaw_of(place.orientation)

@@ -9,7 +9,6 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.timer import Timer
-
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters import Adapter
 from tdm_planner.nodes.planning import Plan
@@ -111,7 +110,8 @@ class Replanning:
                 return replanner.review(
                     self._asked(plan, values), observations, self._seconds(now)
                 )
-            except Exception as error:  # a fault of the program; the plan in force stays
+            except Exception as error:  # noqa: B902
+                # A fault of the program; the plan in force stays.
                 return error
 
         self._reviewing = True

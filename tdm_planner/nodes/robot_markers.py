@@ -11,10 +11,9 @@ from typing import NamedTuple
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.markers import colour_of, LIFETIME, Pen, Trail, WHITE
+from visualization_msgs.msg import Marker, MarkerArray
 
 TRAIL_LIFETIME = 4.0  # in lifetimes of the rest: not every message repeats the long trail
 

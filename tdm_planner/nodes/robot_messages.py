@@ -15,13 +15,6 @@ from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
 from nav_msgs.msg import Path
 import numpy as np
 from numpy.typing import NDArray
-from trajectory_msgs.msg import (
-    JointTrajectory,
-    JointTrajectoryPoint,
-    MultiDOFJointTrajectory,
-    MultiDOFJointTrajectoryPoint,
-)
-
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.messages import to_duration, to_stamp
 from tdm_planner.nodes.reading import (
@@ -35,6 +28,12 @@ from tdm_planner.nodes.reading import (
 )
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import NANOSECOND, Trajectory
+from trajectory_msgs.msg import (
+    JointTrajectory,
+    JointTrajectoryPoint,
+    MultiDOFJointTrajectory,
+    MultiDOFJointTrajectoryPoint,
+)
 
 __all__ = [
     'ARENA_FRAME',

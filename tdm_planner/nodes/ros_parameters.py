@@ -21,7 +21,6 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import ParameterSpec, Range
 
@@ -121,7 +120,8 @@ class ParameterNode(Node):
                 if not self._is_of_rclpy(item.name)
             }
             self.check_values({**self._values, **checked})
-        except Exception as error:  # whatever a value does, the node keeps serving
+        except Exception as error:  # noqa: B902
+            # Whatever a value does, the node keeps serving.
             reason = ' '.join(str(error).split())
             if not isinstance(error, InvalidProblem):
                 reason = f'internal error: {type(error).__name__}: {reason}'
@@ -149,7 +149,8 @@ class ParameterNode(Node):
             self._invalid_overrides.pop(name, None)
         try:
             self.values_changed(frozenset(checked))
-        except Exception as error:  # the values are set; the next request meets what is wrong
+        except Exception as error:  # noqa: B902
+            # The values are set; the next request meets what is wrong.
             sentence = ' '.join(str(error).split())
             self.get_logger().error(
                 f'parameters were set, but: {type(error).__name__}: {sentence}'

@@ -53,7 +53,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except Exception as error:
+    except Exception as error:  # noqa: B902
         # A signal that shuts the context down in the middle of taking a message makes rclpy raise
         # errors of its own: the process is ending as it was asked to.
         if rclpy.ok() or node is None:

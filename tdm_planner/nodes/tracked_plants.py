@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -36,6 +34,7 @@ from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import Action, TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import NANOSECOND, Trajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 Array = NDArray[np.float64]
 

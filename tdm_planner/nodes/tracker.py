@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.messages import nanoseconds_of

@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 

@@ -20,7 +20,6 @@ from typing import ClassVar, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.parameters import parameter, PHYSICAL, Validated
 
 if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need

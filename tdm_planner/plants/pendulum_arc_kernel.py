@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]

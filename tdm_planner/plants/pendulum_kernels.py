@@ -14,7 +14,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.compilation import compiled
 
 Array = NDArray[np.float64]

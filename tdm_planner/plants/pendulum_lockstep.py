@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.pendulum_kernels import EARLY, EARLY_COST, LATE, LATE_COST, TRIES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
@@ -98,7 +97,7 @@ def _cos(angle: float) -> float:
 def _step_derivatives(
     plant: RotaryPendulum, h: Array, held: Array, stages: Array, rates: Array
 ) -> tuple[Array, Array]:
-    """Derivatives of every step by its initial state (B, N, 4, 4) and by its length (B, N, 4)."""
+    """Return every step's derivatives by initial state (B, N, 4, 4) and by length (B, N, 4)."""
     jacobian, _ = plant.jacobians(stages, held[:, :, None, None])
     length = h[..., None, None]
     by_state = np.broadcast_to(np.eye(4), jacobian[:, :, 0].shape)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.compilation import COMPILED, compiled
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ import os
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants import pendulum_lockstep as lockstep
 from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -65,7 +64,7 @@ def roll(
 def roll_ends(
     plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
 ) -> Array:
-    """Derivatives (B, 4, K) of the final states by the durations, for a batch (B, K) of them."""
+    """Return derivatives (B, 4, K) of the final states by a batch of durations (B, K)."""
     if not COMPILED:
         with np.errstate(all='ignore'):
             many = np.broadcast_to(torques, durations.shape)

@@ -26,7 +26,6 @@ from typing import Any, ClassVar, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
 

@@ -8,7 +8,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.formation_task import FormationTask
 
@@ -96,7 +95,7 @@ def least_time(way: Array, rate: Array, acceleration: float) -> Array:
 
 
 def _check_reach(task: FormationTask) -> None:
-    """A lower bound of every arrival: along the straight way alone, and of the turn."""
+    """Return a lower bound of every arrival: along the straight way alone, and of the turn."""
     away = task.goal - task.start
     way = np.linalg.norm(away, axis=1)
     speed = np.linalg.norm(task.velocity, axis=1)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
-
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
@@ -93,7 +92,7 @@ def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
 def trajectory(
     model: ReferenceMotion, motion: Motion, robot: int, budget: Budget | None = None
 ) -> Trajectory:
-    """Controls of one robot and the states that follow from them by forward integration.
+    """Return controls of one robot and the states that follow from them by forward integration.
 
     When the `budget` is spent the corrections of the end go on no longer.
     """
@@ -134,7 +133,7 @@ def trajectory(
 
 
 def _effects(times: Array, shapes: Array) -> Array:
-    """What accelerations `shapes` (N, m) add to the final position and to the velocity (2, m)."""
+    """Return what accelerations `shapes` (N, m) add to final position and velocity (2, m)."""
     left = (times[-1] - times)[:, None]
     return np.stack([trapezoid(left * shapes, times, axis=0), trapezoid(shapes, times, axis=0)])
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -98,7 +97,7 @@ class FormationProgram(NonlinearProgram):
         model, task = self.model, self.model.task
         shape, nb = (task.n, model.size), model.nb
         free = np.ones(shape, dtype=bool)
-        free[task.staying, nb : nb + 2 * model.nf] = False
+        free[task.staying, slice(nb, nb + 2 * model.nf)] = False
         self.free = np.flatnonzero(free.ravel())
         lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         # The speed factor's coefficients must stay positive, and well so.
@@ -125,7 +124,7 @@ class FormationProgram(NonlinearProgram):
         return self.model.unpack(self.full(xi))
 
     def evaluate(self, xi: Array) -> Point:
-        """Performance index, relative to a typical one, and violations; see the base class."""
+        """Return the performance index, relative to a typical one, and the violations."""
         task = self.model.task
         self.evaluations += 1
         values = self.values(xi)

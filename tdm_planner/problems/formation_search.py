@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
-
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
@@ -49,7 +48,7 @@ class Form:
     nodes: int | None = None
 
     def model(self, task: FormationTask) -> ReferenceMotion:
-        """Reference functions of a manoeuvre."""
+        """Return the reference functions of a manoeuvre."""
         return ReferenceMotion(
             task, self.order, self.yaw_order, self.speed_factor_order, self.vary_ends
         )

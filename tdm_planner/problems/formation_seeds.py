@@ -12,7 +12,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import hermite_basis, powers, ReferenceMotion
 
@@ -137,7 +136,7 @@ class BowSeeds:
         return single, pair
 
     def _descended(self, single: Array, pair: Array, tries: int = 12) -> NDArray[np.intp]:
-        """Combinations of many robots' bows, by coordinate descent from random ones."""
+        """Return the combinations of many robots' bows, by coordinate descent from random ones."""
         n, c = single.shape
         found: list[NDArray[np.intp]] = [np.full(n, k, dtype=np.intp) for k in range(2)]
         for _ in range(tries):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.floating_robot import FloatingRobot
 
 Array = NDArray[np.float64]

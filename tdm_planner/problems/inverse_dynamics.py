@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
 
 Array = NDArray[np.float64]
@@ -81,10 +80,12 @@ class InverseDynamics:
         shapes = self.basis[derivative] @ model.basis.free * model.length_scale
         for axis in range(2):
             begin = model.nb + axis * model.nf
-            slope[axis, :, begin : begin + model.nf] = shapes
+            end = begin + model.nf
+            slope[axis, :, begin:end] = shapes
         if model.ny:
             yaw = self.yaw_basis[derivative] @ model.yaw_basis.free * model.yaw_scale
-            slope[2, :, model.nb + 2 * model.nf :] = yaw
+            end = model.nb + 2 * model.nf
+            slope[2, :, end:] = yaw
         return slope
 
     def at(self, motion: Motion) -> NodeValues:
@@ -149,7 +150,7 @@ class InverseDynamics:
         return np.asarray(total)
 
     def _given_curvature(self, values: NodeValues, pull: Array) -> Array:
-        """What b_0^2 times the given initial acceleration adds, (n,)."""
+        """Return what b_0^2 times the given initial acceleration adds, (n,)."""
         model = self.model
         bend = np.broadcast_to(self.basis[2], (model.task.n, *self.basis[2].shape))
         bend = bend - self.basis[1] * (values.mu_slope / values.mu)[..., None]

@@ -24,14 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.formation_task import FormationTask
 
 Array = NDArray[np.float64]
 
 
 def powers(s: Array, derivative: int, order: int) -> Array:
-    """Derivatives of the monomials 1, s, ..., s^order at s (...), as (..., order + 1)."""
+    """Return derivatives of the monomials 1, s, ..., s^order at s (...), as (..., order + 1)."""
     s = np.asarray(s, dtype=float)
     values = np.zeros((*s.shape, order + 1))
     for p in range(derivative, order + 1):
@@ -135,7 +134,8 @@ class ReferenceMotion:
         """Motions at the scaled varied parameters z (n, P)."""
         task, n = self.task, self.task.n
         b = z[:, : self.nb] * self.time_scale
-        shape = z[:, self.nb : self.nb + 2 * self.nf].reshape(n, 2, self.nf)
+        begin, end = self.nb, self.nb + 2 * self.nf
+        shape = z[:, begin:end].reshape(n, 2, self.nf)
         given = self.basis.given
         position = (
             task.departure[..., None] * given[:, 0]
@@ -154,7 +154,7 @@ class ReferenceMotion:
         )
         yaw = yaw + added[:, 0]
         if self.ny:
-            free = z[:, self.nb + 2 * self.nf :] * self.yaw_scale
+            free = z[:, end:] * self.yaw_scale
             yaw = yaw + free @ self.yaw_basis.free.T
         return Motion(b, position, yaw, slope, yaw_slope[:, 0])
 
@@ -224,7 +224,8 @@ class ReferenceMotion:
         shapes = monomials @ self.basis.free * self.length_scale
         for axis in range(2):
             first = self.nb + axis * self.nf
-            jacobian[:, axis, first : first + self.nf] = shapes
+            last = first + self.nf
+            jacobian[:, axis, first:last] = shapes
         if self.moving_start:
             slope = np.einsum('rdbm,rm->rdb', motion.position_slope[robots], monomials)
             jacobian[:, :, : self.nb] = slope * self.time_scale

@@ -64,7 +64,8 @@ def _load(name: str, address: str) -> type[Problem]:
     module, _, attribute = address.partition(':')
     try:
         found = getattr(import_module(module.strip()), attribute.strip())
-    except Exception as error:  # whatever the registered package's import raises
+    except Exception as error:  # noqa: B902
+        # Whatever the registered package's import raises.
         raise InvalidProblem(
             f"problem '{name}' cannot be loaded from {address}: {type(error).__name__}: {error}"
         ) from error

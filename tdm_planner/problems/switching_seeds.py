@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.pendulum_rollout import ArcBatch
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
@@ -116,9 +115,8 @@ def warm_starts(
         if count > most:
             continue
         row = np.zeros(most)
-        row[before : before + signs.size] = previous.durations * np.exp(
-            change * rng.normal(size=signs.size)
-        )
+        last = before + signs.size
+        row[before:last] = previous.durations * np.exp(change * rng.normal(size=signs.size))
         durations.append(row)
         first.append(signs[0] * (-1.0) ** before)
         arcs.append(min(max(count, FEWEST_ARCS + 1), most))

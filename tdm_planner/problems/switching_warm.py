@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.pendulum_rollout import ARRIVED
 from tdm_planner.problems.search import Plan

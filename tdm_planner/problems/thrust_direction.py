@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.compilation import compiled
 
 Array = NDArray[np.float64]
@@ -34,7 +33,7 @@ class Envelopes(NamedTuple):
     lower: Array
 
     @property
-    def open(self) -> bool:
+    def open(self) -> bool:  # noqa: A003
         """Whether some admissible direction exists at all instants."""
         return bool((self.upper >= self.lower).all())
 
@@ -118,10 +117,11 @@ class ThrustDirection:
         fast = np.abs(step) > 2 * self.rate * np.diff(self.times)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], fast.astype(int), [0]])))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            at = begin + int(np.argmin(force[begin : end + 1]))
+            after = end + 1
+            at = begin + int(np.argmin(force[begin:after])) + 1
             kept, error = self.turns, self.error
             turned = kept.copy()
-            turned[at + 1 :] -= np.sign(step[begin:end].sum()) * 2 * np.pi
+            turned[at:] -= np.sign(step[begin:end].sum()) * 2 * np.pi
             self.turns = turned
             self.error = self._least_error(wanted)
             if self.error >= error:

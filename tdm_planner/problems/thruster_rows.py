@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
 
 Array = NDArray[np.float64]
@@ -135,9 +134,8 @@ class _Local:
             slope = np.zeros((2, basis.shape[0], model.size))
             for axis in range(2):
                 begin = model.nb + axis * model.nf
-                slope[axis, :, begin : begin + model.nf] = (
-                    basis @ model.basis.free * model.length_scale
-                )
+                end = begin + model.nf
+                slope[axis, :, begin:end] = basis @ model.basis.free * model.length_scale
             if model.moving_start:
                 by_rate = np.einsum('rdbm,rm->drb', self.motion.position_slope[self.robots], basis)
                 slope[:, :, : model.nb] = by_rate * model.time_scale
@@ -161,5 +159,6 @@ class _Local:
         slope[:, : model.nb] = by_rate * model.time_scale
         if model.ny:
             free = self.yaw_basis @ model.yaw_basis.free * model.yaw_scale
-            slope[:, model.nb + 2 * model.nf :] = free
+            first = model.nb + 2 * model.nf
+            slope[:, first:] = free
         return slope

@@ -16,7 +16,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
@@ -136,7 +135,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
         return Infeasible(reason)
 
     def goals(self) -> list[int]:
-        """The n of theta = 2 pi n that lie ahead; the nearest two either way if it is at rest."""
+        """Return the n of theta = 2 pi n that lie ahead; the nearest two either way if at rest."""
         theta, _, theta_dot, _ = self._task.start.tolist()
         here = theta / (2 * math.pi)
         above, below = math.floor(here + 1e-9) + 1, math.ceil(here - 1e-9) - 1
@@ -185,7 +184,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
         return minimum
 
     def _landed(self, program: VirtualArcProgram, xi: Array) -> Trajectory | None:
-        """The plant's motion under the switching times, corrected until it ends upright."""
+        """Return the plant's motion under the switching times, corrected until it ends upright."""
         durations = np.maximum(program.durations(xi), 0.0)
         batch = ArcBatch(
             durations[None],

@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.differentiation import jacobians
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
@@ -193,7 +192,7 @@ class VirtualArcProgram(NonlinearProgram):
         )
 
     def _jacobians(self, points: Array, rows: _Rows) -> Array:
-        """Derivatives of all values at points (B, n), with margins at the nodes of `rows`."""
+        """Return derivatives of all values at points (B, n), margins at the nodes of `rows`."""
         self.evaluations += points.size
         return jacobians(
             lambda xi: self._values(xi, self.along(xi), rows.slowest, rows.peaks),

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.reference_motion import powers, ReferenceMotion

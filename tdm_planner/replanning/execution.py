@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.plan_in_force import PlanInForce

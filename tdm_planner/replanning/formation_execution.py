@@ -17,7 +17,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
-
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning.decision import Outlook

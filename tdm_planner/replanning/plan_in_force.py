@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.base import Problem, Solution
 
 Array = NDArray[np.float64]

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.pendulum_feedback import compile_feedback, FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumMotor
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp

@@ -12,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.base import Plant
 
 Array = NDArray[np.float64]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
-
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -19,7 +19,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import PendulumMotor, RotaryPendulum
@@ -44,6 +43,7 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 _GAIN_STEP = 5e-3  # s between the gains along a plan
+_MOST_GAINS = 12_000  # along a minute; a longer plan has them further apart
 _CAPTURE_SHARE = 0.5  # of the plan's duration before which capture is not looked for
 # Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
 _RATE_FLOOR = 0.1
@@ -163,7 +163,7 @@ class PendulumTracker(TrajectoryTracker):
         smooth = (
             trajectory if trajectory.rates is not None else trajectory.with_rates(plant.derivative)
         )
-        steps = max(1, round(trajectory.duration / _GAIN_STEP))
+        steps = min(max(1, round(trajectory.duration / _GAIN_STEP)), _MOST_GAINS)
         step = trajectory.duration / steps
         times = trajectory.times[0] + step * (np.arange(steps) + 0.5)
         sample = smooth.sample(times)

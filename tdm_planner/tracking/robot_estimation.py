@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters

@@ -19,7 +19,6 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking.estimator import CommandHistory
 from tdm_planner.tracking.feedforward import Feedforward
@@ -212,7 +211,7 @@ class RobotTracker(TrajectoryTracker):
         return min(max(_SERVO_SHARE * angle / self.parameters.interval, -limit), limit)
 
     def _drive(self, state: Array, wish: Wish, deadband: float) -> Array:
-        """Controls (3,) that come nearest to the wish; `deadband` is that of the thrust."""
+        """Return controls (3,) that come nearest to the wish; `deadband` is that of the thrust."""
         limits, plant = self.parameters.limits, self.parameters.plant
         wanted = math.hypot(wish.acceleration[0], wish.acceleration[1])
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])

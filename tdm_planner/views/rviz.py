@@ -7,9 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import yaml
-
 from tdm_planner.views.topics import absolute
+import yaml
 
 _PLUGIN = 'rviz_default_plugins/'
 

@@ -58,7 +58,8 @@ def _topics(path: Path, notes: list[str]) -> RecordedTopics:
         topics = gather(messages(path, wanted))
         if topics.types:
             return topics
-    except Exception:  # whatever the libraries raise for a damaged file: try what is left
+    except Exception:  # noqa: B902
+        # Whatever the libraries raise for a damaged file: try what is left.
         notes.append('The recording was not closed properly, or is damaged.')
     found: list[str] = []
     everything: dict[str, str] = {}
@@ -241,7 +242,8 @@ def _figures(
             figures = diagnosed_figures(status.values, 0.0)
             if figures is not None:
                 found[figures.plan_id] = figures
-    last = list(found.values())[-len(starts) :] if starts else []
+    count = len(starts)
+    last = list(found.values())[-count:] if count else []
     shift = len(starts) - len(last)
     return [
         PlanFigures(**{**vars(figures), 'time': (starts[shift + k] - origin) * NANOSECOND})

@@ -119,7 +119,8 @@ class _Walk:
         start = self._at
         self._advance(length)
         self.layout.fixed.append((start, length))
-        return self._data[start : self._at].rstrip(b'\0').decode('utf-8', 'replace')
+        end = self._at
+        return self._data[start:end].rstrip(b'\0').decode('utf-8', 'replace')
 
     def _align(self, size: int) -> None:
         self._at += -(self._at - _HEADER) % size
@@ -168,6 +169,7 @@ def _extract(layout: _Layout, table: NDArray[np.uint8], rows: NDArray[np.intp]) 
     numbers = {}
     for path, (at, count, number) in layout.numbers.items():
         kind = np.dtype(order + number)
-        part = np.ascontiguousarray(table[:, at : at + count * kind.itemsize])
+        end = at + count * kind.itemsize
+        part = np.ascontiguousarray(table[:, at:end])
         numbers[path] = part.view(kind) if count else np.zeros((len(table), 0))
     return Columns(rows, numbers, layout.strings)

@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 import plotly.graph_objects as go
-
 from tdm_planner.palette import COLOURS, LIMIT, SWITCH
 from tdm_sim.report.embedding import packed
 

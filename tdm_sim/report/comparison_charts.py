@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-
 from tdm_sim.report.charts import Chart, Curve, Kind, Panel
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.histories import colour_of, description_of, points_per_curve, series_of

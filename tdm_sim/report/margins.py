@@ -13,7 +13,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation_task import FormationTask

@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.measured_robot import MeasuredRobot
 from tdm_sim.report.margins import Limits
 from tdm_sim.report.mission import Mission, Signals, Vehicle

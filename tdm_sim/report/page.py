@@ -16,7 +16,6 @@ from pathlib import Path
 import re
 
 from plotly.offline import get_plotlyjs
-
 from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report import animation

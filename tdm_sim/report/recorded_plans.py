@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import (
     nanoseconds_of,

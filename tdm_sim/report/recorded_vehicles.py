@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.reading import (
     PENDULUM_JOINTS,
@@ -264,7 +263,7 @@ def _named_controls(
 
 
 def _errors(stream: Stream, plant: Plant, origin: int) -> Signals | None:
-    """What the tracker says of its errors, by the names of the states."""
+    """Return what the tracker says of its errors, by the names of the states."""
     if plant == 'pendulum':
         sources = {
             'theta': 'pendulum.position',

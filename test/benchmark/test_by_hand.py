@@ -29,10 +29,9 @@ def test_it_comes_by_the_same_plan(regime, seed):
 def test_the_minimisers_take_the_same_way():
     import math
 
-    import numpy as np
-
     from benchmark import by_hand
     from benchmark.pendulum import problem, start_state
+    import numpy as np
     from tdm_planner.direct_method import Budget
     from tdm_planner.problems.switching_search import Candidate, polish
 

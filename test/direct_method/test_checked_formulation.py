@@ -8,7 +8,6 @@ import warnings
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import (
     Duration,
     Formulation,

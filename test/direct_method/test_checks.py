@@ -7,7 +7,6 @@ import warnings
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import (
     arc_derivatives,
     Duration,

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method.differentiation import (
     absolute,
     arctan2,

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
-
 from tdm_planner.direct_method.polynomial import PolynomialBasis, PolynomialReference
 from tdm_planner.exceptions import InvalidProblem
 

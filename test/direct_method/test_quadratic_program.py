@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
 
 BACKENDS = ['daqp', 'nnls']

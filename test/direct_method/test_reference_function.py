@@ -4,7 +4,6 @@
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import (
     PolynomialReference,
     power_products,

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
-
 from tdm_planner.direct_method import power_products, SineSeries, symmetric_powers
 from tdm_planner.exceptions import InvalidProblem
 

@@ -4,7 +4,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import (
     Budget,
     Duration,
@@ -13,8 +12,8 @@ from tdm_planner.direct_method import (
     Output,
     SineSeries,
     Transcription,
+    transcription,
 )
-from tdm_planner.direct_method import transcription
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.exceptions import InvalidProblem
 

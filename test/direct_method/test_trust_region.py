@@ -4,7 +4,6 @@
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -114,7 +113,7 @@ def scipy_reference(program, start):
 
 
 def circle(corrections):
-    """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle: the textbook case of the Maratos effect."""
+    """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle: the case of the Maratos effect."""
     program = Smooth(
         lambda x: 2 * (x @ x - 1) - x[0],
         lambda x: 4 * x - np.array([1.0, 0.0]),

@@ -17,20 +17,16 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import pytest
-import yaml
-
-pytest.importorskip('rclpy')
-
 from pages import blocks
+import pytest
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS, pendulum_message, to_stamp
 from tdm_planner.nodes.tracked_plants import TrackedPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.commands import MalformedCommand
 from tdm_sim.pendulum_plant import PendulumPlant
+from trajectory_msgs.msg import JointTrajectory
+import yaml
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'hardware.md'
 SECOND = 1_000_000_000

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope='module')
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as pip leaves it: the page as a module, and the metadata that registers it."""
+    """Return a folder as pip leaves it: the page as a module, registered by metadata."""
     folder = tmp_path_factory.mktemp('site')
     page = ROOT / 'docs' / 'plants' / 'double_integrator.py'
     (folder / 'students_plant.py').write_text(page.read_text())

@@ -18,10 +18,9 @@ from xml.etree import ElementTree
 import pages
 from pages import blocks, commands, name_of, PAGES, SOURCE
 import pytest
-import yaml
-
 from tdm_planner import cli
 from tdm_planner.problems.registry import problem_names
+import yaml
 
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
 OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', 'python', 'pip', '.', 'source'}

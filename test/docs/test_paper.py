@@ -39,7 +39,6 @@ def test_every_misprint_breaks_the_energy_balance_and_the_right_equations_keep_i
 
 def test_right_equations_are_the_plants():
     import misprints
-
     from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
     plant, state = RotaryPendulum(), np.array([0.7, 0.2, -3.0, 5.0])

@@ -9,7 +9,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from tdm_planner.problems import SolverParameters
 
 FOLDER = Path(__file__).parents[2] / 'docs' / 'plants'

@@ -19,7 +19,6 @@ def _pages(monkeypatch):
 
 def test_as_quick_as_the_built_in_problem():
     import pendulum as page
-
     from tdm_planner.problems import PendulumStart
 
     start = PendulumStart(theta=np.pi)

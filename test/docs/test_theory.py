@@ -11,7 +11,6 @@ import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
 from scipy.integrate import trapezoid
-
 from tdm_planner.direct_method import (
     arc_derivatives,
     path_speed,
@@ -26,7 +25,7 @@ from tdm_planner.direct_method import (
 )
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.formation_verification import common_states, penalty
+from tdm_planner.problems.formation_verification import penalty
 from tdm_planner.tracking import time_varying_regulator
 from tdm_planner.trajectory import Trajectory
 
@@ -241,8 +240,11 @@ def test_performance_index_is_equation_28(formation):
 def test_penalty_is_equation_29_mended(formation):
     problem, solution = formation
     task = problem.task
-    _, states, controls = common_states(task, solution.trajectories)
-    states, controls = states.copy(), controls.copy()
+    times = np.linspace(0.0, solution.duration, 500)
+    plans = [solution.trajectories[name] for name in task.names]
+    samples = [plan.sample(np.minimum(times, plan.duration)) for plan in plans]
+    states = np.concatenate([sample.state for sample in samples], axis=1)
+    controls = np.concatenate([sample.control for sample in samples], axis=1)
     # Violate everything: leave the arena, push too hard, turn too fast, meet the neighbour.
     states[3, 0] = -0.1
     states[5, 8] = task.sides[1] + 0.05
@@ -257,8 +259,9 @@ def test_penalty_is_equation_29_mended(formation):
         return float(np.maximum(-margin, 0.0).max() ** 2)
 
     delta = 0.0
+    every = states.reshape(len(states), n, 7)[:, :, :2]
     for i in range(n):
-        place = states[:, 7 * i : 7 * i + 2]
+        place = every[:, i]
         f = controls[:, 3 * i] / task.plant.mass / task.thrust
         t = controls[:, 3 * i + 2] / task.plant.inertia / task.torque
         turn = controls[:, 3 * i + 1] / task.thruster_rate
@@ -268,7 +271,7 @@ def test_penalty_is_equation_29_mended(formation):
         delta += k[1] * square(np.minimum(1 - f, f))
         delta += k[2] * (square(1 - np.abs(t)) + square(1 - np.abs(turn)))
         for other in range(i):
-            apart = place - states[:, 7 * other : 7 * other + 2]
+            apart = place - every[:, other]
             delta += k[3] * square(np.hypot(*apart.T) - m)
     assert delta > 0.1
     assert penalty(task, states, controls, k) == pytest.approx(delta, rel=1e-9)

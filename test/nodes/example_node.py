@@ -12,7 +12,6 @@ import time
 from typing import Any
 
 from std_srvs.srv import Trigger
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
@@ -32,6 +31,8 @@ class ExampleParameters(Validated):
 
 
 class ExampleNode(ParameterNode):
+    """A node with nothing but parameters."""
+
     def __init__(self) -> None:
         super().__init__('example', specifications(ExampleParameters))
         self.warn_of_unknown_overrides()

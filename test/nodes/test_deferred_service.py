@@ -9,14 +9,10 @@ import threading
 from typing import Any
 
 import pytest
-from ros_harness import Ros
-
-pytest.importorskip('rclpy')
-
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from ros_harness import Ros
 from std_srvs.srv import Trigger
-
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.worker import Worker

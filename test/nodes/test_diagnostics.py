@@ -2,13 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import pytest
-from ros_harness import Ros
-
-pytest.importorskip('rclpy')
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-
+from ros_harness import Ros
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 
 

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from marker_checks import check_markers, Scene
 import numpy as np
-from visualization_msgs.msg import Marker
-
+import pytest
 from tdm_planner.nodes.formation_markers import formation_markers, LONGEST_PATH
 from tdm_planner.problems.formation_parameters import Arena
+from visualization_msgs.msg import Marker
 
 ARENA = Arena(length=5.0, width=3.0, obstacles=[1.0, 2.0, 0.3, 4.0, 1.0, 0.2])
 GOALS = {

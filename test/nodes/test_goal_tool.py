@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
+import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.goal_tool import arena_pose, place_in_arena, place_in_formation
 from tdm_planner.problems import RobotFormation

@@ -8,7 +8,6 @@ from pathlib import Path
 import sys
 
 import pytest
-
 from tdm_planner.nodes.installation import (
     MixedInstallations,
     native_prefixes,

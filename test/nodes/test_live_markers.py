@@ -8,22 +8,16 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from geometry_msgs.msg import PoseStamped
 from marker_checks import check_markers, Scene
 from nav_msgs.msg import Odometry
 import numpy as np
+import pytest
 from rcl_interfaces.srv import GetParameters
 from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import MultiDOFJointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
-
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
@@ -31,6 +25,8 @@ from tdm_planner.nodes.robot_markers import TRAIL_LIFETIME
 from tdm_planner.nodes.robot_messages import to_quaternion
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 
 RIG = {'base', 'disk', 'disk_limit', 'arm', 'rod', 'trail'}
 ROBOT = {'body', 'heading', 'separation', 'name', 'trail'}
@@ -175,7 +171,7 @@ class Robots:
         assert ros.spin_until(lambda: bool(self.plan.arrays), 20.0), self.process.output
         self._goals = ros.publisher('/robots/robot1/goal_pose', PoseStamped)
 
-    def set(self, **values: Any) -> None:
+    def set(self, **values: Any) -> None:  # noqa: A003
         assert set(self.ros.set_parameters('/robots/planner', **values)) <= {''}
 
     @property

@@ -2,16 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from builtin_interfaces.msg import Time
 from marker_checks import check_markers, Scene
 import numpy as np
-from visualization_msgs.msg import Marker, MarkerArray
-
+import pytest
 from tdm_planner.nodes.markers import colour_of, GREY, lifetime_at, Pen, points_of, Trail
+from visualization_msgs.msg import Marker, MarkerArray
 
 
 def rgb(name: str) -> tuple[float, float, float]:

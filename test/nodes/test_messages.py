@@ -8,13 +8,8 @@ from typing import Any
 from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
-
-pytest.importorskip('rclpy')
-
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -27,6 +22,7 @@ from tdm_planner.nodes.messages import (
 )
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from trajectory_msgs.msg import JointTrajectory
 
 STAMP = to_stamp(1_700_000_000_123_456_789)
 

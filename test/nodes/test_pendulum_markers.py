@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from builtin_interfaces.msg import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from marker_checks import check_markers, Scene
 import numpy as np
-from visualization_msgs.msg import Marker
-
+import pytest
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.pendulum_markers import LONGEST_PATH, PendulumPicture, plan_markers
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import Trajectory
+from visualization_msgs.msg import Marker
 
 PLANT = RotaryPendulum()
 STATIC = {('base', 0), ('disk', 0), ('disk_limit', 0), ('arm', 0), ('rod', 0)}

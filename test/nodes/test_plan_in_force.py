@@ -4,7 +4,6 @@
 
 import numpy as np
 import pytest
-
 from tdm_planner.nodes.adapters.formation import _CARRIED, _deviation, _drifted, _TRACKED
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
 from tdm_planner.plants.floating_robot import FloatingRobot

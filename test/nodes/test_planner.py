@@ -8,25 +8,21 @@ import json
 import math
 from typing import Any
 
+from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
-from ros_harness import Ros
-
-pytest.importorskip('rclpy')
-
-from marker_checks import check_markers, Scene
 from rcl_interfaces.srv import DescribeParameters, ListParameters
+from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, pendulum_trajectory, to_stamp
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.verification import replay
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': 5.0}
@@ -170,7 +166,7 @@ def test_a_plan_from_the_measured_state(ros: Ros) -> None:
 
 
 def coasted(state: list[float], duration: float) -> list[float]:
-    """The same by explicit small steps of the midpoint rule, extrapolated."""
+    """Return the same by explicit small steps of the midpoint rule, extrapolated."""
     pendulum = RotaryPendulum()
 
     def midpoint(steps: int) -> Any:

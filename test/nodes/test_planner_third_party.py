@@ -12,17 +12,13 @@ import signal
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
+from trajectory_msgs.msg import JointTrajectory
 
 ENTRY_POINTS = """[tdm_planner.problems]
 slow_swing_up = third_party_problems:SlowSwingUp
@@ -35,7 +31,7 @@ missing_module = no_such_module:Problem
 
 @pytest.fixture(scope='module')
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as pip leaves it: the module, and the metadata that registers its problems."""
+    """Return a folder as pip leaves it: the module, its problems registered by metadata."""
     folder = tmp_path_factory.mktemp('site')
     module = Path(__file__).with_name('third_party_problems.py')
     (folder / module.name).write_text(module.read_text())
@@ -79,7 +75,7 @@ def planners(ros: Ros, site: Path) -> Iterator[Planners]:
 
 
 def status(received: list[Any], name: str) -> Any:
-    """The newest diagnostic status called `name`."""
+    """Return the newest diagnostic status called `name`."""
     found = [s for array in received for s in array.status if s.name == name]
     return found[-1] if found else None
 

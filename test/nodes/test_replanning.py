@@ -14,9 +14,8 @@ from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.nodes.messages import joint_motion, LATCHED, PENDULUM_JOINTS, seconds_of
+from trajectory_msgs.msg import JointTrajectory
 
 LIMIT = 0.02  # N m; the slow swing
 WEAK = {'limits.torque': LIMIT}

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
-pytest.importorskip('rclpy')
-
 from builtin_interfaces.msg import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from marker_checks import check_markers, Scene
 import numpy as np
-
+import pytest
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState, TRAIL_LIFETIME
 from tdm_planner.plants.floating_robot import FloatingRobot

@@ -9,7 +9,6 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
 from tdm_planner.nodes.robot_messages import (

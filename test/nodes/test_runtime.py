@@ -10,9 +10,6 @@ import sys
 
 import pytest
 from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
 from std_srvs.srv import Trigger
 
 

@@ -8,21 +8,17 @@ import math
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
-
 from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory
 
 LIMIT = 0.02  # the slow swing: a busy machine may stall a process for a while
 LATER = 1.0  # s from publishing to the start
@@ -76,7 +72,7 @@ class Bench:
 
 @pytest.fixture(scope='module')
 def bench(ros: Ros) -> Bench:
-    """A tracker without a plant: the test publishes the states."""
+    """Return a tracker without a plant: the test publishes the states."""
     return Bench(ros, 'scripted')
 
 
@@ -181,7 +177,7 @@ def test_it_ends_cleanly(bench: Bench) -> None:
 
 @pytest.fixture(scope='module')
 def rig(ros: Ros) -> Bench:
-    """A tracker with the simulated pendulum, 5 % wrong and noisy."""
+    """Return a tracker with the simulated pendulum, 5 % wrong and noisy."""
     noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
     ros.start(
         'tdm_sim.pendulum_plant',

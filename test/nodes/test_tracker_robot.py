@@ -8,21 +8,17 @@ import math
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-
 from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.robot_messages import robot_controls_message, robot_trajectory_message
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 SPACE = '/fleet/scout'
 PARAMETERS = {

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method import Budget
 from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated

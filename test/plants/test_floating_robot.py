@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import FloatingRobot
 from tdm_planner.trajectory import Trajectory
@@ -37,7 +36,7 @@ def random_controls(seed, n=30, duration=6.0):
 
 
 def integrated(plan, at):
-    """An integration of its own, restarted at every sample."""
+    """Return an integration of its own, restarted at every sample."""
     state, states = plan.states[0], [plan.states[0]]
     for begin, end in zip(plan.times[:-1], plan.times[1:], strict=True):
         inside = at[(at > begin) & (at <= end)]

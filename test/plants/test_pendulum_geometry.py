@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from tdm_planner.parameters import build
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.compilation import COMPILED

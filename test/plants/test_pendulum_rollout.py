@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants import pendulum_lockstep, pendulum_rollout, RotaryPendulum
 from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import (

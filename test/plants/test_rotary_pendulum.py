@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 
@@ -60,7 +59,7 @@ def test_power_of_the_torque_is_the_rate_of_energy(state, torque):
 
 
 def mujoco_model(plant: RotaryPendulum) -> str:
-    """A disk about the vertical, the pendulum hinged to its rim; x of the model is radial."""
+    """Return a disk about the vertical, the pendulum hinged to its rim; x is radial."""
     inertia = plant.inertia
     return f"""
     <mujoco>

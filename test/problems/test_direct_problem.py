@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import Duration, Integrated, Output, power_products, SineSeries
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated

@@ -8,7 +8,6 @@ import warnings
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameters import group, Validated

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import (

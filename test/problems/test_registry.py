@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.registry import load_problem, problem_names

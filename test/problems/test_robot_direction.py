@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.problems.thrust_direction import ThrustDirection
 
 TIMES = np.linspace(0.0, 20.0, 401)

@@ -6,10 +6,9 @@ from dataclasses import replace
 import itertools
 import math
 
+from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-
-from benchmark.scenarios import crossing
 from tdm_planner.direct_method import quadratic_program
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
 from tdm_planner.problems import RobotFormation, RobotStart

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.reference_motion import hermite_basis, powers, ReferenceMotion
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, Plan, Problem, RobotFormation
@@ -75,6 +74,8 @@ def test_cheapest_of_a_round_where_none_satisfies() -> None:
 
 def test_candidates_that_promise_no_more_are_not_checked() -> None:
     class Ordered(Scripted):
+        """Less is promised by a higher cost."""
+
         def promises_more(self, candidate: float, than: float) -> bool:
             return candidate < than
 

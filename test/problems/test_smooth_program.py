@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.smooth_program import SmoothProgram, VARIED
 from tdm_planner.problems.swing_up_task import SwingUpTask

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.pendulum_rollout import ARRIVED, roll, steer

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, TdmError
 from tdm_planner.problems import PendulumGoal, PendulumLimits, PendulumStart, PendulumSwingUp
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.virtual_arc_program import reference_shape, VirtualArcProgram

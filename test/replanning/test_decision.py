@@ -9,7 +9,6 @@ from dataclasses import replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-
 from tdm_planner.problems.base import Solution
 from tdm_planner.replanning.decision import decide, LEAST_LEFT, Outlook, worth_improving
 from tdm_planner.verification import Verification

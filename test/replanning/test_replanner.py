@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.request import ReplanParameters

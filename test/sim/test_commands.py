@@ -6,7 +6,6 @@ import math
 from types import SimpleNamespace
 
 import pytest
-
 from tdm_sim.commands import MalformedCommand, read_joint
 
 

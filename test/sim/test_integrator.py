@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.integrator import integrate, runge_kutta_step
 

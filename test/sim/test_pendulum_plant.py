@@ -8,17 +8,13 @@ import math
 import signal
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
 from ros_harness import NodeProcess, Ros
-
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-
-pytest.importorskip('rclpy')
-
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 MODULE = 'tdm_sim.pendulum_plant'
 # Long enough that the machine may be busy, and that a command acts until the test looks.

@@ -8,7 +8,6 @@ import subprocess
 import sys
 
 import pytest
-
 from tdm_sim.progress import LiveProgress, make_progress, Progress
 
 WORK = """
@@ -24,7 +23,7 @@ progress.line('done')
 
 
 def run_on_a_terminal(code):
-    """What a terminal is sent."""
+    """Return what a terminal is sent."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
         [sys.executable, '-c', code],

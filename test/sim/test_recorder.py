@@ -18,20 +18,15 @@ import time
 from typing import Any
 
 import pytest
-from ros_harness import NodeProcess, Ros
-import yaml
-
-pytest.importorskip('rclpy')
-pytest.importorskip('rosbags')
-
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-
 from tdm_planner.cli import main
 from tdm_sim import full_disk
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError
+import yaml
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -315,7 +310,7 @@ def test_a_disk_too_full_to_begin_is_said_to_be(
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 12 MB."""
+    """Yield a file system of 12 MB."""
     folder = tmp_path / 'small'
     folder.mkdir()
     command = ['mount', '-t', 'tmpfs', '-o', 'size=12m', 'tmpfs', str(folder)]

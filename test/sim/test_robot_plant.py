@@ -7,14 +7,11 @@ import math
 import signal
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from ros_harness import Ros
-
-pytest.importorskip('rclpy')
-
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 

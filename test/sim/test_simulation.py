@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.disturbances import pendulum_push

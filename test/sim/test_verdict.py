@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.verdict import held_from, judge_pendulum, MeasuredPendulum
 

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_sim.integrator import integrate
 from tdm_sim.wheeled_robot import Walls, WheeledRobot

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 

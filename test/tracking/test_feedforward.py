@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import quad
-
 from tdm_planner.tracking.feedforward import Feedforward
 from tdm_planner.trajectory import Interpolation, Trajectory
 

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
-
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,

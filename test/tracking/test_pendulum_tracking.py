@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
@@ -77,7 +76,8 @@ class Loop:
             self.states.append(self.plant.state)
 
     def held(self, duration: float) -> bool:
-        states = np.array(self.states)[-round(duration / TICK) :]
+        count = round(duration / TICK)
+        states = np.array(self.states)[-count:]
         upright = np.abs(wrapped(states[:, 0])).max() < 0.05
         return bool(upright and np.abs(states[:, 1]).max() < 2.0)
 

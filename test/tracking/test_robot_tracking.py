@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from tdm_planner.parameters import build
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking.robot_estimation import EstimatedRobot
@@ -203,7 +202,8 @@ def test_station_is_kept_against_a_push_without_chatter() -> None:
     loop.run(25.0)
     assert loop.tracker.phase is Phase.HOLDING
     assert distance(loop, plan) < 0.02
-    turning = np.abs(np.array(loop.controls)[quiet - 200 : quiet, 1])
+    before = quiet - 200
+    turning = np.abs(np.array(loop.controls)[before:quiet, 1])
     assert np.mean(turning > 0.1) < 0.4
     assert np.mean(np.array(loop.controls)[-300:, 0] > 0) < 0.3
 

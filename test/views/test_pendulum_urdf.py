@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf

@@ -12,11 +12,10 @@ import re
 from typing import Any, NamedTuple
 
 import pytest
-import yaml
-
 from tdm_planner.views.foxglove import robots_foxglove
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tdm_planner.views.topics import absolute
+import yaml
 
 SOURCE = Path(__file__).resolve().parents[2]
 CONFIG = SOURCE / 'config'
@@ -49,7 +48,7 @@ def rviz(plant: str) -> dict[str, Any]:
 
 
 def entries(items: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Displays or tools, those in groups as well."""
+    """Yield the displays or tools, those in groups as well."""
     for item in items:
         yield item
         yield from entries(item.get('Displays', []))

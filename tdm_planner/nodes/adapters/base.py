@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from rclpy.node import Node
-
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.replanning import Execution, Observation
 

@@ -9,7 +9,6 @@ from itertools import chain
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.replanning import Mode
 
@@ -42,7 +41,7 @@ class CommandWatch:
             self._node.destroy_subscription(subscription)
 
     def mode(self, now: int) -> Mode:
-        """What the tracker does at the instant `now` [ns].
+        """Return what the tracker does at the instant `now` [ns].
 
         Where no tracker of this package has ever been heard, another controller is taken to follow
         the plan.

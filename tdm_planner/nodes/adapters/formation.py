@@ -13,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
@@ -38,6 +35,8 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning import FormationExecution, Mode, Observation
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.messages import joint_indices, LATCHED, to_duration, to_stamp, WORLD_FRAME
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 _START = 'start.'
 _OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')

@@ -11,13 +11,13 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.base import PlanRequest
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.robot_messages import yaw_of
+from tdm_planner.parameters import shown
+from visualization_msgs.msg import MarkerArray
 
 NOTICE_TIME = 8.0  # s that a refusal stays visible
 
@@ -36,7 +36,7 @@ def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
     """
     frame = message.header.frame_id
     if frame not in ('', ARENA_FRAME):
-        raise InvalidProblem(f"the pose's frame is '{frame}': must be '{ARENA_FRAME}'")
+        raise InvalidProblem(f"the pose's frame is '{shown(frame)}': must be '{ARENA_FRAME}'")
     x, y = message.pose.position.x, message.pose.position.y
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InvalidProblem(f"the pose's position is ({x:g}, {y:g}) m: must be finite numbers")

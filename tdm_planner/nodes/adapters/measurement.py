@@ -10,7 +10,6 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.trajectory import NANOSECOND

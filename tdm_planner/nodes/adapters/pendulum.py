@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
@@ -39,6 +36,8 @@ from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import Mode, Observation, SwingUpExecution
 from tdm_planner.trajectory import NANOSECOND
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]

@@ -10,14 +10,13 @@ from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
 from tdm_planner.nodes.reading import joint_indices, odometry_state, ROBOT_JOINTS, thruster_angle
 from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState
 from tdm_planner.trajectory import NANOSECOND
+from visualization_msgs.msg import MarkerArray
 
 _TRAIL = 60.0  # s
 _BODY = 0.375  # radius of the body as a share of the minimum separation: the planner has no other

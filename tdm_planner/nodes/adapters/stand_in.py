@@ -7,9 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rclpy.node import Node
-from visualization_msgs.msg import MarkerArray
-
 from tdm_planner.nodes.markers import MARKER_DEPTH
+from visualization_msgs.msg import MarkerArray
 
 MARKER_RATE = 20.0  # Hz
 OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from page_missions import pendulum_plan, pendulum_states, robot_states
-
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 
 START = 1_700_000_000_250_000_000  # ns: the first plan's motion starts
@@ -182,7 +181,7 @@ def instants(start: float = -0.5, end: float = DURATION + 1.0) -> list[tuple[flo
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
-    """A plan of the pendulum, and a measured motion that is off by `ERROR` in theta."""
+    """Return a plan of the pendulum, and a measured motion that is off by `ERROR` in theta."""
     plan = pendulum_plan()
     units = {'theta': 'rad', 'psi': 'rad', 'theta_dot': 'rad/s', 'psi_dot': 'rad/s'}
     vehicle = {'interpolation': 'zero_order_hold', 'units': units, 'duration': DURATION}
@@ -329,7 +328,7 @@ def _robot_plan(namespace: str, name: str, number: int, times: Any) -> list[Item
 
 
 def filling() -> list[Item]:
-    """Some 3 MB of log messages during the motion, so that a file has several blocks."""
+    """Return some 3 MB of log messages during the motion, so that a file has several blocks."""
     random = np.random.default_rng(1)
     times = [START + k * 10**7 for k in range(-50, 250)]
     return [

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.mission import (
     Event,
@@ -45,7 +44,7 @@ def pendulum_states(t):
 
 
 def robot_states(t, number):
-    """A straight way with an even turn, (n, 7)."""
+    """Return a straight way with an even turn, (n, 7)."""
     t = np.asarray(t, dtype=float)
     one = np.ones_like(t)
     columns = [

@@ -5,11 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 import shutil
 
-import numpy as np
-import pytest
-
-pytest.importorskip('rosbags')
-
 from mission_bags import (
     DURATION,
     ERROR,
@@ -28,10 +23,12 @@ from mission_bags import (
     without,
     write,
 )
+import numpy as np
 from page_missions import pendulum_plan, pendulum_states, robot_states
-
+import pytest
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report.bag_files import UnreadableRecording
+from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import Severity
 from tdm_sim.report.reader import read_mission
 
@@ -152,7 +149,8 @@ def test_a_damaged_block_does_not_cost_the_others(tmp_path: Path):
     (file,) = bag.glob('*.mcap')
     data = bytearray(file.read_bytes())
     second = data.index(b'\x28\xb5\x2f\xfd', data.index(b'\x28\xb5\x2f\xfd') + 4)
-    data[second + 50 : second + 70] = bytes(20)
+    begin, end = second + 50, second + 70
+    data[begin:end] = bytes(20)
     file.write_bytes(data)
     mission = read_mission(bag)
     assert any('1 damaged block' in text for text in mission.missing)
@@ -439,3 +437,30 @@ def test_what_sqlite_had_not_yet_moved_into_its_file_is_read(tmp_path: Path):
         shutil.copyfile(f'{live}{ending}', f'{killed}{ending}')
     database.close()
     check_pendulum(read_mission(killed))
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_damage_anywhere_is_read_around_or_refused(tmp_path: Path, storage: str):
+    bag = write(tmp_path / 'bag', robot_recording(), storage)
+    (file,) = (path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
+    whole, random = file.read_bytes(), np.random.default_rng(3)
+    damaged = tmp_path / file.name
+    outcomes = set()
+    for count in (1, 10, 100, 1000) * 3:
+        data = np.frombuffer(whole, dtype=np.uint8).copy()
+        data[random.integers(0, data.size, count)] = random.integers(0, 256, count)
+        damaged.write_bytes(data.tobytes())
+        try:
+            with np.errstate(all='ignore'):
+                outcomes.add(bool(compare(read_mission(damaged)).entries))
+        except TdmError as error:
+            assert '\n' not in str(error)
+    assert True in outcomes
+
+
+def test_a_database_whose_schema_is_damaged_is_refused(tmp_path: Path):
+    bag = write(tmp_path / 'bag', pendulum_recording(), 'sqlite3')
+    file = bag / 'bag.db3'
+    file.write_bytes(file.read_bytes().replace(b'CREATE TABLE topics', b'CREATE TA\x95LE topics'))
+    with pytest.raises(UnreadableRecording, match='cannot be read as a database'):
+        read_mission(file)

@@ -12,22 +12,17 @@ import time
 import numpy as np
 from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
 import pytest
-
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
+from tdm_sim.report.page import write_report
 from tools.browser import chromium, open_browser, open_report, PATIENCE
 
-pytest.importorskip('plotly')
-pytest.importorskip('selenium')
 if chromium() is None:
     pytest.skip(
         'no headless Chromium: apt-get install chromium chromium-driver', allow_module_level=True
     )
-
-from selenium.webdriver.common.action_chains import ActionChains
-from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
-
-from tdm_sim.report.page import write_report
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 
@@ -38,7 +33,7 @@ class Page:
     def __init__(self, driver):
         self.driver = driver
 
-    def open(self, path, size=DESKTOP, scheme='light'):
+    def open(self, path, size=DESKTOP, scheme='light'):  # noqa: A003
         self.logs()
         open_report(self.driver, path, size, scheme)
         return self

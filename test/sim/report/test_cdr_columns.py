@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-import numpy as np
-import pytest
-
-pytest.importorskip('rosbags')
-
 from mission_bags import joint_state, odometry, store
-
+import numpy as np
 from tdm_sim.report.cdr_columns import columns
 
 JOINT_STATE, ODOMETRY = 'sensor_msgs/msg/JointState', 'nav_msgs/msg/Odometry'
@@ -77,5 +72,5 @@ def test_bytes_that_are_no_message_are_left_out_quietly(data: list[bytes]):
 def test_a_message_cut_short_or_of_absurd_length_is_left_out():
     good = bytes(TYPES.serialize_cdr(joint_state(7, ['a'], position=[1.5]), JOINT_STATE))
     absurd = bytearray(good)
-    absurd[16 + 4 : 16 + 8] = b'\xff\xff\xff\x7f'  # number of names
+    absurd[20:24] = b'\xff\xff\xff\x7f'  # number of names
     assert of(JOINT_STATE, [good[:-9], bytes(absurd), b'']) == []

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.mission import Mission, PlanInForce, Signals, thinned_indices, Vehicle
 

@@ -11,9 +11,6 @@ import re
 import numpy as np
 from page_missions import pendulum_mission, robots_mission
 import pytest
-
-pytest.importorskip('plotly')
-
 from tdm_planner.exceptions import InvalidProblem
 from tdm_sim.report.embedding import json_for_html, packed, unpacked
 from tdm_sim.report.mission import Event, Mission, Severity

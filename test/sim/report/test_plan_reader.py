@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from page_missions import pendulum_plan
 import pytest
-
 from tdm_planner.exceptions import TdmError
 from tdm_planner.plan_files import plan_document, save_plan
 from tdm_planner.problems import PendulumSwingUp, RobotFormation

@@ -6,7 +6,6 @@ from html.parser import HTMLParser
 
 from page_missions import pendulum_mission, robots_mission
 import pytest
-
 from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.tables import number, parameters_table, summary_table
 from tdm_sim.verdict import Verdict

@@ -13,7 +13,6 @@ from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
-
 from tdm_sim.report.viewing import make_server
 
 SOURCE = Path(__file__).resolve().parents[3]

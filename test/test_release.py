@@ -1,0 +1,194 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a maintainer looks at before a release: manifest, changelog, citation, headers, forms."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import re
+import subprocess
+import sys
+from typing import Any
+from xml.etree import ElementTree
+
+from catkin_pkg import changelog, package
+import pytest
+import tdm_planner
+import yaml
+
+SOURCE = Path(__file__).resolve().parents[1]
+HEADER = '# Copyright 2026 The tdm_planner authors\n'
+FOLDERS = ('benchmark', 'docs', 'launch', 'tdm_planner', 'tdm_sim', 'test', 'tools')
+SOURCES = sorted(
+    path
+    for folder in FOLDERS
+    for path in (SOURCE / folder).rglob('*.py')
+    if '_build' not in path.parts
+)
+# Order and number of elements in package_format3.xsd (REP 149).
+ELEMENTS = ['name', 'version', 'description', 'maintainer', 'license', 'url', 'author']
+DEPENDENCIES = re.compile(r'(build|build_export|buildtool|buildtool_export|exec|doc|test)_depend$')
+# What a package that is imported is called by rosdep, where not simply its name.
+ROSDEP_KEYS = {
+    'hypothesis': 'python3-hypothesis',
+    'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'pytest': 'python3-pytest',
+    'rich': 'python3-rich',
+    'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
+}
+# Without a rosdep key: optional, with a fall-back or a message that says how to get it.
+WITHOUT_KEY = {'daqp', 'mcap', 'plotly', 'rosbags', 'zstandard'}
+ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
+
+
+def imported(*folders: str) -> set[str]:
+    """Top-level packages that the sources in these folders import, anywhere."""
+    found: set[str] = set()
+    for path in SOURCES:
+        if path.relative_to(SOURCE).parts[0] not in folders:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(str(node.module).split('.')[0])
+    return found - set(sys.stdlib_module_names) - {*FOLDERS} | found & {'launch'}
+
+
+def launched() -> set[str]:
+    """Return the packages whose executables the launch files start."""
+    text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
+    return set(re.findall(r"package='(\w+)'", text)) - {'tdm_planner'}
+
+
+@pytest.fixture(scope='module')
+def manifest() -> ElementTree.Element:
+    return ElementTree.parse(SOURCE / 'package.xml').getroot()
+
+
+def depends(manifest: ElementTree.Element, kind: str) -> set[str]:
+    found = [str(element.text) for element in manifest.findall(kind)]
+    assert len(found) == len(set(found)), found
+    return set(found)
+
+
+def test_manifest_is_read_without_a_warning():
+    warnings: list[str] = []
+    read = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)
+    read.validate(warnings=warnings)
+    assert not warnings
+    assert read.version == tdm_planner.__version__
+
+
+def test_manifest_keeps_to_its_schema(manifest: ElementTree.Element):
+    names = [element.tag for element in manifest]
+    head = [name for name in names if name in ELEMENTS]
+    count = len(head)
+    assert names[:count] == head == sorted(head, key=ELEMENTS.index)
+    rest = names[count:]
+    assert rest[-1] == 'export'
+    assert all(DEPENDENCIES.match(name) for name in rest[:-1])
+    assert re.fullmatch(r'[a-z](_?[a-z0-9]+)*', str(manifest.findtext('name')))
+    assert re.fullmatch(r'(0|[1-9]\d*)(\.(0|[1-9]\d*)){2}', str(manifest.findtext('version')))
+
+
+def test_manifest_depends_on_what_is_used_and_nothing_else(manifest: ElementTree.Element):
+    used = imported('tdm_planner', 'tdm_sim', 'launch') - WITHOUT_KEY
+    wanted = {ROSDEP_KEYS.get(name, name) for name in used} | launched()
+    assert depends(manifest, 'exec_depend') == wanted
+
+
+def test_tests_depend_on_what_they_use(manifest: ElementTree.Element):
+    tested = depends(manifest, 'test_depend')
+    with_key = {ROSDEP_KEYS[name] for name in imported('test') if name in ROSDEP_KEYS}
+    ours = depends(manifest, 'exec_depend')
+    assert tested == (with_key | {'python3-pytest-timeout'}) - ours
+    ros = {name for name in imported('test') if name.endswith(ROS_SUFFIXES)}
+    assert ros <= ours
+
+
+def test_changelog_is_in_the_format_of_catkin():
+    text = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    assert text.splitlines()[1] == 'Changelog for package tdm_planner'
+    # A release turns the first heading into version and date, which is what catkin_pkg can read.
+    heading = f'{tdm_planner.__version__} (2026-01-01)'
+    released = text.replace('Forthcoming\n' + '-' * 11, f'{heading}\n{"-" * len(heading)}')
+    made = changelog.Changelog('tdm_planner')
+    read = changelog.populate_changelog_from_rst(made, released)
+    sections = {str(version): content for version, _, content in read.foreach_version()}
+    assert tdm_planner.__version__ in sections
+    assert all(len(content) for content in sections.values())
+
+
+def test_version_is_the_same_everywhere():
+    citation = load('CITATION.cff')
+    assert citation['version'] == tdm_planner.__version__
+    for name in ('setup.py', 'setup.cfg', 'pyproject.toml', 'docs/conf.py'):
+        text = (SOURCE / name).read_text(encoding='utf-8')
+        assert not re.search(rf"['\"]{re.escape(tdm_planner.__version__)}['\"]", text), name
+
+
+def load(name: str) -> Any:
+    return yaml.safe_load((SOURCE / name).read_text(encoding='utf-8'))
+
+
+def test_citation_has_what_the_format_wants():
+    citation = load('CITATION.cff')
+    assert citation['cff-version'] == '1.2.0'
+    assert {'message', 'title', 'authors', 'license', 'type'} <= set(citation)
+    for author in citation['authors']:
+        assert {'name'} == set(author) or {'family-names', 'given-names'} <= set(author)
+    (reference,) = citation['references']
+    assert reference['year'] == 2006
+
+
+@pytest.mark.parametrize('path', SOURCES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_sources_begin_with_copyright_and_licence(path: Path):
+    text = path.read_text(encoding='utf-8')
+    assert not text or text.startswith(HEADER)
+    assert not text or 'Apache-2.0' in text[:200] or 'Apache License, Version 2.0' in text[:200]
+
+
+def test_issue_forms_ask_for_what_is_needed():
+    folder = SOURCE / '.github' / 'ISSUE_TEMPLATE'
+    for name in ('bug_report.yml', 'feature_request.yml'):
+        form = yaml.safe_load((folder / name).read_text(encoding='utf-8'))
+        assert {'name', 'description', 'body'} <= set(form)
+        kinds = {field['type'] for field in form['body']}
+        assert kinds <= {'textarea', 'input', 'dropdown', 'markdown', 'checkboxes'}
+        ids = [field['id'] for field in form['body']]
+        assert len(ids) == len(set(ids))
+        assert all(field['attributes']['label'] for field in form['body'])
+
+
+def test_workflow_runs_the_same_script_on_every_python():
+    job = load('.github/workflows/ci.yml')['jobs']['python']
+    assert job['strategy']['matrix']['python'] == ['3.10', '3.11', '3.12', '3.13']
+    assert {'run': '.ci/run'} in job['steps']
+    oldest = re.search(r"python_requires='>=([\d.]+)'", (SOURCE / 'setup.py').read_text('utf-8'))
+    assert oldest is not None
+    assert oldest[1] == job['strategy']['matrix']['python'][0]
+
+
+def test_hooks_before_a_commit_are_those_of_make_lint():
+    (repository,) = load('.pre-commit-config.yaml')['repos']
+    assert repository['repo'] == 'local'
+    makefile = (SOURCE / 'Makefile').read_text(encoding='utf-8')
+    for hook in repository['hooks']:
+        program = hook['entry'].split()[0].removeprefix('.venv/bin/')
+        assert program == 'python' or f'$(BIN)/{program}' in makefile, hook
+
+
+def test_scripts_can_be_executed():
+    (line,) = subprocess.run(
+        ['git', 'ls-files', '--stage', '.ci/run'],
+        cwd=SOURCE,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    assert line.startswith('100755')
