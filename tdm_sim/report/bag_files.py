@@ -244,7 +244,8 @@ def _mcap_records(path: Path, notes: list[str]) -> Iterator[Any]:
                     notes.append(f'{path.name} is not an MCAP file.')
                     return
                 break
-            except Exception:  # the library raises many kinds where a file ends in the middle
+            except Exception:  # noqa: B902
+                # The library raises many kinds where a file ends in the middle.
                 break
             if record is None:
                 break
@@ -254,7 +255,8 @@ def _mcap_records(path: Path, notes: list[str]) -> Iterator[Any]:
                 continue
             try:
                 parts = breakup_chunk(record, validate_crc=True)
-            except Exception:  # as many kinds for a block that is damaged
+            except Exception:  # noqa: B902
+                # As many kinds for a block that is damaged.
                 lost += 1
                 continue
             yield from parts
@@ -274,9 +276,10 @@ def _salvaged_sqlite(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[R
     mode = 'mode=rw' if _sidecars(path) else 'mode=ro&immutable=1'
     try:
         database = sqlite3.connect(f'{path.absolute().as_uri()}?{mode}', uri=True)
+        database.text_factory = lambda text: text.decode('utf-8', 'replace')
         rows = database.execute('SELECT id, name, type FROM topics').fetchall()
-    except sqlite3.Error as error:
-        notes.append(f'{path.name} cannot be read as a database of messages ({error}).')
+    except (sqlite3.Error, ValueError) as error:  # a message of SQLite's may not be text
+        notes.append(f'{path.name} cannot be read as a database of messages ({_said(error)}).')
         return
     known = {key: (str(name), str(kind)) for key, name, kind in rows}
     chosen = [key for key, (name, kind) in known.items() if wanted(name, kind)]
@@ -285,8 +288,12 @@ def _salvaged_sqlite(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[R
     try:
         for key, stamp, data in database.execute(query, chosen):
             with suppress(Exception):  # of a compressed message that is damaged
-                yield Raw(*known[key], int(stamp), unpacked(data))
-    except sqlite3.Error as error:
-        notes.append(f'{path.name} is damaged: messages are missing ({error}).')
+                yield Raw(*known[key], int(stamp), unpacked(bytes(data)))
+    except (sqlite3.Error, ValueError) as error:
+        notes.append(f'{path.name} is damaged: messages are missing ({_said(error)}).')
     finally:
         database.close()
+
+
+def _said(error: Exception) -> str:
+    return untrusted.text(str(error), 100)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report.bag_files import Raw
 from tdm_sim.report.cdr_columns import Columns, columns
@@ -32,6 +31,8 @@ ODOMETRY_COLUMNS = ('x', 'y', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'omega')
 _STREAMS = (JOINT_STATE, ODOMETRY)
 _MESSAGES = (JOINT_PLAN, BODY_PLAN, DIAGNOSTICS, LOG)
 _BATCH = 4096  # messages of a topic decoded at once
+_LATEST = 2**63 - 1  # ns
+_LARGEST = 1e100  # a number beyond it is damage; its square still is a number
 _MOST_JOINTS = 64  # of a topic
 _MOST_MESSAGES = 20_000  # of a topic that is not a stream of numbers
 
@@ -166,8 +167,9 @@ class _StreamParts:
                     for part, size in zip(self.parts, self.instants, strict=True)
                 ]
             )[order]
-            bad |= given & ~np.isfinite(ordered)
-            ordered[~np.isfinite(ordered)] = np.nan
+            sound = np.abs(ordered) < _LARGEST
+            bad |= given & ~sound
+            ordered[~sound] = np.nan
             found[name] = ordered
         return Stream(instants[order], found, self.frame), int(bad.sum())
 
@@ -198,6 +200,7 @@ def gather(messages: Iterable[Raw]) -> RecordedTopics:
     malformed: Counter[str] = Counter()
     for topic, kind, stamp, data in messages:
         types[topic] = kind
+        stamp = min(max(stamp, 0), _LATEST)
         if kind in _STREAMS:
             parts = streams.setdefault(topic, _StreamParts(kind))
             parts.waiting.append((stamp, data))
@@ -209,7 +212,8 @@ def gather(messages: Iterable[Raw]) -> RecordedTopics:
             continue
         try:
             received.append(Received(store.deserialize_cdr(data, kind), stamp))
-        except Exception:  # the library raises many kinds for bytes that are not such a message
+        except Exception:  # noqa: B902
+            # The library raises many kinds for bytes that are not such a message.
             malformed[topic] += 1
     found, not_finite = {}, {}
     for topic, parts in streams.items():
