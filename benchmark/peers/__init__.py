@@ -18,9 +18,7 @@ from typing import Any
 
 from benchmark.peers.tables import text
 
-_ONE_THREAD = {
-    name: '1' for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
-}
+_ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 
 
 def run(cases: int = 100) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Found:
 
 
 def multibody(plant: RotaryPendulum, torque: float = 1.0, frequency: float = 1.0) -> Any:
-    """The rig with torques in units of `torque` [N m] and time in 1/`frequency` [s]."""
+    """Return the rig with torques in units of `torque` [N m] and time in 1/`frequency` [s]."""
     # Torque is mass length^2 / time^2: with metres kept, this is the unit of mass.
     unit = torque / frequency**2
     inertia = plant.inertia

@@ -79,7 +79,7 @@ def judge_formation(task: FormationTask, motions: Mapping[str, Trajectory]) -> t
 
 
 def _together(task: FormationTask, motions: Mapping[str, Trajectory]) -> tuple[Array, Array]:
-    """Common instants and the replayed states (n_times, n 7); who has arrived is parked."""
+    """Return common instants and the replayed states (n_times, n 7); who has arrived is parked."""
     last = max(motion.duration for motion in motions.values())
     times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
     states = []

@@ -65,7 +65,7 @@ class PendulumCases:
         self.intervals = intervals
 
     def task(self, seed: int) -> SwingUpTask:
-        """The boundary conditions of a case."""
+        """Return the boundary conditions of a case."""
         return problem(self.torque, start_state(seed)).task
 
     def methods(self) -> dict[str, Method]:

@@ -84,17 +84,18 @@ class PendulumCollocation:
         return np.concatenate([(states / self.unit).ravel(), shares, [duration]])
 
     def trajectory(self, outcome: Outcome) -> Trajectory:
-        """The motion found, with the torques linear between its nodes."""
+        """Return the motion found, with the torques linear between its nodes."""
         n = self.intervals
         states = outcome.x[: 4 * (n + 1)].reshape(n + 1, 4) * self.unit
-        torques = np.clip(outcome.x[4 * (n + 1) : -1], -1.0, 1.0) * self.torque
+        _, shares, _ = np.split(outcome.x, [4 * (n + 1), 5 * (n + 1)])
+        torques = np.clip(shares, -1.0, 1.0) * self.torque
         return linear_motion(self.plant, outcome.x[-1] / self.unit[2], states, torques)
 
 
 def linear_motion(
     plant: RotaryPendulum, duration: float, states: Array, torques: Array
 ) -> Trajectory:
-    """A trajectory on equal intervals, its torque linear between the samples."""
+    """Return a trajectory on equal intervals, its torque linear between the samples."""
     return Trajectory(
         times=to_nanoseconds(np.linspace(0.0, duration, len(torques))),
         states=states,

@@ -58,7 +58,7 @@ def straight_line(task: SwingUpTask) -> Guess:
 
 
 def energy_swing(task: SwingUpTask, gains: Pumping) -> Guess:
-    """The motion under energy pumping, up to where it comes nearest to upright at rest.
+    """Return the motion under energy pumping, up to where it comes nearest to upright at rest.
 
     The torque drives the pendulum's energy to that of upright (Astrom and Furuta, "Swinging up a
     pendulum by energy control", 2000) and the disk back to its zero.
@@ -92,7 +92,7 @@ def _step(derivative: Callable[[Array, Array], Array], state: Array, torque: Arr
 
 
 def from_trajectory(plan: Trajectory) -> Guess:
-    """A plan as a guess."""
+    """Return a plan as a guess."""
     times = np.linspace(0.0, plan.duration, 401)
     sample = plan.sample(times)
     return Guess(times, sample.state, sample.control[:, 0])

@@ -46,7 +46,7 @@ class RobotsCases:
         self.neighbour = lru_cache(maxsize=1)(self._neighbour)
 
     def problem(self, case: int, near: bool = False, **changes: object) -> RobotFormation:
-        """The crossing of a case, or one with starts nearby."""
+        """Return the crossing of a case, or one with starts nearby."""
         scenario = crossing(case, self.n)
         values = scenario.parameters(**{'arena.tracking_margin': MARGIN, **changes})
         if near:

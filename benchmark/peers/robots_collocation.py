@@ -25,8 +25,8 @@ from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
-_TIME = 10.0  # s, unit of time
-_STATE = np.array([1.0, 1.0, 1.0 / _TIME, 1.0 / _TIME, 1.0, 1.0 / _TIME, 1.0])
+TIME_UNIT = 10.0  # s, unit of time
+STATE_UNITS = np.array([1.0, 1.0, 1.0 / TIME_UNIT, 1.0 / TIME_UNIT, 1.0, 1.0 / TIME_UNIT, 1.0])
 _LONGEST = 120.0
 _SHORTEST_PHASE = 0.05
 
@@ -43,7 +43,7 @@ class FormationGuess:
 def dynamics(plant: FloatingRobot, limits: Array) -> Any:
     """Equations (17) with time in 10 s and controls (3,) in units of their limits."""
     x, u = casadi.SX.sym('x', 7), casadi.SX.sym('u', 3)
-    state, control = x * _STATE, u * limits
+    state, control = x * STATE_UNITS, u * limits
     heading, push = state[4] + state[6], control[0] / plant.mass
     rates = casadi.vertcat(
         state[2],
@@ -54,7 +54,7 @@ def dynamics(plant: FloatingRobot, limits: Array) -> Any:
         control[2] / plant.inertia,
         control[1],
     )
-    return casadi.Function('f', [x, u], [rates * _TIME / _STATE])
+    return casadi.Function('f', [x, u], [rates * TIME_UNIT / STATE_UNITS])
 
 
 class FormationCollocation:
@@ -93,16 +93,16 @@ class FormationCollocation:
             stay = casadi.repmat(goals[:, i], 1, parked)
             # Nodes, then middles, all until the last arrival.
             places.append(casadi.horzcat(x[i][:2, 1:], stay, middle[:2, :], stay))
-            gas += casadi.sum2((u[i][0, :-1] + u[i][0, 1:]) / 2 * h) * _TIME * task.thrust
+            gas += casadi.sum2((u[i][0, :-1] + u[i][0, 1:]) / 2 * h) * TIME_UNIT * task.thrust
         apart = [
             casadi.sum1((places[i] - places[j]) ** 2).T / task.separation**2
             for i, j in itertools.combinations(range(n), 2)
         ]
-        gaps = phases[1:] - task.interval / _TIME
+        gaps = phases[1:] - task.interval / TIME_UNIT
         unequal = [*apart, off[1:] - gaps, off[1:] + gaps]
         weights = task.weights
-        cost = weights[0] * phases[0] * _TIME + weights[2] * gas
-        cost += weights[1] * casadi.sum1(off[1:]) * _TIME
+        cost = weights[0] * phases[0] * TIME_UNIT + weights[2] * gas
+        cost += weights[1] * casadi.sum1(off[1:]) * TIME_UNIT
         program = {
             'x': casadi.veccat(phases, off, *itertools.chain(*zip(x, u, strict=True))),
             'f': cost,
@@ -125,16 +125,16 @@ class FormationCollocation:
     def _bounds(self, task: FormationTask) -> Bounds:
         n = task.n
         half = task.separation / 2
-        lower = [np.full(n, _SHORTEST_PHASE / _TIME), np.zeros(n)]
-        upper = [np.full(n, _LONGEST / _TIME), np.full(n, np.inf)]
-        lower[0][0] = 5.0 / _TIME
+        lower = [np.full(n, _SHORTEST_PHASE / TIME_UNIT), np.zeros(n)]
+        upper = [np.full(n, _LONGEST / TIME_UNIT), np.full(n, np.inf)]
+        lower[0][0] = 5.0 / TIME_UNIT
         for i, m in enumerate(self.nodes):
             high = np.full((m, 7), np.inf)
             high[:, :2] = task.sides - half
             low = -high
             low[:, :2] = half
             start = [*task.start[i], *task.velocity[i], task.yaw[i], task.yaw_rate[i]]
-            low[0, :6] = high[0, :6] = start / _STATE[:6]
+            low[0, :6] = high[0, :6] = start / STATE_UNITS[:6]
             low[-1, :6] = high[-1, :6] = [*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0]
             if np.isfinite(task.alpha[i]):
                 low[0, 6] = high[0, 6] = task.alpha[i]
@@ -161,19 +161,21 @@ class FormationCollocation:
         """Variables of the program at a guess."""
         phases = np.maximum(np.diff(guess.arrivals, prepend=0.0), _SHORTEST_PHASE)
         off = np.abs(phases - self.task.interval)
-        parts = [phases / _TIME, off / _TIME]
+        parts = [phases / TIME_UNIT, off / TIME_UNIT]
         for states, controls in zip(guess.states, guess.controls, strict=True):
-            parts += [(states / _STATE).ravel(), (controls / self.limits).ravel()]
+            parts += [(states / STATE_UNITS).ravel(), (controls / self.limits).ravel()]
         return np.concatenate(parts)
 
     def trajectories(self, task: FormationTask, outcome: Outcome) -> dict[str, Trajectory]:
-        """The motions found, with controls linear between their nodes."""
+        """Return the motions found, with controls linear between their nodes."""
         n, plant = self.task.n, self.task.plant
-        arrivals = np.cumsum(outcome.x[:n]) * _TIME
+        arrivals = np.cumsum(outcome.x[:n]) * TIME_UNIT
         found, place = {}, 2 * n
         for i, (name, m) in enumerate(zip(task.names, self.nodes, strict=True)):
-            states = outcome.x[place : place + 7 * m].reshape(m, 7) * _STATE
-            controls = outcome.x[place + 7 * m : place + 10 * m].reshape(m, 3)
+            part = slice(place, place + 10 * m)
+            states, controls = np.split(outcome.x[part], [7 * m])
+            states = states.reshape(m, 7) * STATE_UNITS
+            controls = controls.reshape(m, 3)
             controls = np.clip(controls, [0.0, -1.0, -1.0], 1.0) * self.limits
             place += 10 * m
             found[name] = Trajectory(
@@ -209,7 +211,7 @@ class FormationCollocation:
         return FormationGuess(arrivals, states, controls)
 
     def guess_plan(self, task: FormationTask, plan: Mapping[str, Trajectory]) -> FormationGuess:
-        """A plan as a guess."""
+        """Return a plan as a guess."""
         arrivals = np.maximum.accumulate([plan[name].duration for name in task.names])
         states, controls = [], []
         for i, name in enumerate(task.names):

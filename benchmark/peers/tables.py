@@ -15,13 +15,13 @@ _BLANK = '-'
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table, its first column to the left, the others to the right."""
+    """Return a table, its first column to the left, the others to the right."""
     rule = ['---', *['---:'] * (len(head) - 1)]
     return '\n'.join('| ' + ' | '.join(row) + ' |' for row in (head, rule, *rows))
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A figure of a table, with `digits` that count."""
+    """Return a figure of a table, with `digits` that count."""
     if value is None or not np.isfinite(value):
         return _BLANK
     if value == 0 or abs(value) >= 10 ** (digits - 1):
@@ -30,12 +30,12 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def share(value: float | None) -> str:
-    """A share in percent."""
+    """Return a share in percent."""
     return _BLANK if value is None else f'{100 * value:.0f} %'
 
 
 def ratio(value: float | None) -> str:
-    """A ratio of costs."""
+    """Return a ratio of costs."""
     return _BLANK if value is None or not np.isfinite(value) else f'{value:.3f}'
 
 
@@ -47,28 +47,18 @@ def comparison(problem: Mapping[str, Any]) -> str:
         'solver', 'cases', 'converged', 'solved', 'within 1.02', 'cost / best known', 'p95',
         'ms, median', 'p95', 'iterations', 'time / ours', 'cost / ours',
     ]  # fmt: skip
-    rows = []
-    for name in sorted(attempts, key=lambda name: ('warm' in name, name != OURS)):
-        f = summary(attempts[name], known)
-        ours = OURS_WARM if 'warm' in name else OURS
-        relative = against(attempts[ours], attempts[name])
-        rows.append(
-            [
-                name,
-                str(f['cases']),
-                share(f['converged']),
-                share(f['solved']),
-                share(f['near']),
-                ratio(f['ratio_median']),
-                ratio(f['ratio_p95']),
-                number(f['ms_median']),
-                number(f['ms_p95']),
-                number(f['iterations']),
-                number(relative['time'], 2),
-                ratio(relative['cost']),
-            ]  # fmt: skip
-        )
-    return markdown(head, rows)
+    order = sorted(attempts, key=lambda name: ('warm' in name, not name.startswith(OURS)))
+    return markdown(head, [_solver(name, attempts, known) for name in order])
+
+
+def _solver(name: str, attempts: Mapping[str, Any], known: Mapping[int, float]) -> list[str]:
+    f = summary(attempts[name], known)
+    relative = against(attempts[OURS_WARM if 'warm' in name else OURS], attempts[name])
+    quality = [share(f['converged']), share(f['solved']), share(f['near'])]
+    costs = [ratio(f['ratio_median']), ratio(f['ratio_p95'])]
+    times = [number(f['ms_median']), number(f['ms_p95']), number(f['iterations'])]
+    last = [number(relative['time'], 2), ratio(relative['cost'])]
+    return [name, str(f['cases']), *quality, *costs, *times, *last]
 
 
 def bound(problem: Mapping[str, Any]) -> str:

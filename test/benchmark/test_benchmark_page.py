@@ -1,0 +1,118 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of the benchmark is made from the figures of a run; flame graphs from stacks."""
+
+from __future__ import annotations
+
+from collections import Counter
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from benchmark import flame, page
+from benchmark.peers import tables
+from benchmark.peers.attempts import Attempt
+import pytest
+
+SOLVERS = ('tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing')
+
+
+def figures(cases: int = 4) -> dict[str, Any]:
+    """Figures as a run writes them, read back from JSON."""
+    attempts = {
+        name: [
+            Attempt(case, True, name != 'collocation, swing' or case > 0, 0.01 * (i + 1), 5, 1.01)
+            for case in range(cases)
+        ]
+        for i, name in enumerate(SOLVERS)
+    }
+    problem = {
+        'attempts': {name: [a.to_dict() for a in found] for name, found in attempts.items()},
+        'known': {str(case): 1.0 for case in range(cases)},
+        'build_s': 0.5,
+        'variables': 256,
+    }
+    row = {
+        'section': '3 robots', 'solver': 'tdm_planner', 'value': 7, 'variables': 27, 'cases': 4,
+        'solved': 0.5, 'ms_median': 12.3, 'ratio_median': 1.05,
+    }  # fmt: skip
+    found = {
+        'cases': cases,
+        'versions': {'casadi': '1.2.3'},
+        'problems': {'pendulum, weak torque': problem, '3 robots': problem},
+        'memory_mb': {'pendulum': {'none': 30.0, 'tdm_planner': 200.0, 'Drake': None}},
+        'nodes': [row | {'solver': 'collocation', 'build_s': 0.4}],
+        'parameters': [row],
+        'teams': [row | {'section': 'robots', 'value': 3}],
+    }
+    read: dict[str, Any] = json.loads(json.dumps(found))
+    return read
+
+
+def cells(table: str, name: str) -> list[str]:
+    line = next(line for line in table.splitlines() if line.startswith(f'| {name} |'))
+    return [cell.strip() for cell in line.strip('|').split('|')]
+
+
+def test_the_table_of_a_problem_states_every_solver():
+    table = tables.comparison(figures()['problems']['3 robots'])
+    for name in SOLVERS:
+        assert cells(table, name)[1] == '4'
+    swing = cells(table, 'collocation, swing')
+    assert swing[2:5] == ['100 %', '75 %', '75 %']
+    assert swing[-2] == '4'  # of the time of the first solver
+    assert cells(table, 'collocation, warm')[-2] == '1.5'  # of that of its warm start
+
+
+def test_what_was_not_measured_is_a_dash():
+    assert cells(tables.memory(figures()['memory_mb']), 'pendulum')[-1] == '-'
+    assert tables.ratio(None) == tables.number(float('nan')) == '-'
+
+
+def test_the_page_is_written_from_the_figures(tmp_path: Path):
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('casadi')
+    found = {'peers': figures(), 'library': {'rate': 3}, 'machine': 'a machine', 'when': 'today'}
+    page.write(found, {'peers': str, 'library': lambda f: f'rate {f["rate"]}'}, tmp_path)
+    text = (tmp_path / 'benchmarks.md').read_text()
+    assert 'today, a machine' in text
+    assert 'casadi 1.2.3' in text
+    assert 'rate 3' in text
+    assert '--cases 4' in text
+    pictures = sorted(path.name for path in (tmp_path / 'images').iterdir())
+    assert pictures == ['benchmark_growth.png', 'benchmark_success.png']
+    assert all(f'images/{name}' in text for name in pictures)
+
+
+def test_stacks_become_a_tree_below_the_function_asked_for():
+    stacks = Counter({
+        ('a.main', 'b.solve', 'c.inner'): 3,
+        ('a.main', 'b.solve'): 1,
+        ('a.main', 'd.other'): 5,
+    })  # fmt: skip
+    found = flame.below(stacks, 'b.solve')
+    assert flame.tree(found, 'b.solve') == flame.Frame(
+        'b.solve', 4, (flame.Frame('c.inner', 3, ()),)
+    )
+    assert flame.costs(found) == [('b.solve', 1.0), ('c.inner', 0.75)]
+
+
+def test_the_sampler_sees_who_spends_the_time():
+    def spin(seconds: float) -> None:
+        until = time.process_time() + seconds
+        while time.process_time() < until:
+            pass
+
+    with flame.Sampler() as sampler:
+        spin(0.3)
+    shares = dict(flame.costs(sampler.stacks))
+    assert sum(sampler.stacks.values()) >= 10
+    assert shares['test_benchmark_page.spin'] > 0.8
+
+
+def test_a_flame_graph_is_drawn(tmp_path: Path):
+    pytest.importorskip('matplotlib')
+    frame = flame.Frame('base.solve', 10, (flame.Frame('search.run', 9, ()),))
+    flame.draw(frame, {'base', 'search'}, 'a title', tmp_path / 'flame.png')
+    assert (tmp_path / 'flame.png').stat().st_size > 1000
