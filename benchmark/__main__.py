@@ -19,6 +19,7 @@ from typing import Any
 
 from benchmark import (
     closed_loop,
+    latency,
     library,
     nodes,
     page,
@@ -35,6 +36,7 @@ PARTS: dict[str, tuple[Callable[..., dict[str, Any]], Callable[[dict[str, Any]],
     'robots': (robots.run, robots.table),
     'closed_loop': (closed_loop.run, closed_loop.table),
     'replanning': (replanning.run, replanning.table),
+    'latency': (latency.run, latency.table),
     'nodes': (nodes.run, nodes.table),
     'library': (library.run, library.table),
     'profile': (profiling.run, profiling.table),

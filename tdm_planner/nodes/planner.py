@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+import gc
 import sys
 import threading
 from types import MappingProxyType
@@ -128,6 +129,9 @@ class Planner(ParameterNode):
         if fault:
             self.get_logger().error(f'preparing the problem failed: {fault}')
         elif self._problem_class is not None:
+            # What has been loaded stays: looking through it for garbage would take too long
+            # while a plant moves.
+            gc.freeze()
             self.get_logger().info(f'ready to plan for {self._problem_class.name}')
         self._diagnostics.update()
 

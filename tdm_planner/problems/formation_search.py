@@ -256,8 +256,10 @@ class FormationSearch(Search[Candidate]):
         for spare in (1.0, 1.03, 1.1):
             model = candidate.program.model
             needed = self._needed_coast(model, candidate.motion)
+            # A thruster that is off by little turns on, thrusting, as the shooting reckons with.
+            short = needed - _ALIGNED / self.task.thruster_rate
             kept = model.task.coast
-            if ((needed <= kept) & (kept <= 1.2 * needed + 0.05)).all():
+            if ((short <= kept) & (kept <= 1.2 * needed + 0.1)).all():
                 return candidate
             task = self.task.with_coast(spare * needed)
             program = FormationProgram(self.form.model(task), self.form.nodes)

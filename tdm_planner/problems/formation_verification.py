@@ -15,9 +15,10 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import check, Constraint, evenly_spaced, judge, replay, Verification
+from tdm_planner.verification import check, Constraint, judge, replay, Verification
 
 Array = NDArray[np.float64]
 
@@ -48,28 +49,20 @@ def verify_formation(
 
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
-    last = max(trajectory.duration for trajectory in trajectories.values())
-    times = evenly_spaced(0.0, last, _RESOLUTION)
-    robots, every_state, every_control = {}, [], []
-    for i, name in enumerate(task.names):
-        trajectory = trajectories[name]
-        own = np.union1d(times[times <= trajectory.duration], trajectory.times)
-        flown = replay(task.plant, trajectory, own)
-        robots[name] = judge(
+    flights = _flights(task, trajectories)
+    robots = {
+        name: judge(
             task.plant,
-            trajectory,
-            own,
-            flown,
+            trajectories[name],
+            *flights[name],
             np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
             TERMINAL_TOLERANCE,
             robot_constraints(task),
             consistency=_CONSISTENCY,
         )
-        # Robots that have arrived are parked, with their controls off.
-        every_state.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
-        under_way = times <= trajectory.duration
-        every_control.append(trajectory.controls_at(times) * under_way[:, None])
-    states, controls = np.concatenate(every_state, axis=1), np.concatenate(every_control, axis=1)
+        for i, name in enumerate(task.names)
+    }
+    times, states, controls = _side_by_side(task, trajectories, flights)
     separations = separation_constraints(task)
     pairs, pair_times, violated = check(separations, times, states, controls)
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
@@ -102,6 +95,49 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
         for a, b in zip(i, j, strict=True)
     ]
     return bool((np.array(left) >= 0.5 * reserved).all())
+
+
+def common_states(
+    task: FormationTask, trajectories: Mapping[str, Trajectory]
+) -> tuple[Array, Array, Array]:
+    """Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
+
+    Robots that have arrived are parked, with their controls off.
+    """
+    return _side_by_side(task, trajectories, _flights(task, trajectories))
+
+
+def _common_instants(trajectories: Mapping[str, Trajectory]) -> Array:
+    last = max(trajectory.duration for trajectory in trajectories.values())
+    return np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+
+
+def _flights(
+    task: FormationTask, trajectories: Mapping[str, Trajectory]
+) -> dict[str, tuple[Array, Array]]:
+    """Every robot replayed: the common instants until its arrival and its samples, the states."""
+    times = _common_instants(trajectories)
+    found = {}
+    for name in task.names:
+        trajectory = trajectories[name]
+        own = np.union1d(times[times <= trajectory.duration], trajectory.times)
+        found[name] = own, replay(task.plant, trajectory, own)
+    return found
+
+
+def _side_by_side(
+    task: FormationTask,
+    trajectories: Mapping[str, Trajectory],
+    flights: Mapping[str, tuple[Array, Array]],
+) -> tuple[Array, Array, Array]:
+    times = _common_instants(trajectories)
+    states, controls = [], []
+    for name in task.names:
+        own, flown = flights[name]
+        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
+        under_way = times <= trajectories[name].duration
+        controls.append(trajectories[name].controls_at(times) * under_way[:, None])
+    return times, np.concatenate(states, axis=1), np.concatenate(controls, axis=1)
 
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:

@@ -1,0 +1,336 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""How quick replanning is; its deadlines, its memory, the rate of commands meanwhile.
+
+    python -m benchmark.latency [--replans N] [--no-nodes]
+
+Replans start from states along a plan that is under way, off by what tracking leaves; warm ones
+from the rest of that plan. With a deadline of 30 ms every replan's overrun is measured, in wall
+time and in processor time (on a machine that does other things besides, only the latter tells of
+the program). Last, planner, tracker and plant run as nodes; the pendulum is pushed again and
+again, so that plans are made at 5 Hz, and the periods between the tracker's commands are measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+import gc
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+os.environ.setdefault('OMP_NUM_THREADS', '1')
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmark.scenarios import crossing
+from tdm_planner.exceptions import TdmError
+from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.pendulum_swing_up import PendulumStart
+from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanInForce
+
+Array = NDArray[np.float64]
+
+DEADLINE, LATE = 0.03, 0.01  # s
+REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
+# What tracking leaves, as standard deviations.
+PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
+ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
+FIRST_MEMORY = 100  # replans after which memory is looked at first
+_DOMAIN = 62
+_PUSHED_FOR = 30.0  # s
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem to be solved on the way, and the rest of the plan in force."""
+
+    problem: Problem
+    rest: Solution | None
+
+
+Cases = Callable[[int], Case]
+
+
+def pendulum_cases(torque: float, warm: bool) -> Cases:
+    """Cases along one swing-up from hanging, up to 70 % of the way."""
+    problem = build(PendulumSwingUp, {'limits.torque': torque})
+    problem.prepare()
+    plan = PlanInForce(problem, problem.solve(deadline=2.0), 0.0)
+    motion = plan.solution.trajectory
+
+    def case(seed: int) -> Case:
+        rng = np.random.default_rng(seed)
+        elapsed = rng.uniform(0.0, 0.7) * motion.duration
+        state = motion.sample(elapsed).state + PENDULUM_AWAY * rng.normal(size=4)
+        start = PendulumStart(*state.tolist())
+        return Case(replace(problem, start=start), plan.remainder(elapsed) if warm else None)
+
+    return case
+
+
+def robot_cases(warm: bool, crossings: int = 10) -> Cases:
+    """Cases along crossings of three robots, between 5 and 75 % of the way."""
+    plans, executions = [], []
+    for seed in range(crossings):
+        problem = RobotFormation.from_parameters(crossing(seed).parameters())
+        plans.append(PlanInForce(problem, problem.solve(deadline=2.0), 0.0))
+        executions.append(FormationExecution(problem))
+        executions[-1].adopt(plans[-1])
+
+    def case(seed: int) -> Case:
+        rng = np.random.default_rng(seed)
+        plan, execution = plans[seed % crossings], executions[seed % crossings]
+        elapsed = rng.uniform(0.05, 0.75) * plan.solution.duration
+        seen = {
+            name: Observation(
+                motion.sample(elapsed).state + ROBOT_AWAY * rng.normal(size=7),
+                elapsed,
+                Mode.FOLLOWING,
+            )
+            for name, motion in plan.solution.trajectories.items()
+        }
+        foreseen = execution.foresee(plan, seen, elapsed)
+        problem = execution.problem_from(plan.problem, foreseen)
+        return Case(problem, plan.remainder(elapsed) if warm else None)
+
+    return case
+
+
+@dataclass
+class Timed:
+    """Times of many replans [s], and how many gave a plan."""
+
+    wall: list[float]
+    processor: list[float]
+    planned: int = 0
+
+
+def timed(cases: Cases, seeds: range, deadline: float) -> Timed:
+    """Solve the cases of `seeds`."""
+    found = Timed([], [])
+    for seed in seeds:
+        case = cases(seed)
+        wall, processor = time.perf_counter(), time.process_time()
+        try:
+            case.problem.solve(deadline=deadline, seed=seed, warm_start=case.rest)
+            found.planned += 1
+        except TdmError:
+            pass
+        found.wall.append(time.perf_counter() - wall)
+        found.processor.append(time.process_time() - processor)
+    return found
+
+
+def latency(cases: Cases, count: int, deadline: float) -> dict[str, Any]:
+    """Return the times of `count` replans."""
+    found = timed(cases, range(count), deadline)
+    return {
+        'replans': count,
+        'planned': found.planned,
+        **{f'p{p}_ms': 1e3 * float(np.quantile(found.wall, p / 100)) for p in (50, 95, 99)},
+        'worst_ms': 1e3 * max(found.wall),
+        'processor_p50_ms': 1e3 * float(np.median(found.processor)),
+        'processor_p99_ms': 1e3 * float(np.quantile(found.processor, 0.99)),
+    }
+
+
+def overruns(kinds: dict[str, Cases], count: int) -> dict[str, Any]:
+    """Return how late `count` replans ended after a deadline of 30 ms, and their memory."""
+    share = max(count // len(kinds), 1)
+    wall: list[float] = []
+    processor: list[float] = []
+    planned, memory = 0, resident()
+    for k in range(share):
+        for cases in kinds.values():
+            found = timed(cases, range(k, k + 1), DEADLINE)
+            wall += found.wall
+            processor += found.processor
+            planned += found.planned
+        if k == FIRST_MEMORY // len(kinds):
+            memory = resident()
+    late = np.array(wall) - DEADLINE
+    return {
+        'replans': len(wall),
+        'planned': planned,
+        'late': int((late > LATE).sum()),
+        'late_by_processor_time': int((np.array(processor) - DEADLINE > LATE).sum()),
+        'p99_late_ms': 1e3 * float(np.quantile(late, 0.99)),
+        'worst_late_ms': 1e3 * float(late.max()),
+        'worst_processor_ms': 1e3 * max(processor),
+        'memory_after_100_mb': memory,
+        'memory_mb': resident(),
+    }
+
+
+def resident() -> float:
+    """Resident memory of this process [MB]."""
+    status = Path('/proc/self/status').read_text()
+    fields = dict(line.split(':', 1) for line in status.splitlines())
+    return float(fields['VmRSS'].split()[0]) / 1024
+
+
+def command_stream(seconds: float = _PUSHED_FOR) -> dict[str, Any]:
+    """Return the periods of the tracker's commands while plans are made at 5 Hz."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.update(
+            ROS_DOMAIN_ID=str(_DOMAIN),
+            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
+            ROS_LOG_DIR=folder,
+        )
+        return _stream(seconds, Path(folder))
+
+
+def _stream(seconds: float, folder: Path) -> dict[str, Any]:
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import String
+    from std_srvs.srv import Trigger
+
+    weak = {'limits.torque': REGIMES['weak']}
+    nodes = {
+        'tdm_sim.pendulum_plant': {**weak, 'disturbance.impulse': 6e-4},
+        'tdm_planner.nodes.tracker': {**weak, 'replan.on_deviation': True},
+        'tdm_planner.nodes.planner': {**weak, 'replan.rate': 5.0},
+    }
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=_DOMAIN)
+    node = rclpy.create_node('benchmark', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    stamps: list[int] = []
+    plans: list[String] = []
+
+    def on_command(message: JointState) -> None:
+        stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+    node.create_subscription(JointState, 'joint_command', on_command, 1000)
+    node.create_subscription(String, 'plan_summary', plans.append, 10)
+    ask, push = node.create_client(Trigger, 'plan'), node.create_client(Trigger, 'push')
+    with _Processes(nodes, folder):
+        while not (stamps and ask.service_is_ready() and push.service_is_ready()):
+            executor.spin_once(timeout_sec=0.1)
+        planned = ask.call_async(Trigger.Request())
+        while not planned.done():
+            executor.spin_once(timeout_sec=0.1)
+        end, next_push = time.monotonic() + seconds, time.monotonic() + 2.0
+        first = len(stamps)
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.01)
+            if time.monotonic() > next_push:
+                push.call_async(Trigger.Request())
+                next_push += 0.5
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+    error = np.abs(np.diff(stamps[first:]) * 1e-6 - 5.0)
+    return {
+        'commands': len(error),
+        'plans': len(plans),
+        **{f'p{p}_ms': float(np.quantile(error, p / 100)) for p in (50, 95, 99)},
+        'worst_ms': float(error.max()),
+    }
+
+
+class _Processes:
+    """Nodes as processes of their own, ended at last."""
+
+    def __init__(self, nodes: dict[str, dict[str, Any]], folder: Path) -> None:
+        self._nodes, self._folder = nodes, folder
+        self._running: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> None:
+        for module, values in self._nodes.items():
+            words = [word for name, x in values.items() for word in ('-p', f'{name}:={x}')]
+            with (self._folder / f'{module}.txt').open('w') as output:
+                self._running.append(
+                    subprocess.Popen(
+                        [sys.executable, '-m', module, '--ros-args', *words],
+                        stdout=output,
+                        stderr=subprocess.STDOUT,
+                    )
+                )
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._running:
+            process.send_signal(signal.SIGINT)
+        for process in self._running:
+            process.wait(10.0)
+
+
+def run(replans: int = 2000, nodes: bool = True) -> dict[str, Any]:
+    """Measure everything."""
+    warm = {f'pendulum {name}': pendulum_cases(torque, True) for name, torque in REGIMES.items()}
+    warm['three robots'] = robot_cases(True)
+    cold = {f'pendulum {name}': pendulum_cases(torque, False) for name, torque in REGIMES.items()}
+    gc.freeze()  # as the planner node does once it is ready
+    count = min(replans, 300)
+    figures: dict[str, Any] = {
+        'latency': {
+            **{f'{name}, warm': latency(cases, count, 0.25) for name, cases in warm.items()},
+            **{f'{name}, cold': latency(cases, count // 3, 0.25) for name, cases in cold.items()},
+        },
+        'overruns': overruns(warm, replans),
+    }
+    if nodes:
+        figures['stream'] = command_stream()
+    return figures
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the figures as lines of text."""
+    lines = [
+        f'{"replan [ms]":26}{"planned":>10}{"p50":>8}{"p95":>8}{"p99":>8}{"worst":>8}'
+        f'{"processor p50, p99":>22}'
+    ]
+    for name, f in figures['latency'].items():
+        planned = f'{f["planned"]}/{f["replans"]}'
+        times = ''.join(f'{f[key]:8.1f}' for key in ('p50_ms', 'p95_ms', 'p99_ms', 'worst_ms'))
+        lines.append(
+            f'{name:26}{planned:>10}{times}{f["processor_p50_ms"]:14.1f}'
+            f'{f["processor_p99_ms"]:8.1f}'
+        )
+    f = figures['overruns']
+    lines.append(
+        f'deadline {1e3 * DEADLINE:g} ms, {f["replans"]} replans ({f["planned"]} planned): '
+        f'{f["late"]} later than {1e3 * LATE:g} ms after it (p99 {f["p99_late_ms"]:.1f} ms, worst '
+        f'{f["worst_late_ms"]:.1f} ms); by processor time {f["late_by_processor_time"]}, longest '
+        f'{f["worst_processor_ms"]:.1f} ms'
+    )
+    lines.append(
+        f'resident memory: {f["memory_after_100_mb"]:.1f} MB after {FIRST_MEMORY} replans, '
+        f'{f["memory_mb"]:.1f} MB after {f["replans"]}'
+    )
+    if 'stream' in figures:
+        f = figures['stream']
+        lines.append(
+            f'commands at 200 Hz while {f["plans"]} plans were made: error of the period p50 '
+            f'{f["p50_ms"]:.2f}, p95 {f["p95_ms"]:.2f}, p99 {f["p99_ms"]:.2f}, worst '
+            f'{f["worst_ms"]:.2f} ms ({f["commands"]} commands)'
+        )
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Print the tables."""
+    assert __doc__ is not None
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument('--replans', type=int, default=2000)
+    options.add_argument('--no-nodes', action='store_true')
+    chosen = options.parse_args()
+    print(table(run(chosen.replans, not chosen.no_nodes)))
+
+
+if __name__ == '__main__':
+    main()
