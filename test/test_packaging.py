@@ -58,12 +58,26 @@ def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
     workspace = copy.parents[1] / request.param
     options = ['--symlink-install'] if request.param == 'symlinks' else []
     workspace.mkdir()
-    run(
-        *(sys.executable, '-c', COLCON, '--log-base', str(workspace / 'log'), 'build'),
-        *('--base-paths', str(copy.parent), *options),
-        cwd=workspace,
-    )
+    said = colcon(workspace, 'build', '--base-paths', str(copy.parent), *options)
+    assert 'stderr' not in said, said  # which is where warnings go
     return workspace / 'install' / 'tdm_planner'
+
+
+def colcon(workspace: Path, verb: str, *arguments: str) -> str:
+    log = ('--log-base', str(workspace / 'log'))
+    return run(sys.executable, '-c', COLCON, *log, verb, *arguments, cwd=workspace)
+
+
+def test_colcon_runs_the_tests(installed: Path, copy: Path):
+    """A few of them: `colcon test` runs the very suite that this test belongs to."""
+    workspace = installed.parents[1]
+    said = colcon(
+        *(workspace, 'test', '--base-paths', str(copy.parent)),
+        *('--pytest-args', 'test/test_trajectory.py', 'test/test_verification.py'),
+    )
+    assert 'stderr' not in said, said
+    result = colcon(workspace, 'test-result')
+    assert re.search(r'Summary: [1-9]\d* tests, 0 errors, 0 failures, 0 skipped', result), result
 
 
 def test_colcon_installs_executables_where_ros2_run_looks(installed: Path):

@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import ast
+import os
 from pathlib import Path
 import re
-import subprocess
 import sys
 from typing import Any
 from xml.etree import ElementTree
@@ -15,17 +15,12 @@ from xml.etree import ElementTree
 from catkin_pkg import changelog, package
 import pytest
 import tdm_planner
+from tools import headers
+from tools.headers import body_of, FOLDERS, sources
 import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
-HEADER = '# Copyright 2026 The tdm_planner authors\n'
-FOLDERS = ('benchmark', 'docs', 'launch', 'tdm_planner', 'tdm_sim', 'test', 'tools')
-SOURCES = sorted(
-    path
-    for folder in FOLDERS
-    for path in (SOURCE / folder).rglob('*.py')
-    if '_build' not in path.parts
-)
+SOURCES = [path for path in sources() if path.name != 'setup.py']
 # Order and number of elements in package_format3.xsd (REP 149).
 ELEMENTS = ['name', 'version', 'description', 'maintainer', 'license', 'url', 'author']
 DEPENDENCIES = re.compile(r'(build|build_export|buildtool|buildtool_export|exec|doc|test)_depend$')
@@ -146,11 +141,36 @@ def test_citation_has_what_the_format_wants():
     assert reference['year'] == 2006
 
 
-@pytest.mark.parametrize('path', SOURCES, ids=lambda path: str(path.relative_to(SOURCE)))
-def test_sources_begin_with_copyright_and_licence(path: Path):
-    text = path.read_text(encoding='utf-8')
-    assert not text or text.startswith(HEADER)
-    assert not text or 'Apache-2.0' in text[:200] or 'Apache License, Version 2.0' in text[:200]
+def test_sources_begin_with_copyright_and_licence():
+    bare = [path for path in sources() if body_of(path.read_text(encoding='utf-8')) is None]
+    assert not bare
+    assert len(SOURCES) > 200
+
+
+def test_headers_are_rewritten_both_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / 'tools').mkdir()
+    for path in (tmp_path / 'setup.py', tmp_path / 'tools' / 'some.py'):
+        path.write_text(headers.SHORT + '"""Text."""\n')
+    monkeypatch.setattr(headers, 'sources', lambda: sources(tmp_path))
+    for form, header in (('--long', headers.LONG + '\n'), ('--short', headers.SHORT)):
+        monkeypatch.setattr(sys, 'argv', ['headers', form])
+        for _ in range(2):
+            assert headers.main() == 0
+            assert (tmp_path / 'tools' / 'some.py').read_text() == header + '"""Text."""\n'
+    (tmp_path / 'setup.py').write_text('import os\n')
+    monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
+    monkeypatch.setattr(headers, 'ROOT', tmp_path)
+    assert headers.main() == 1
+
+
+def test_licence_and_contributing_are_those_that_ament_knows():
+    licence = (SOURCE / 'LICENSE').read_text(encoding='utf-8')
+    assert 'Apache License' in licence
+    assert 'Version 2.0, January 2004' in licence
+    contributing = ' '.join((SOURCE / 'CONTRIBUTING.md').read_text(encoding='utf-8').split())
+    begin, end = licence.index('5. Submission'), licence.index('6. Trademarks')
+    clause = licence[begin:end]
+    assert ' '.join(clause.split()) in contributing
 
 
 def test_issue_forms_ask_for_what_is_needed():
@@ -184,11 +204,4 @@ def test_hooks_before_a_commit_are_those_of_make_lint():
 
 
 def test_scripts_can_be_executed():
-    (line,) = subprocess.run(
-        ['git', 'ls-files', '--stage', '.ci/run'],
-        cwd=SOURCE,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.splitlines()
-    assert line.startswith('100755')
+    assert os.access(SOURCE / '.ci' / 'run', os.X_OK)

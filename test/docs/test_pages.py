@@ -172,7 +172,9 @@ def test_links_lead_somewhere(page: Path):
 
 @EVERY_PAGE
 def test_links_to_other_places_are_encrypted(page: Path):
-    assert 'http://' not in page.read_text(encoding='utf-8')
+    text = page.read_text(encoding='utf-8')
+    # The contributor's licence has its link in words that tools look for.
+    assert 'http://' not in text.replace('http://www.apache.org/licenses/', '')
 
 
 def test_continuous_integration_does_what_contributing_says():
