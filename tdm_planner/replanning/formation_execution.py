@@ -53,7 +53,8 @@ class FormationExecution(Execution):
         """Prepare every robot's feedback along its motion."""
         self._motions = {}
         for name, trajectory in plan.solution.trajectories.items():
-            tracker = RobotTracker(self._parameters)
+            # At so low a rate the servo must take all of its error away at once.
+            tracker = RobotTracker(self._parameters, servo_share=1.0)
             law = tracker.prepare(trajectory)
             self._motions[name] = tracker, Motion(trajectory, plan.start, law)
         self._adopted = plan

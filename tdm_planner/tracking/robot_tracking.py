@@ -79,17 +79,23 @@ class Wish:
 
 
 class RobotTracker(TrajectoryTracker):
-    """Tracker of one floating robot; states and controls are those of `FloatingRobot`."""
+    """Tracker of one floating robot; states and controls are those of `FloatingRobot`.
+
+    `servo_share` of the error of the thruster's angle is taken away by one command.
+    """
 
     parameters: RobotTrackerParameters
     _FREE: ClassVar[Reach] = Reach(-math.inf, math.inf)
 
-    def __init__(self, parameters: RobotTrackerParameters) -> None:
+    def __init__(
+        self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
+    ) -> None:
         history = CommandHistory(3)
         super().__init__(parameters, robot_estimator(parameters, history), history)
         plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
         self._largest = limits.thrust / plant.mass
         self._firing = False
+        self._servo_share = servo_share
         # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.
         self._stiffness = self._largest / feedback.position
         self._damping = math.sqrt(2.0 * self._stiffness)
@@ -208,7 +214,7 @@ class RobotTracker(TrajectoryTracker):
     def _servo(self, angle: float) -> float:
         """Rate of the thruster that takes away an error `angle` [rad]."""
         limit = self.parameters.limits.thruster_rate
-        return min(max(_SERVO_SHARE * angle / self.parameters.interval, -limit), limit)
+        return min(max(self._servo_share * angle / self.parameters.interval, -limit), limit)
 
     def _drive(self, state: Array, wish: Wish, deadband: float) -> Array:
         """Return controls (3,) that come nearest to the wish; `deadband` is that of the thrust."""
