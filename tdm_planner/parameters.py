@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
 import math
+import operator
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar, Union
 
 from tdm_planner.exceptions import InvalidProblem
@@ -146,10 +147,8 @@ class ParameterSpec:
     def _number(self, value: Any, kind: type) -> Any:
         if isinstance(value, bool) or not hasattr(value, '__float__'):
             raise self._error(value)
-        if kind is int and not hasattr(value, '__index__'):
-            raise self._error(value)
         try:
-            return kind(value)
+            return operator.index(value) if kind is int else float(value)
         except (OverflowError, ValueError, TypeError):
             raise self._error(value) from None
 
@@ -311,9 +310,10 @@ def _flatten(mapping: Mapping[str, Any], prefix: str, flat: dict[str, Any]) -> N
             flat[name] = value
 
 
-def shown(name: str) -> str:
+def shown(name: object) -> str:
     """Return a name as it can stand in a sentence: short, on one line, without control codes."""
-    return _short(name)[1:-1]
+    text = _short(name)
+    return text[1:-1] if isinstance(name, str) else text
 
 
 def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import ARENA_FRAME
-from tdm_planner.parameters import shown
+from tdm_planner.parameters import LARGEST, shown
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 
@@ -135,9 +135,10 @@ def joint_motion(message: Any, joints: Sequence[str]) -> Array:
                 f"'{quantity}' has {len(row)} values for {len(message.name)} named joints"
             )
         for joint, i in zip(joints, index, strict=True):
-            if not math.isfinite(row[i]):
+            if not abs(row[i]) <= LARGEST:
                 raise InvalidProblem(
-                    f'the {quantity} of joint {joint} is {row[i]}, not a finite number'
+                    f'the {quantity} of joint {joint} is {row[i]}, not a finite number of at most '
+                    f'{LARGEST:g}'
                 )
             values.append(float(row[i]))
     return np.array(values)
@@ -317,8 +318,10 @@ def odometry_state(message: Any) -> Array:
             rates.angular.z,
         ]
     )
-    if not np.isfinite(state).all():
-        raise InvalidProblem('the odometry holds a value that is not a finite number')
+    if not (np.abs(state) <= LARGEST).all():
+        raise InvalidProblem(
+            f'the odometry holds a value that is not a finite number of at most {LARGEST:g}'
+        )
     return state
 
 
@@ -335,8 +338,9 @@ def thruster_angle(message: Any) -> float:
         raise InvalidProblem(
             f"'position' has {len(message.position)} values for {len(message.name)} named joints"
         )
-    if not math.isfinite(message.position[index]):
+    if not abs(message.position[index]) <= LARGEST:
         raise InvalidProblem(
-            f'the position of joint thruster is {message.position[index]}, not a finite number'
+            f'the position of joint thruster is {message.position[index]}, not a finite number of '
+            f'at most {LARGEST:g}'
         )
     return float(message.position[index])

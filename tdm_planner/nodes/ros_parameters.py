@@ -22,6 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.parameter_service import GuardedParameterService
 from tdm_planner.parameters import ParameterSpec, Range
 
 _TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
@@ -53,7 +54,9 @@ class ParameterNode(Node):
         self._values: dict[str, Any] = {}
         self._overrides: dict[str, Any] = {}
         self._invalid_overrides: dict[str, str] = {}
-        super().__init__(name, **options)
+        serves = options.pop('start_parameter_services', True)
+        super().__init__(name, start_parameter_services=False, **options)
+        self._guarded_services = GuardedParameterService(self) if serves else None
         self._overrides = {
             key: item.value
             for key, item in self._parameter_overrides.items()

@@ -37,7 +37,7 @@ from tdm_planner.tracking.tracker import (
     TrajectoryTracker,
     wrapped,
 )
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.tracking.tracker_parameters import NOISE, TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -73,13 +73,13 @@ class EstimatorParameters(Validated):
     """What the state estimator assumes."""
 
     angle_noise: float = parameter(
-        0.0015, 'standard deviation of measured angles', unit='rad', allowed=POSITIVE
+        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
     )
     rate_noise: float = parameter(
-        0.1, 'standard deviation of measured rates', unit='rad/s', allowed=POSITIVE
+        0.1, 'standard deviation of measured rates', unit='rad/s', allowed=NOISE
     )
     model_error: float = parameter(
-        0.1, "relative error of the model's accelerations", allowed=POSITIVE
+        0.1, "relative error of the model's accelerations", allowed=NOISE
     )
 
 

@@ -9,7 +9,7 @@ import math
 
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_planner.tracking.tracker_parameters import Tolerances, TrackerParameters
+from tdm_planner.tracking.tracker_parameters import NOISE, Tolerances, TrackerParameters
 
 
 @dataclass(frozen=True)
@@ -62,22 +62,22 @@ class RobotEstimatorParameters(Validated):
     """What the state estimator assumes."""
 
     position_noise: float = parameter(
-        0.002, 'standard deviation of x and of y', unit='m', allowed=POSITIVE
+        0.002, 'standard deviation of x and of y', unit='m', allowed=NOISE
     )
     velocity_noise: float = parameter(
-        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=POSITIVE
+        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=NOISE
     )
     angle_noise: float = parameter(
         0.005,
         'standard deviation of the attitude and its rate',
         unit='rad, rad/s',
-        allowed=POSITIVE,
+        allowed=NOISE,
     )
     thruster_noise: float = parameter(
-        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=POSITIVE
+        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=NOISE
     )
     model_error: float = parameter(
-        0.03, "error of the model's accelerations relative to the largest", allowed=POSITIVE
+        0.03, "error of the model's accelerations relative to the largest", allowed=NOISE
     )
 
 

@@ -23,8 +23,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.exceptions import TdmError
+from tdm_planner.parameters import LARGEST
 from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
@@ -32,8 +32,13 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 _CALM_SLACK = 3.0
+# What numerics raise where numbers leave the range in which they can be computed.
+BREAKDOWN = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 20  # steps, at most, in which the state at a coming start is foreseen
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
+_LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
+_LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
+_LONGEST_MOTION = 3600.0  # s for which gains are prepared
 
 
 class TrajectoryRefused(TdmError):
@@ -140,7 +145,7 @@ class TrajectoryTracker(ABC):
 
     @abstractmethod
     def deviation(self, error: Array) -> float:
-        """The error as one number, to be compared with the tolerances [rad or m]."""
+        """Return the error as one number, to be compared with the tolerances [rad or m]."""
 
     @abstractmethod
     def track(self, motion: Motion, time: float, state: Array) -> Action:
@@ -173,7 +178,11 @@ class TrajectoryTracker(ABC):
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]."""
-        self.estimator.observe(state, stamp)
+        try:
+            with np.errstate(all='ignore'):
+                self.estimator.observe(state, stamp)
+        except BREAKDOWN:  # begin anew with the next sample
+            self.estimator.reset()
 
     def state_age(self, now: float) -> float:
         """Age of the newest state [s]; infinite where there is none."""
@@ -203,9 +212,23 @@ class TrajectoryTracker(ABC):
             raise TrajectoryRefused(
                 f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
             )
+        for what, seconds, most in (
+            ('starts', start - now, _LATEST_START),
+            ('lasts', trajectory.duration, _LONGEST_MOTION),
+        ):
+            if seconds > most:
+                raise TrajectoryRefused(
+                    f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
+                    f'be more than {most:g} s'
+                )
+        largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
+        if largest > LARGEST:
+            raise TrajectoryRefused(
+                f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
+            )
         motion = Motion(trajectory, start, None)
         self._check_start(motion, now)
-        motion = Motion(trajectory, start, self.prepare(trajectory))
+        motion = Motion(trajectory, start, self._prepared(trajectory))
         if self.phase in (Phase.TRACKING, Phase.HOLDING):
             self.following = motion
         else:
@@ -213,11 +236,22 @@ class TrajectoryTracker(ABC):
             self.current, self.following = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
+    def _prepared(self, trajectory: Trajectory) -> Any:
+        try:
+            with np.errstate(all='ignore'):
+                return self.prepare(trajectory)
+        except BREAKDOWN as error:
+            raise TrajectoryRefused(
+                f'no feedback along the trajectory can be computed: {" ".join(str(error).split())}'
+            ) from error
+
     def _check_start(self, motion: Motion, now: float) -> None:
         """Compare the state expected when `motion` takes over with the planned one."""
         if self.state_age(now) > self.parameters.state_timeout:
             return  # nothing to compare with; the comparison is made at the start
         at = max(motion.start, now)
+        if at - now > _LONGEST_FORESEEN:
+            return
         if self.phase in (Phase.TRACKING, Phase.HOLDING) or self._unquiet:
             expected = self._foreseen(now, at)
         else:
@@ -268,12 +302,15 @@ class TrajectoryTracker(ABC):
         if age > self.parameters.state_timeout:
             return self._without_state(now, age)
         acts_at = now + self.parameters.command_delay
-        state = self.estimator.predict(acts_at)
-        action = self._act(acts_at, state)
-        if action is not None and not np.isfinite(action.control).all():
-            self.stop('the feedback gave a value that is not a finite number')
-            action = None
-        control = self._idle(state) if action is None else action.control
+        try:
+            with np.errstate(all='ignore'):
+                state = self.estimator.predict(acts_at)
+                action = self._act(acts_at, state)
+                control = self._idle(state) if action is None else action.control
+        except BREAKDOWN as error:  # the command is to be zero now, not when the node has died
+            return self._broken_down(acts_at, ' '.join(str(error).split()))
+        if not np.isfinite(control).all():
+            return self._broken_down(acts_at, 'a value is not a finite number')
         self.history.add(acts_at, control)
         return Command(control, self.phase, action, self.reason)
 
@@ -287,6 +324,14 @@ class TrajectoryTracker(ABC):
             if not self.wants_plan:
                 return self.recover(state)
         return np.zeros(len(self.control_names))
+
+    def _broken_down(self, acts_at: float, what: str) -> Command:
+        """Give the motion up, forget the state and command nothing."""
+        self.stop(f'the feedback broke down: {what}')
+        self.estimator.reset()
+        control = np.zeros(len(self.control_names))
+        self.history.add(acts_at, control)
+        return Command(control, self.phase, None, self.reason)
 
     def _without_state(self, now: float, age: float) -> Command:
         control = np.zeros(len(self.control_names))

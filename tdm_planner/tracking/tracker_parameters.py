@@ -6,7 +6,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+
+NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,10 @@ class TrackerParameters(Validated):
         0.1,
         'age of the newest state beyond which nothing is commanded',
         unit='s',
-        allowed=POSITIVE,
+        allowed=Range(0.0, 10.0, lower_open=True),
     )
     command_delay: float = parameter(
-        0.0, 'time from sending a command to its effect', unit='s', allowed=NON_NEGATIVE
+        0.0, 'time from sending a command to its effect', unit='s', allowed=Range(0.0, 1.0)
     )
     planner_service: str = parameter('plan', "name of the planner's service", read_only=True)
     tolerance: Tolerances = group(Tolerances)

@@ -268,6 +268,40 @@ def robot_plans(draw: Any, robot: str = 'robot1') -> tuple[dict[str, Any], dict[
     return motion, controls
 
 
+@st.composite
+def quiet_plans(draw: Any, plant: str) -> Any:
+    """A plan that a tracker at rest takes: the same small numbers in all points, odd efforts."""
+    small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
+    efforts = st.lists(st.one_of(small, doubles.filter(math.isfinite)), min_size=2, max_size=2)
+    step, count = (
+        draw(st.sampled_from([1, 10**6, 10**8, 10**10])),
+        draw(st.sampled_from([2, 4, 20])),
+    )
+    times = [{'sec': k * step // 10**9, 'nanosec': k * step % 10**9} for k in range(count)]
+    header = {'stamp': {'sec': 0, 'nanosec': 0}, 'frame_id': ''}
+    rates = draw(st.lists(small, min_size=2, max_size=2))
+    names = ['pendulum', 'disk'] if plant == 'pendulum' else ['thruster', 'reaction_wheel']
+    joints = {
+        'header': header,
+        'joint_names': names,
+        'points': [
+            {'positions': [0.0, 0.0], 'velocities': rates, 'effort': draw(efforts),
+             'accelerations': [], 'time_from_start': time}
+            for time in times
+        ],
+    }  # fmt: skip
+    if plant == 'pendulum':
+        return joints
+    still = dict.fromkeys('xyz', 0.0)
+    point = {
+        'transforms': [{'translation': still, 'rotation': {**still, 'w': 1.0}}],
+        'velocities': [{'linear': {**still, 'x': rates[0]}, 'angular': still}],
+        'accelerations': [],
+    }
+    points = [{**point, 'time_from_start': time} for time in times]
+    return {'header': header, 'joint_names': ['robot1'], 'points': points}, joints
+
+
 # Parameter files.
 
 _keys = st.one_of(

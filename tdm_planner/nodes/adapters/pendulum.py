@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 _TRAIL = 1.0  # s
 _FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
+_FORESEEN = 2000.0  # rad of swinging at the natural frequency
 _TRACKED = np.array([0.5, 0.7, 6.0, 8.0])  # deviations of a pendulum that follows its plan
 
 
@@ -160,6 +161,12 @@ def _motion(message: JointState) -> Array:
 
 def _coast(plant: RotaryPendulum, state: Array, duration: float) -> Array:
     """State (4,) after `duration` s without torque; a negative duration looks back."""
+    longest = _FORESEEN / plant.natural_frequency
+    if not abs(duration) <= longest:
+        raise InvalidProblem(
+            f"parameters 'start.delay' and 'start.max_age' lead from a state to a motion "
+            f'{duration:.3g} s later: a swinging pendulum can be foreseen for {longest:.3g} s'
+        )
     no_torque = np.zeros(1)
     result = solve_ivp(
         lambda _, x: plant.derivative(x, no_torque),

@@ -1,0 +1,111 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any parameters at all: a verified plan, a reasoned failure, or a refusal that names the field."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fuzz_corpus import corpus
+from fuzz_judges import outcome, planned
+from fuzz_profiles import cases
+from fuzz_strategies import anything, forbidden_settings, parameter_sets
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem, Solution
+
+PENDULUM = PendulumSwingUp.parameter_specifications({})
+ROBOTS = RobotFormation.parameter_specifications({})
+PROBLEMS = {'pendulum_swing_up': PendulumSwingUp, 'robot_formation': RobotFormation}
+
+
+@cases(70)
+@given(parameter_sets(PENDULUM))
+def test_a_pendulum_is_planned_for_or_refused(parameters: dict[str, Any]) -> None:
+    planned(PendulumSwingUp, parameters)
+
+
+@cases(70)
+@given(parameter_sets(ROBOTS))
+def test_robots_are_planned_for_or_refused(parameters: dict[str, Any]) -> None:
+    planned(RobotFormation, parameters)
+
+
+@st.composite
+def arenas(draw: Any) -> dict[str, Any]:
+    """Robots anywhere in an arena: mostly valid, often too near to one another or to a wall."""
+    names = [f'robot{k + 1}' for k in range(draw(st.integers(1, 4)))]
+    place = st.floats(0.1, 3.9)
+    values: dict[str, Any] = {
+        'robots': names,
+        'formation.anchor': [2.0, 2.0, draw(st.floats(-4.0, 4.0))],
+        'arena.minimum_separation': draw(st.sampled_from([0.05, 0.3, 0.4, 0.6, 5.0])),
+    }
+    for name in names:
+        for axis in 'xy':
+            values[f'{name}.start.{axis}'] = draw(place)
+        for axis in ('u', 'v', 'omega'):
+            values[f'{name}.start.{axis}'] = draw(st.sampled_from([0.0, 0.0, 0.05, -0.2, 3.0]))
+        offset = st.floats(-1.5, 1.5)
+        values[f'formation.{name}'] = [draw(offset), draw(offset), draw(st.floats(-7.0, 7.0))]
+    if draw(st.booleans()):
+        values['arena.obstacles'] = [draw(place), draw(place), draw(st.floats(0.05, 0.5))]
+    return values
+
+
+@cases(30)
+@given(arenas())
+def test_robots_anywhere_are_planned_for_or_refused(parameters: dict[str, Any]) -> None:
+    planned(RobotFormation, parameters)
+
+
+@cases(60)
+@given(
+    st.one_of(
+        st.tuples(st.just('pendulum_swing_up'), forbidden_settings(PENDULUM)),
+        st.tuples(st.just('robot_formation'), forbidden_settings(ROBOTS)),
+    )
+)
+def test_what_is_not_allowed_is_refused_by_name(case: Any) -> None:
+    problem, (name, value) = case
+    error = outcome(lambda: PROBLEMS[problem].from_parameters({name: value}), case)
+    assert isinstance(error, InvalidProblem), (name, value, error)
+    assert name in str(error) or (name == 'robots' and "'robots'" in str(error))
+
+
+@cases(20)
+@given(anything)
+def test_parameters_that_are_no_mapping_are_refused(value: Any) -> None:
+    found = outcome(lambda: PendulumSwingUp.from_parameters(value), value)
+    assert isinstance(found, (InvalidProblem, PendulumSwingUp))
+
+
+@pytest.mark.parametrize('name', ['deadline', 'seed'])
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), -1, -(10**400), 'soon', True, [1]])
+def test_arguments_of_a_search_are_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(InvalidProblem, match=name):
+        PendulumSwingUp().solve(**{name: value})
+
+
+@pytest.mark.parametrize(
+    'value',
+    [10**5000, np.array(1.0), np.array([1.0, 2.0]), b'1', {1}, 1j],
+    ids=lambda value: type(value).__name__,
+)
+@pytest.mark.parametrize('name', ['limits.torque', 'solver.seed', 'goal.turns'])
+def test_odd_values_of_python_are_refused_by_name(name: str, value: Any) -> None:
+    if name == 'limits.torque' and np.shape(value) == () and isinstance(value, np.ndarray):
+        assert PendulumSwingUp.from_parameters({name: value}).limits.torque == 1.0
+        return
+    with pytest.raises(InvalidProblem, match=name):
+        PendulumSwingUp.from_parameters({name: value})
+
+
+@pytest.mark.parametrize('case', corpus('parameters'))
+def test_what_once_escaped_does_so_no_more(case: dict[str, Any]) -> None:
+    problem: type[Problem] = PROBLEMS[case['problem']]
+    assert isinstance(planned(problem, case['parameters']), (Solution, Infeasible, InvalidProblem))
