@@ -78,7 +78,11 @@ def run(folder: Path = FOLDER) -> dict[str, Any]:
             file = folder / f'profile_{kind}_{how}.png'
             flame.draw(flame.tree(stacks, 'base.solve'), _OWN, title, file)
             own = [cost for cost in flame.costs(stacks) if cost[0].split('.')[0] in _OWN]
-            figures[f'{kind}, {how}'] = {'ms': milliseconds, 'costs': own[:_SHOWN]}
+            figures[f'{kind}, {how}'] = {
+                'ms': milliseconds,
+                'costs': own[:_SHOWN],
+                'picture': str(file),
+            }
     return figures
 
 

@@ -85,6 +85,18 @@ def test_the_page_is_written_from_the_figures(tmp_path: Path):
     assert all(f'images/{name}' in text for name in pictures)
 
 
+def test_flame_graphs_come_with_the_page(tmp_path: Path):
+    pytest.importorskip('casadi')
+    picture = tmp_path / 'profile' / 'profile_pendulum_cold.png'
+    picture.parent.mkdir()
+    picture.write_bytes(b'a picture')
+    costs = {'ms': 1.0, 'costs': [], 'picture': str(picture)}
+    page.write({'profile': {'pendulum, cold': costs}}, {'profile': str}, tmp_path / 'docs')
+    text = (tmp_path / 'docs' / 'benchmarks.md').read_text()
+    assert '(images/profile_pendulum_cold.png)' in text
+    assert (tmp_path / 'docs' / 'images' / picture.name).read_bytes() == b'a picture'
+
+
 def test_stacks_become_a_tree_below_the_function_asked_for():
     stacks = Counter({
         ('a.main', 'b.solve', 'c.inner'): 3,
