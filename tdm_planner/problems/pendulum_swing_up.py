@@ -50,6 +50,9 @@ class PendulumStart(Validated):
     psi_dot: float = parameter(
         0.0, "disk's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
     )
+    torque: float | None = parameter(
+        None, 'torque from which method smooth goes on without a jump; unset: any', unit='N m'
+    )
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,7 @@ class PendulumSwingUp(Problem, Validated):
             torque_limit=self.limits.torque,
             disk_angle=self.limits.disk_angle,
             turns=self.goal.turns,
+            start_torque=start.torque,
         )
 
     def prepare(self) -> None:
@@ -137,7 +141,7 @@ class PendulumSwingUp(Problem, Validated):
         """Return the search that `method` names; switching starts from earlier arcs as well."""
         task, tolerance = self.task, self.solver.tolerance
         if self.method == 'smooth':
-            return SmoothMethod(task, budget, rng, tolerance)
+            return SmoothMethod(task, budget, rng, tolerance, previous)
         if self.method == 'virtual_arc':
             return VirtualArcMethod(task, budget, rng, self.switching_arcs, tolerance)
         arcs = previous_arcs(previous)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.smooth_program import Motion, SmoothProgram, VARIED
 from tdm_planner.problems.swing_up_task import SwingUpTask
@@ -31,16 +32,25 @@ SmoothCandidate = tuple[SmoothProgram, Minimum]
 
 
 class SmoothMethod(Search[SmoothCandidate]):
-    """The search for the quickest smooth torque."""
+    """The search for the quickest smooth torque.
+
+    The rest of a `previous` plan is tried first, and alone if it leads to a plan.
+    """
 
     def __init__(
-        self, task: SwingUpTask, budget: Budget, rng: np.random.Generator, tolerance: float
+        self,
+        task: SwingUpTask,
+        budget: Budget,
+        rng: np.random.Generator,
+        tolerance: float,
+        previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
         self._rng = rng
         self._feasibility = max(tolerance, 1e-11)
         self._starts = 0
+        self._previous = previous
         self._closest = math.inf
 
     def plans(self, candidate: SmoothCandidate) -> Iterator[Plan]:
@@ -73,6 +83,11 @@ class SmoothMethod(Search[SmoothCandidate]):
         found: list[SmoothCandidate] = []
         budget = self.budget
         until = Budget(0.9 * budget.seconds - budget.elapsed)
+        if self._previous is not None:
+            warm = self._warm(self._previous, until)
+            self._previous = None
+            if warm is not None:
+                return [warm]
         for _ in range(_STARTS):
             late = budget.elapsed > _SEARCH_SHARE * budget.seconds
             if until.spent or (found and late):
@@ -92,6 +107,17 @@ class SmoothMethod(Search[SmoothCandidate]):
         found.sort(key=lambda item: item[1].point.cost)
         costs = np.array([minimum.point.cost for _, minimum in found])
         return [found[i] for i in range(len(found)) if i == 0 or costs[i] > 1.002 * costs[i - 1]]
+
+    def _warm(self, previous: Solution, until: Budget) -> SmoothCandidate | None:
+        """Minimise from the rest of a smooth plan; None if that leads nowhere."""
+        motion = previous.trajectory
+        if motion.interpolation != 'cubic' or motion.control_names != ('torque',):
+            return None
+        turns = self._task.turns_nearest(motion.states[-1])
+        program = SmoothProgram(self._task, turns, _COARSE_STEPS)
+        minimum = self._minimise(program, program.fit(motion), until)
+        self._starts += 1
+        return (program, minimum) if minimum.point.violation <= 1e-5 else None
 
     def _random_start(self) -> Array:
         """Random t_f and small random end derivatives of the disk's angle."""

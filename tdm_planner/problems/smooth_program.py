@@ -10,7 +10,8 @@ are prescribed and whose further end derivatives are varied,
 a = T_max A / D being the acceleration the torque gives the disk upright and phi_k the shapes of
 the varied end derivatives, orthonormal in their second derivatives. The torque follows by inverse
 dynamics, theta is integrated. Xi = (w0 t_f, r); J = w0 t_f; equalities theta = 2 pi n, theta' = 0
-at the end; |T| <= T_max and |psi| <= psi_max along the way.
+at the end, and T = T_0 at the start where that is given; |T| <= T_max and |psi| <= psi_max along
+the way.
 """
 
 from __future__ import annotations
@@ -30,11 +31,13 @@ from tdm_planner.direct_method.nonlinear_program import (
 from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.plants.driven_pendulum import drive_pendulum
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 VARIED = (2, 3, 4, 5, 6, 7)  # orders of the end derivatives that are varied, at both ends
 _CURVATURE = 1e-2  # of the model of J, for want of second derivatives
+_START_SHARE = 0.98  # of the torque that may be used, beyond which a start torque is not kept
 _NEAR_LIMIT = 0.4  # share of a limit within which a node gets a row
 
 
@@ -89,6 +92,10 @@ class SmoothProgram(NonlinearProgram):
         self.lower, self.upper = np.full(size, -50.0), np.full(size, 50.0)
         self.lower[0], self.upper[0] = 1e-3, 1e3
         self._shapes = _shapes(2 * steps + 1)
+        self._start_torque = task.start_torque
+        if task.start_torque is not None:
+            most = _START_SHARE * self.limit
+            self._start_torque = min(max(task.start_torque, -most), most)
 
     def motion(self, xi: Array) -> Motion:
         """Disk from the reference function, pendulum by integration, torque by inversion."""
@@ -145,7 +152,28 @@ class SmoothProgram(NonlinearProgram):
     def _residual(self, motion: Motion) -> Array:
         theta, _, theta_dot, _ = motion.states[-1]
         w0 = self.task.plant.natural_frequency
-        return np.array([theta - 2 * np.pi * self.turns, theta_dot / w0])
+        residual = [theta - 2 * np.pi * self.turns, theta_dot / w0]
+        if self._start_torque is not None:
+            residual.append((motion.torque[0] - self._start_torque) / self.task.torque)
+        return np.array(residual)
+
+    def _residual_jacobian(self, motion: Motion) -> Array:
+        ends = motion.states_jacobian[-1]
+        rows = [ends[0], ends[2] / self.task.plant.natural_frequency]
+        if self._start_torque is not None:
+            rows.append(motion.torque_jacobian[0] / self.task.torque)
+        return np.stack(rows)
+
+    def fit(self, trajectory: Trajectory) -> Array:
+        """Return the varied parameters whose disk moves most like that of a trajectory."""
+        t_f, a = trajectory.duration, self.task.disk_acceleration
+        _, psi, _, psi_dot = self.task.start
+        given, varied = self._shapes.given[2], self._shapes.varied[2]
+        sample = trajectory.sample(trajectory.times[0] + np.linspace(0.0, t_f, len(given)))
+        wanted = self.task.plant.derivative(sample.state, sample.control)[:, 3]
+        wanted = wanted - given[:, 0] * psi / t_f**2 - given[:, 1] * psi_dot / t_f
+        shapes, *_ = np.linalg.lstsq(a * varied, wanted, rcond=None)
+        return np.concatenate([[t_f * self.task.plant.natural_frequency], shapes])
 
     def _margins(self, motion: Motion) -> Array:
         """Shares of the limits left at the nodes: torque, then disk angle, (2 M + 2,)."""
@@ -179,15 +207,13 @@ class SmoothProgram(NonlinearProgram):
                 / self.task.planned_disk_angle,
             ]
         )
-        w0 = self.task.plant.natural_frequency
-        ends = motion.states_jacobian[-1]
         gradient = np.zeros(point.xi.size)
         gradient[0] = 1.0
         return Linearisation(
             gradient=gradient,
             hessian=_CURVATURE * np.eye(point.xi.size),
             equalities=self._residual(motion),
-            equality_jacobian=np.stack([ends[0], ends[2] / w0]),
+            equality_jacobian=self._residual_jacobian(motion),
             inequalities=margins[near],
             inequality_jacobian=rows[near],
             inequality_groups=np.ones(near.size, dtype=np.intp),

@@ -27,7 +27,8 @@ class SwingUpTask:
     """From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
 
     `torque` is what the plan may use, `torque_limit` the actuator's; `turns` the number n of
-    theta = 2 pi n at the end, None for whichever is reached first.
+    theta = 2 pi n at the end, None for whichever is reached first; `start_torque` the torque that
+    a smooth one goes on from, None for any.
     """
 
     plant: RotaryPendulum
@@ -36,6 +37,7 @@ class SwingUpTask:
     torque_limit: float
     disk_angle: float
     turns: int | None
+    start_torque: float | None = None
 
     @property
     def planned_disk_angle(self) -> float:

@@ -97,7 +97,10 @@ class SwingUpExecution(Execution):
         self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]
     ) -> PendulumSwingUp:
         """Return the swing-up from the foreseen state."""
-        return replace(problem, start=PendulumStart(*foreseen[VEHICLE].state.tolist()))
+        now = foreseen[VEHICLE]
+        torque = float(now.control[0]) if problem.method == 'smooth' else None
+        theta, psi, theta_dot, psi_dot = now.state.tolist()
+        return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))
 
     def same_question(self, problem: PendulumSwingUp, other: PendulumSwingUp) -> bool:
         """Whether two swing-ups differ in nothing but start and solver."""

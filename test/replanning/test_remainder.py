@@ -95,3 +95,18 @@ def test_the_evaluations_of_a_warm_start_are_few(swing: PlanInForce) -> None:
     cold = problem.solve(deadline=10.0)
     assert warm.verification.ok
     assert warm.evaluations < 0.2 * cold.evaluations
+
+
+@pytest.mark.parametrize('share', [0.15, 0.4, 0.6])
+def test_a_smooth_torque_goes_on_without_a_jump(share: float) -> None:
+    problem = build(PendulumSwingUp, {'limits.torque': 0.09, 'method': 'smooth'})
+    plan = PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
+    at = share * plan.solution.duration
+    now = plan.solution.trajectory.sample(at)
+    torque = float(now.control[0])
+    away = now.state + np.array([0.005, -0.005, 0.05, 0.05])
+    asked = replace(problem, start=PendulumStart(*away.tolist(), torque=torque))
+    new = asked.solve(deadline=10.0, warm_start=plan.remainder(at))
+    assert new.verification.ok
+    first = float(new.trajectory.control('torque')[0])
+    assert first == pytest.approx(torque, abs=0.03 * problem.limits.torque)
