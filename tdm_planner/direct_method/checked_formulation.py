@@ -8,12 +8,11 @@ should, numbers that are not finite, or mix candidates that are computed at once
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.checks import shown
 from tdm_planner.direct_method.formulation import (
     components,
@@ -101,6 +100,26 @@ class CheckedFormulation:
         _check_real(what, stacked, np.iscomplexobj(states) or np.iscomplexobj(controls))
         return stacked
 
+    def slopes(self, y: Outputs, z: Mapping[str, Values], index: Sequence[int]) -> Values:
+        """Return the rates of the states `index` at one point of the arc, (B, len(index)).
+
+        For the integration, step after step: shapes are not checked again.
+        """
+        function = 'invert'
+        try:
+            states, controls = self.formulation.invert(y, z)
+            function = 'derivative'
+            slopes = self.formulation.derivative(states, controls)
+        except TdmError:
+            raise
+        except Exception as error:  # noqa: B902
+            raise self._raised(function, error) from error
+        first = next(iter(z.values()))
+        found = np.empty((first.shape[0], len(index)), dtype=first.dtype)
+        for column, component in enumerate(index):
+            found[:, column] = slopes[component]
+        return found
+
     def margins(self, times: Values, states: Values, controls: Values) -> dict[str, Values]:
         """Return what is left to every limit, (B, K) by name."""
         found = self._call('margins', times, components(states), components(controls))
@@ -152,11 +171,14 @@ class CheckedFormulation:
                 return getattr(self.formulation, function)(*arguments)
         except TdmError:
             raise
-        except Exception as error:
-            raise InvalidProblem(
-                f'{function} of {type(self.formulation).__name__} raises '
-                f'{type(error).__name__}: {error}'
-            ) from error
+        except Exception as error:  # noqa: B902
+            raise self._raised(function, error) from error
+
+    def _raised(self, function: str, error: Exception) -> InvalidProblem:
+        return InvalidProblem(
+            f'{function} of {type(self.formulation).__name__} raises '
+            f'{type(error).__name__}: {error}'
+        )
 
     def _names(self, kind: str) -> tuple[str, ...]:
         found = getattr(self.formulation, f'{kind}_names', None)

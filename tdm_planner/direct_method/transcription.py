@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite
 from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
 from tdm_planner.direct_method.arc_outputs import ArcOutputs
@@ -68,6 +67,7 @@ class Transcription(NonlinearProgram):
         self.cost_scale = 1.0
         self.scheme: Scheme = 'complex_step'
         self._equality_count = 0
+        self._checked = False  # whether shapes have been found to be right
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
         middles = 0.5 * (self.nodes[1:] + self.nodes[:-1])
@@ -113,12 +113,14 @@ class Transcription(NonlinearProgram):
             self._check_independent(xi, values)
             cost = abs(float(values[0]))
             self.cost_scale = cost if cost > 1e-9 else 1.0
+            self._checked = True
             self.scheme = choose_scheme(self._values, xi)
 
     def refine(self, nodes: Array, reserve: Mapping[str, float]) -> Transcription:
         """Return the program on other nodes, scaled and differentiated alike."""
         other = Transcription(self.formulation, nodes, reserve)
         other.cost_scale, other.scheme = self.cost_scale, self.scheme
+        other._checked = self._checked
         return other
 
     def motion(self, xi: Values) -> ArcMotion:
@@ -130,6 +132,17 @@ class Transcription(NonlinearProgram):
         states, controls = self._stated.invert(at_nodes, z)
         return ArcMotion(times[:, every], states, controls, mu[:, every])
 
+    @property
+    def has_end_conditions(self) -> bool:
+        """Whether conditions remain at the end that no reference function meets by itself."""
+        return self._equality_count > 0
+
+    def misses(self, xi: Array) -> Array:
+        """Return by how much candidates (B, n) miss the conditions at the end, summed up: (B,)."""
+        with np.errstate(all='ignore'):
+            values = self._values(xi)
+        return np.asarray(np.abs(values[:, self._parts[0]]).sum(axis=1))
+
     def cost(self, motion: ArcMotion) -> Values:
         """Return J of the candidates, (B,)."""
         running = self._stated.running_cost(motion.times, motion.states, motion.controls)
@@ -140,12 +153,9 @@ class Transcription(NonlinearProgram):
         """Return the scaled J and the violations of equalities and margins."""
         with np.errstate(all='ignore'):
             values = self._values(xi[None])[0]
-        count = self._equality_count
+        ends, margins = self._parts
         violations = np.array(
-            [
-                np.abs(values[1 : 1 + count]).max(initial=0.0),
-                (-values[1 + count :]).max(initial=0.0),
-            ]
+            [np.abs(values[ends]).max(initial=0.0), (-values[margins]).max(initial=0.0)]
         )
         if not np.isfinite(values).all():
             return Point(xi, np.inf, np.full(2, np.inf), values)
@@ -157,14 +167,14 @@ class Transcription(NonlinearProgram):
         with np.errstate(all='ignore'):
             jacobian = jacobians(self._values, point.xi[None], self.scheme)[0]
             hessian = self._hessian(point.xi, jacobian, multipliers)
-        count = self._equality_count
-        margins, slopes = values[1 + count :], jacobian[1 + count :]
+        ends, rest = self._parts
+        margins, slopes = values[rest], jacobian[rest]
         near = np.flatnonzero((margins < _NEAR) & np.isfinite(slopes).all(axis=1))
         return Linearisation(
             gradient=jacobian[0],
             hessian=hessian,
-            equalities=values[1 : 1 + count],
-            equality_jacobian=jacobian[1 : 1 + count],
+            equalities=values[ends],
+            equality_jacobian=jacobian[ends],
             inequalities=margins[near],
             inequality_jacobian=slopes[near],
             inequality_groups=np.ones(near.size, dtype=np.intp),
@@ -173,9 +183,15 @@ class Transcription(NonlinearProgram):
 
     def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
         """Residuals of the equalities and of the margins that were active."""
-        count = self._equality_count
-        margins = point.cache[1 + count :][at.tags[active]]
-        return np.concatenate([point.cache[1 : 1 + count], np.minimum(margins, 0.0)])
+        ends, rest = self._parts
+        margins = point.cache[rest][at.tags[active]]
+        return np.concatenate([point.cache[ends], np.minimum(margins, 0.0)])
+
+    @property
+    def _parts(self) -> tuple[slice, slice]:
+        """Where equalities and margins stand among all values, which begin with J."""
+        first = 1 + self._equality_count
+        return slice(1, first), slice(first, None)
 
     @property
     def _hessian_rows(self) -> int:
@@ -189,9 +205,9 @@ class Transcription(NonlinearProgram):
         weights = np.zeros(len(jacobian))
         weights[0] = 1.0
         if multipliers is not None:
-            count = self._equality_count
-            weights[1 : 1 + count] = multipliers.equalities
-            weights[1 + count + multipliers.tags] = -multipliers.inequalities
+            ends, rest = self._parts
+            weights[ends] = multipliers.equalities
+            weights[rest.start + multipliers.tags] = -multipliers.inequalities
         used = weights != 0
 
         def lagrangian(points: Any) -> Any:
@@ -237,13 +253,18 @@ class Transcription(NonlinearProgram):
         index = [self._stated.state_names.index(name) for name in self.integrated]
         count = len(mu)
         current = np.tile([state.start for state in self.integrated.values()], (count, 1))
-        current = current.astype(mu.dtype)
+        kinds = [value.dtype for jet in y.values() for value in jet]
+        current = current.astype(np.result_type(mu, *kinds))
         found = [current]
 
         def rate(point: int, z: Values) -> Values:
             here = {name: [value[:, point] for value in jet] for name, jet in y.items()}
-            x, u = self._stated.invert(here, dict(zip(self.integrated, z.T, strict=True)))
-            return np.asarray(self._stated.derivative(x, u)[..., index] * mu[:, point, None])
+            named = dict(zip(self.integrated, z.T, strict=True))
+            if self._checked:
+                slopes = self._stated.slopes(here, named, index)
+            else:
+                slopes = self._stated.derivative(*self._stated.invert(here, named))[..., index]
+            return np.asarray(slopes * mu[:, point, None])
 
         for node in range(self.nodes.size - 1):
             h, point = float(self.nodes[node + 1] - self.nodes[node]), 2 * node

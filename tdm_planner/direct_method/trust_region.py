@@ -29,27 +29,33 @@ from tdm_planner.direct_method.quadratic_program import Backend, solve_quadratic
 Array = NDArray[np.float64]
 
 _SLACK_CURVATURE = 1e-4
-_LARGEST_PENALTY = 200.0
+_PRESSURE = 5.0  # factor by which violations are charged more
+_NEARER = 0.9  # share of the slack that must be left at most for that to be worth it
 
 
 @dataclass(frozen=True)
 class TrustRegionOptions:
     """How the minimiser goes about it.
 
-    `penalties` rho_k, one for each group of constraints; `radius` the first trust region and
+    `penalties` rho_k, one for each group of constraints, raised up to about `largest_penalty`
+    where they do not make the search feasible; `radius` the first trust region and
     `largest_radius` its limit, in units of the scaled varied parameters; `cost_tolerance` the
     predicted decrease, relative to J, below which the search ends once every group's violation is
     within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` a
-    cost above which a nearly feasible search is given up, as another one is already better.
+    cost above which a nearly feasible search is given up, as another one is already better. With
+    `steering`, penalties are raised as soon as that takes a step nearer to the linearised
+    constraints, not only where the search stalls: for ends that are hard to reach.
     """
 
     penalties: Sequence[float] = (1.0,)
+    largest_penalty: float = 200.0
     radius: float = 0.3
     largest_radius: float = 4.0
     iterations: int = 40
     cost_tolerance: float = 1e-3
     feasibility: Sequence[float] = (2e-3,)
     corrections: int = 0
+    steering: bool = False
     cutoff: float | None = None
     backend: Backend | None = None
 
@@ -133,6 +139,8 @@ class _Search:
             if self.late:
                 return
         step = _quadratic_step(self, self.at)
+        if step is not None and self.options.steering:
+            step = self._steered(step, self.at)
         if step is None:
             self._shrink(self.radius)
             return
@@ -144,6 +152,24 @@ class _Search:
             self.stalled = 0
         self._try(step)
 
+    def _steered(self, step: _Step, at: Linearisation) -> _Step:
+        """Charge violations more while the step then comes nearer to the constraints.
+
+        The steering rule of Byrd, Nocedal and Waltz (2008), in its simplest form.
+        """
+        while (
+            step.slack > self.feasibility.max()
+            and self.penalties.max() < self.options.largest_penalty
+        ):
+            before = self.penalties
+            self.penalties = _PRESSURE * before
+            harder = _quadratic_step(self, at)
+            if harder is None or harder.slack > _NEARER * step.slack:
+                self.penalties = before
+                break
+            step = harder
+        return step
+
     def _finish_or_press(self, step: _Step) -> None:
         """Nothing more to gain: done if feasible, else charge violations more."""
         if self.feasible:
@@ -151,8 +177,8 @@ class _Search:
             self.multipliers = step.multipliers
             return
         self.stalled += 1
-        if self.stalled >= 2 and self.penalties.max() < _LARGEST_PENALTY:
-            self.penalties[self.point.violations > self.feasibility] *= 5.0
+        if self.stalled >= 2 and self.penalties.max() < self.options.largest_penalty:
+            self.penalties[self.point.violations > self.feasibility] *= _PRESSURE
             self.radius = max(self.radius, 0.5 * self.options.radius)
             self.stalled = 0
 
@@ -183,8 +209,8 @@ class _Search:
         self.radius = 0.35 * min(self.radius, length)
         if self.radius >= 1e-6:
             return
-        if not self.feasible and self.penalties.max() < _LARGEST_PENALTY:
-            self.penalties[self.point.violations > self.feasibility] *= 5.0
+        if not self.feasible and self.penalties.max() < self.options.largest_penalty:
+            self.penalties[self.point.violations > self.feasibility] *= _PRESSURE
             self.radius = 0.5 * self.options.radius
             self.at = None
         else:

@@ -31,7 +31,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -61,7 +60,7 @@ class DirectProblem(Formulation, Problem):
     `nodes` (at least) along the arc are where limits are kept while searching; more are taken
     where the check of a plan asks for them. `starts` first guesses are tried. A plan's end may
     differ by `terminal_tolerance` (nx,) from the goal when replayed; by default by 1e-3 of the
-    range that a state runs through.
+    largest range that a state of the same unit runs through.
     """
 
     nodes: ClassVar[int] = 41

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -30,7 +30,9 @@ _FEASIBLE = 1e-6  # largest violated margin
 _MARGIN_TOLERANCE = 1e-5  # of the verification, for what is exactly on a limit
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
-_COARSE_SHARE = 0.85  # of the time allowed, for minimising before any check
+_CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
+_GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
+_SCREENED = 256  # random first guesses of which the one nearest to the end conditions is kept
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
 
@@ -53,20 +55,24 @@ class DirectSearch(Search[Minimum]):
         self._previous = previous
         self._nodes = self._node_count()
         self._program = Transcription(problem, chebyshev_nodes(self._nodes))
+        self._rounds = 0
+        self._found = False
         self._closest = np.inf
         self._nearest_miss = ''
 
     def candidates(self) -> Iterator[Minimum]:
-        """Minimise from all first guesses while there is time.
+        """Minimise from a round of first guesses while there is time.
 
         Raises
         ------
         InvalidProblem
             If what the problem states does not fit together, or gives numbers that are not finite.
         """
-        self._program.begin(self._program.first_guess)
+        if self._rounds == 0:
+            self._program.begin(self._program.first_guess)
+        self._rounds += 1
         found = False
-        until = Budget(_COARSE_SHARE * self.budget.seconds - self.budget.elapsed)
+        until = Budget(self._latest - self.budget.elapsed)
         for xi in self._seeds():
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if until.spent or (found and late):
@@ -75,7 +81,7 @@ class DirectSearch(Search[Minimum]):
             if minimum is None:
                 continue
             if self._feasible(minimum):
-                found = True
+                found = self._found = True
                 yield minimum
             elif minimum.point.violation < self._closest:
                 self._closest = minimum.point.violation
@@ -86,12 +92,12 @@ class DirectSearch(Search[Minimum]):
         return candidate.point.cost < than.point.cost - _WORTHWHILE
 
     def satisfied_with(self, plan: Plan) -> bool:
-        """Never: all first guesses are tried."""
+        """Never: all first guesses of the round are tried."""
         return False
 
     def widen(self) -> bool:
-        """Give up: one round has tried all first guesses."""
-        return False
+        """Go on with other first guesses, a few rounds, while none leads to a feasible motion."""
+        return not (self._found or self._late) and self._rounds < _GUESS_ROUNDS
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -110,8 +116,14 @@ class DirectSearch(Search[Minimum]):
         return kind(reason)
 
     @property
+    def _latest(self) -> float:
+        """When minimising before any check has to end [s]: a check takes its time, too."""
+        seconds = self.budget.seconds
+        return seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
+
+    @property
     def _late(self) -> bool:
-        return self.budget.elapsed > _COARSE_SHARE * self.budget.seconds
+        return self.budget.elapsed > self._latest
 
     def _node_count(self) -> int:
         outputs = self._stated.outputs().values()
@@ -124,16 +136,31 @@ class DirectSearch(Search[Minimum]):
         With a previous solution no changes are tried: replanning is to be quick.
         """
         first = self._program.first_guess
-        if self._previous is not None and self._previous.shape == first.shape:
-            yield self._previous
+        if self._rounds == 1:
+            if self._previous is not None and self._previous.shape == first.shape:
+                yield self._previous
+                yield first
+                return
             yield first
-            return
-        yield first
-        timing = first > 0
         for attempt in range(1, self._problem.starts):
-            longer = np.exp(0.4 * self._rng.normal() + 0.2)
-            change = min(0.15 * attempt, 1.0) * self._rng.normal(size=first.size)
-            yield np.where(timing, first * longer, 3.0 * change / np.sqrt(first.size))
+            if self._program.has_end_conditions:
+                sizes = np.exp(self._rng.uniform(np.log(0.1), np.log(1.5), _SCREENED))
+                yield self._nearest_of(self._changed(sizes))
+            else:
+                yield self._changed(np.array([min(0.15 * attempt, 1.0)]))[0]
+
+    def _changed(self, sizes: Array) -> Array:
+        """Random changes of the first guess of about `sizes` (count,) in its units, (count, n)."""
+        first = self._program.first_guess
+        longer = np.exp(0.4 * self._rng.normal(size=(sizes.size, 1)) + 0.2)
+        change = self._rng.normal(size=(sizes.size, first.size))
+        change *= 3.0 * sizes[:, None] / np.sqrt(first.size)
+        return np.where(first > 0, first * longer, change)
+
+    def _nearest_of(self, guesses: Array) -> Array:
+        """Return that of `guesses` (count, n) which misses the conditions at the end least."""
+        misses = self._program.misses(guesses)
+        return np.asarray(guesses[np.argmin(np.nan_to_num(misses, nan=np.inf))])
 
     def _minimise(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         before = program.evaluations
@@ -141,6 +168,8 @@ class DirectSearch(Search[Minimum]):
             return None
         options = TrustRegionOptions(
             penalties=(5.0, 5.0),
+            largest_penalty=1e4,
+            steering=program.has_end_conditions,
             radius=0.5,
             iterations=150,
             cost_tolerance=1e-7,
@@ -215,18 +244,24 @@ class DirectSearch(Search[Minimum]):
                 goal[problem.state_names.index(name)] = state.end
         return trajectory, goal
 
+    def _margin(self, name: str, times: Array, states: Array, controls: Array) -> Array:
+        return self._stated.margins(times, states, controls)[name]
+
     def _verify(self, trajectory: Trajectory, goal: Array) -> Verification:
         problem = self._problem
         duration = trajectory.duration
         if problem.terminal_tolerance is None:
-            tolerance = 1e-3 * np.ptp(trajectory.states, axis=0) + 1e-6
+            ranges = np.ptp(trajectory.states, axis=0)
+            units = np.array(problem.state_units)
+            alike = [ranges[units == unit].max() for unit in units]
+            tolerance = 1e-3 * np.array(alike) + 1e-6
         else:
             tolerance = np.array(problem.terminal_tolerance, dtype=float)
         margins = self._stated.margins(trajectory.times, trajectory.states, trajectory.controls)
         constraints = [
             Constraint(
                 name,
-                lambda t, x, u, name=name: self._stated.margins(t, x, u)[name],  # type: ignore[misc]
+                partial(self._margin, name),
                 tolerance=_MARGIN_TOLERANCE,
             )
             for name in margins

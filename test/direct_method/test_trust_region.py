@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The minimiser against problems with known answers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tdm_planner.direct_method.nonlinear_program import (
@@ -177,3 +179,27 @@ def test_cutoff_gives_up_a_feasible_but_dear_search():
     found = minimise(program, np.array([-1.2, 1.0]), options)
     assert not found.converged
     assert found.iterations <= 6
+
+
+def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violated():
+    """The multiplier of x = 3 is 600 here; without steering the search first settles short."""
+    steep = Smooth(
+        lambda x: 100 * x @ x,
+        lambda x: 200 * x,
+        lambda x: 200 * np.eye(2),
+        eq=lambda x: x[:1] - 3.0,
+        eq_jac=lambda x: np.array([[1.0, 0.0]]),
+    )
+    options = TrustRegionOptions(
+        penalties=(1.0,),
+        largest_penalty=1e4,
+        iterations=60,
+        cost_tolerance=1e-10,
+        feasibility=(1e-9,),
+        radius=4.0,
+    )
+    plain = minimise(steep, np.ones(2), options)
+    steered = minimise(steep, np.ones(2), replace(options, steering=True))
+    assert steered.converged
+    np.testing.assert_allclose(steered.point.xi, [3, 0], atol=1e-6)
+    assert steered.iterations < plain.iterations
