@@ -69,7 +69,7 @@ endif
 # What tests, linters and benchmarks need besides.
 $(READY)-test: $(READY)
 	@echo '[+] packages for the tests'
-	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),test,dev]'
+	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),test,dev,docs]'
 	@touch '$@'
 
 $(READY)-docs: $(READY)

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Docstrings are written to be read as they are; here they become reStructuredText.
+"""Docstrings and signatures are written to be read as they are; here they become pages.
 
 Bars, asterisks and trailing underscores mean themselves; an indented paragraph, which is a formula
 or an example, is shown as it stands.
@@ -42,7 +42,28 @@ def process(_: Any, what: str, name: str, value: Any, options: Any, lines: list[
     lines[:] = to_restructured_text(lines)
 
 
+def shorten(
+    _: Any,
+    what: str,
+    name: str,
+    value: Any,
+    options: Any,
+    arguments: str | None,
+    result: str | None,
+) -> tuple[str | None, str | None]:
+    """Write types in signatures by their last names, arrays as such."""
+
+    def short(text: str | None) -> str | None:
+        if text is None or 'numpy' not in text:
+            return text
+        text = re.sub(r'~?\b(?:[a-z_]\w*\.)+(\w+)', r'\1', text)
+        return re.sub(r'ndarray\[tuple\[Any, \.\.\.\], dtype\[\w+\]\]', 'Array', text)
+
+    return short(arguments), short(result)
+
+
 def setup(app: Any) -> dict[str, Any]:
     """Let docstrings pass through `process` before napoleon sees them."""
     app.connect('autodoc-process-docstring', process, priority=100)
+    app.connect('autodoc-process-signature', shorten)
     return {'version': '1', 'parallel_read_safe': True, 'parallel_write_safe': True}

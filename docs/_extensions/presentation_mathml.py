@@ -5,11 +5,18 @@
 from __future__ import annotations
 
 from html import escape
+import re
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.errors import ExtensionError
+
+# docutils takes more than one digit, and leaves no space about functions.
+_SHORT_FRACTION = re.compile(r'\\[td]?frac\s*[^{\s]')
+_BRACE = re.compile(r'\\[{}]')  # that is shown
+_FUNCTION = re.compile(r'\\(sin|cos)(?![a-z])')
+_ARGUMENT = re.compile(r'(\\(?:sin|cos)(?:\^.)?)\s*(?=[\\0-9a-z])')
 
 
 def mathml(source: str, display: bool) -> str:
@@ -20,8 +27,14 @@ def mathml(source: str, display: bool) -> str:
     ExtensionError
         Naming the formula, if it is not understood.
     """
+    if _SHORT_FRACTION.search(source):
+        raise ExtensionError(f'write the fraction with braces: {source}')
+    if _BRACE.sub('', source).count('{') != _BRACE.sub('', source).count('}'):
+        raise ExtensionError(f'braces do not match: {source}')
+    spaced = _FUNCTION.sub(r'\\,\g<0>', source)
+    spaced = _ARGUMENT.sub(r'\1\\,', spaced)
     try:
-        made = str(latex2mathml.tex2mathml(source, as_block=display))
+        made = str(latex2mathml.tex2mathml(spaced, as_block=display))
     except Exception as error:  # noqa: B902
         # Docutils says what is wrong by several kinds of exception.
         raise ExtensionError(f'formula not understood ({error}): {source}') from error
