@@ -119,4 +119,4 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def _rows(values: dict[int, float]) -> list[str]:
-    return [f'  {size:28d} {value:10.4f}' for size, value in values.items()]
+    return [f'  {int(size):28d} {value:10.4f}' for size, value in values.items()]

@@ -12,7 +12,7 @@ import platform
 import shutil
 from typing import Any
 
-from benchmark.peers.tables import sections
+from benchmark.peers.tables import in_short, sections
 
 DOCS = Path(__file__).parents[1] / 'docs'
 Tables = Mapping[str, Callable[[dict[str, Any]], str]]
@@ -20,7 +20,7 @@ Tables = Mapping[str, Callable[[dict[str, Any]], str]]
 _INTRODUCTION = """\
 # Benchmarks
 
-Written by `make benchmark`; every figure is of that run. {when}, {machine}.
+Written by `make benchmark` from the figures of its run. {when}, {machine}.
 
 {versions}
 
@@ -90,6 +90,7 @@ def write(figures: Mapping[str, Any], tables: Tables, folder: Path = DOCS) -> Pa
                 drake=min(DRAKE_CASES, figures['peers']['cases']),
             )
         )
+        parts.append(f'### In short\n\n{in_short(figures["peers"])}\n')
         parts += [f'### {name}\n\n{body}\n' for name, body in sections(figures['peers'])]
         growth = 'Time over intervals, cost over varied parameters, time over robots'
         parts.append(f'![{growth}](images/benchmark_growth.png)\n')

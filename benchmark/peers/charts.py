@@ -71,8 +71,8 @@ def success(figures: Mapping[str, Any]) -> Figure:
                 np.append(times, 1e5), np.append(shares, shares[-1:] if times.size else [0.0]),
                 where='post', color=colour, linestyle=dashes, linewidth=2,
             )  # fmt: skip
-        axis.set(xscale='log', xlim=(3, 1e4), ylim=(0, 1.02), xlabel='processor time [ms]')
-        axis.set_title(f'{title}: cost within {near:g} of the best known', fontsize=10)
+        axis.set(xscale='log', xlim=(1, 1e4), ylim=(0, 1.02), xlabel='processor time [ms]')
+        axis.set_title(f'{title}\nsolved at {near:g} of the best known cost or less', fontsize=10)
         axis.grid(alpha=0.3)
     np.atleast_1d(axes)[0].set_ylabel('share of the cases')
     picture.legend(
@@ -95,6 +95,8 @@ def growth(figures: Mapping[str, Any]) -> Figure:
             label=section,
         )
     nodes.set(xscale='log', yscale='log', xlabel='intervals', ylabel='processor time [ms]')
+    nodes.set_xticks([15, 30, 60, 100, 200], labels=['15', '30', '60', '100', '200'])
+    nodes.xaxis.set_minor_locator(NullLocator())
     nodes.set_title('collocation: intervals', fontsize=10)
     robots = [r for r in figures['parameters'] if r['section'] == '3 robots']
     _line(
@@ -110,21 +112,24 @@ def growth(figures: Mapping[str, Any]) -> Figure:
             xytext=(5, 6),
             fontsize=9,
         )
-    parameters.margins(0.14)
+    parameters.margins(0.14, 0.1)
+    parameters.set_xlim(right=75)
     for solver in ('tdm_planner', 'collocation'):
         _line(teams, figures['teams'], solver, 'value', 'ms_median', label=solver)
         for row in figures['teams']:
             if row['solver'] == solver and row['solved'] < 1.0:
                 teams.annotate(
                     f'{100 * row["solved"]:.0f} % solved', (row['value'], row['ms_median']),
-                    textcoords='offset points', xytext=(-4, -14), ha='right', fontsize=9,
+                    textcoords='offset points', xytext=(-8, 4), ha='right', fontsize=9,
                 )  # fmt: skip
     teams.set(xscale='log', yscale='log', xlabel='robots', ylabel='processor time [ms]')
     teams.set_xticks([2, 3, 5, 8, 12, 20], labels=['2', '3', '5', '8', '12', '20'], minor=False)
     teams.xaxis.set_minor_locator(NullLocator())
     teams.set_title('robots', fontsize=10)
     for axis in (nodes, teams):
-        axis.legend(frameon=False, fontsize=9)
+        axis.legend(
+            frameon=False, fontsize=9, loc='upper left' if axis is nodes else 'lower right'
+        )
     for axis in (nodes, parameters, teams):
         axis.grid(alpha=0.3)
     return picture

@@ -28,6 +28,7 @@ from benchmark.peers.pendulum_cases import (
 from benchmark.peers.robots_cases import BOWS, RobotsCases
 from benchmark.pendulum import REGIMES
 from benchmark.robots import references
+import tdm_planner
 from tdm_sim.progress import make_progress, Progress
 
 Report = Callable[[str], None]
@@ -101,8 +102,8 @@ def _bounds(robots: RobotsCases, cases: int) -> list[dict[str, float]]:
 
 def versions() -> dict[str, str]:
     """Versions of this package and of what it is compared with."""
-    names = ('tdm_planner', 'numpy', 'scipy', 'numba', 'daqp', 'casadi', 'drake', 'ruckig')
-    found = {}
+    names = ('numpy', 'scipy', 'numba', 'daqp', 'casadi', 'drake', 'ruckig')
+    found = {'tdm_planner': tdm_planner.__version__}
     for name in names:
         try:
             found[name] = importlib.metadata.version(name)

@@ -61,6 +61,38 @@ def _solver(name: str, attempts: Mapping[str, Any], known: Mapping[int, float]) 
     return [name, str(f['cases']), *quality, *costs, *times, *last]
 
 
+def in_short(figures: Mapping[str, Any]) -> str:
+    """Return one line a problem and kind of start: how often, how near, how quick."""
+    lines = []
+    for title, problem in figures['problems'].items():
+        known = {int(case): cost for case, cost in problem['known'].items()}
+        found = {name: summary(a, known) for name, a in problem['attempts'].items()}
+        cold = [name for name in found if name.startswith('collocation') and 'warm' not in name]
+        for kind, mine, theirs in (('cold', OURS, cold), ('warm', OURS_WARM, [COLLOCATION_WARM])):
+            ours = found[mine]
+            lines.append(
+                f'- **{title}, {kind}**: this package solved {share(ours["solved"])} at a median '
+                f'of {ratio(ours["ratio_median"])} of the best known cost in '
+                f'{number(ours["ms_median"])} ms.'
+            )
+            for name in theirs:
+                f = found[name]
+                relative = against(problem['attempts'][mine], problem['attempts'][name])
+                lines.append(
+                    f'  - {name}: {share(f["solved"])} at {ratio(f["ratio_median"])}, '
+                    f'{share(f["near"])} within 1.02 (this package {share(ours["near"])}), '
+                    f'{pace(relative["time"])}.'
+                )
+    return '\n'.join(lines)
+
+
+def pace(times: float | None) -> str:
+    """Return how a time compares with ours, in words."""
+    if times is None or not times > 0:
+        return 'not timed'
+    return f'{times:.2g} times slower' if times >= 1 else f'{1 / times:.2g} times quicker'
+
+
 def bound(problem: Mapping[str, Any]) -> str:
     """One sentence on what Ruckig's motions say."""
     found = problem.get('bound')
@@ -103,7 +135,7 @@ def memory(figures: Mapping[str, Mapping[str, float | None]]) -> str:
     """Peak memory of every solver."""
     solvers = list(next(iter(figures.values())))
     rows = [[problem, *(number(found[s]) for s in solvers)] for problem, found in figures.items()]
-    return markdown(['MB', *('numpy alone' if s == 'none' else s for s in solvers)], rows)
+    return markdown(['MB', *('problem stated' if s == 'none' else s for s in solvers)], rows)
 
 
 def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -116,7 +148,8 @@ def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
             f'and its derivatives took {problem["build_s"]:.2f} s, once, not counted above.'
         )
         found.append((name, '\n\n'.join(part for part in parts if part)))
-    found.append(('Memory', memory(figures['memory_mb'])))
+    note = 'Peak of a process that solves five cases; all of them load this package to state them.'
+    found.append(('Memory', f'{note}\n\n{memory(figures["memory_mb"])}'))
     found.append(('Nodes', scaling(figures['nodes'], 'nodes', 'best known')))
     found.append(
         ('Varied parameters', scaling(figures['parameters'], 'order or arcs', 'best known'))

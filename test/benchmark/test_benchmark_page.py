@@ -128,3 +128,21 @@ def test_a_flame_graph_is_drawn(tmp_path: Path):
     frame = flame.Frame('base.solve', 10, (flame.Frame('search.run', 9, ()),))
     flame.draw(frame, {'base', 'search'}, 'a title', tmp_path / 'flame.png')
     assert (tmp_path / 'flame.png').stat().st_size > 1000
+
+
+def test_wins_and_losses_are_said_alike():
+    found = figures()
+    found['problems']['3 robots']['attempts']['collocation, swing'][1]['seconds'] = 1e-3
+    text = tables.in_short(found)
+    assert 'collocation, swing: 75 % at 1.010, 75 % within 1.02 (this package 100 %)' in text
+    assert '4 times slower' in text
+    assert tables.pace(0.25) == '4 times quicker'
+    assert tables.pace(None) == 'not timed'
+
+
+def test_peak_memory_is_that_of_the_process_alone():
+    pytest.importorskip('casadi')
+    from benchmark.peers.memory import high_water_mark
+
+    block = b'x' * (64 << 20)
+    assert len(block) >> 20 < high_water_mark() < 20_000
