@@ -26,13 +26,12 @@ import tempfile
 import time
 from typing import Any
 
-os.environ.setdefault('OMP_NUM_THREADS', '1')
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-
-import numpy as np
-from numpy.typing import NDArray
+if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
+    os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
 from benchmark.scenarios import crossing
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation

@@ -248,7 +248,8 @@ def formation(
     goals = np.array([p.states[-1, :2] for p in loop.plans[-1].solution.trajectories.values()])
     assert isinstance(loop.problem, RobotFormation)
     reached = np.abs(goals - loop.problem.task.goal).max() < ARRIVED
-    last = path[-round(AT_GOAL / ROBOT_INTERVAL) :]
+    count = round(AT_GOAL / ROBOT_INTERVAL)
+    last = path[-count:]
     pairs = itertools.combinations(range(len(names)), 2)
     return {
         'arrived': bool(reached and np.linalg.norm(last - goals, axis=2).max() < ARRIVED),

@@ -31,7 +31,8 @@ class GuardedParameterService(ParameterService):
         try:
             parameters = [Parameter.from_parameter_msg(message) for message in messages]
             return self._get_node().set_parameters_atomically(parameters)
-        except Exception as error:  # whatever a request holds, the node keeps serving
+        except Exception as error:  # noqa: B902
+            # Whatever a request holds, the node keeps serving.
             sentence = ' '.join(str(error).split())
             return SetParametersResult(
                 successful=False, reason=f'the request cannot be read: {sentence}'

@@ -51,7 +51,7 @@ def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOW
         assert sentence and '\n' not in sentence, (sentence, case)
         assert len(sentence) < 2000, (len(sentence), case)
         return error
-    except (Exception, Hang) as error:
+    except (Exception, Hang) as error:  # noqa: B902
         raise AssertionError(
             f'{type(error).__name__}: {str(error)[:300]}\nto be kept in test/fuzz/corpus: '
             + json.dumps(case, default=repr)[:4000]

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""How many cases: 500 in continuous integration, always the same; TDM_FUZZ=nightly: over 10,000."""
+"""How many cases: 500 in CI, always the same; over 10,000 with TDM_FUZZ=nightly."""
 
 from __future__ import annotations
 

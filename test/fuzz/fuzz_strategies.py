@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What users, files and the network may hand over: valid in every corner, invalid in every way.
 
-Everything is made of plain Python values (numbers, strings, lists, mappings), so that a case can be
-kept in the corpus as JSON. `fuzz_messages` turns mappings into messages.
+Everything is made of plain Python values (numbers, strings, lists, mappings), so that a case can
+be kept in the corpus as JSON. `fuzz_messages` turns mappings into messages.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ SPECIAL_NUMBERS = [
 ]  # fmt: skip
 SPECIAL_INTEGERS = [0, 1, -1, 2, 4, 7, 32, 33, 401, 1000, 2**31, 2**63 - 1, -(2**63), 2**64]
 HUGE_INTEGERS = [10**309, -(10**309), 10**4000]
-NAMES = ['robot1', 'robot2', 'robot3', 'a', 'b', 'arena', 'start', 'solver', '', ' ', '1st', '../x',
-         'a.b', 'a/b', 'é', 'x' * 300, '\x00', 'ros__parameters']  # fmt: skip
+NAMES = ['robot1', 'robot2', 'robot3', 'a', 'b', 'arena', 'start', 'solver', '', ' ', '1st',
+         '../x', 'a.b', 'a/b', 'é', 'x' * 300, '\x00', 'ros__parameters']  # fmt: skip
 
 numbers = st.one_of(
     st.sampled_from(SPECIAL_NUMBERS), st.floats(), st.floats(-10, 10), st.floats(1e-6, 1e-2)
@@ -250,7 +250,7 @@ def multi_dof_trajectories(draw: Any, robot: str = 'robot1') -> dict[str, Any]:
 
 @st.composite
 def robot_plans(draw: Any, robot: str = 'robot1') -> tuple[dict[str, Any], dict[str, Any]]:
-    """The two halves of a robot's plan, which belong together more often than not."""
+    """Return the two halves of a robot's plan, which belong together more often than not."""
     motion = draw(multi_dof_trajectories(robot))
     if draw(st.integers(0, 3)) == 0:
         return motion, draw(joint_trajectories())
@@ -270,7 +270,7 @@ def robot_plans(draw: Any, robot: str = 'robot1') -> tuple[dict[str, Any], dict[
 
 @st.composite
 def quiet_plans(draw: Any, plant: str) -> Any:
-    """A plan that a tracker at rest takes: the same small numbers in all points, odd efforts."""
+    """Return a plan that a tracker at rest takes: small numbers, alike at all points."""
     small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
     efforts = st.lists(st.one_of(small, doubles.filter(math.isfinite)), min_size=2, max_size=2)
     step, count = (
@@ -310,13 +310,14 @@ _keys = st.one_of(
     st.text(max_size=6),
 )  # fmt: skip
 _pieces = st.sampled_from(
-    ['!!python/object/apply:os.system [touch /tmp/owned]', '!!python/name:os.system', '!!binary x',
-     '!!int ""', '!!int x', '!!float ""', '!!timestamp x', '!!bool x', '2001-99-99', '0x', '0b', '1_0',
-     '190:20:30', '.inf', '.NaN', '-.inf', '1e400', '9' * 5000, '&a [*a]', '*nowhere', '&a {b: *a}',
-     '!!set {a}', '!!omap [a: 1]', '!!pairs [a: 1]', '{? [1, 2] : 3}', '? {a: 1}\n: 2', '\t', '%YAML 1.3',
-     '---\n---', '...', '<<: 1', '{<<: [1]}', '=', '!', '!!str', '!x y', '[' * 60, '{a: ' * 40,
-     '\ufeff', '"\\ud800"', "'", '"', '|', '>', '@', '`', 'ros__parameters:', '- a', '0o17', '0777',
-     '"\\x00"', '~', 'null', 'yes', 'on', '1e5', '1.e+3', '08', '!!null x', '2020-01-01T25:00:00Z']
+    ['!!python/object/apply:os.system [touch /tmp/owned]', '!!python/name:os.system',
+     '!!binary x', '!!int ""', '!!int x', '!!float ""', '!!timestamp x', '!!bool x',
+     '2001-99-99', '0x', '0b', '1_0', '190:20:30', '.inf', '.NaN', '-.inf', '1e400', '9' * 5000,
+     '&a [*a]', '*nowhere', '&a {b: *a}', '!!set {a}', '!!omap [a: 1]', '!!pairs [a: 1]',
+     '{? [1, 2] : 3}', '? {a: 1}\n: 2', '\t', '%YAML 1.3', '---\n---', '...', '<<: 1',
+     '{<<: [1]}', '=', '!', '!!str', '!x y', '[' * 60, '{a: ' * 40, '\ufeff', '"\\ud800"', "'",
+     '"', '|', '>', '@', '`', 'ros__parameters:', '- a', '0o17', '0777', '"\\x00"', '~', 'null',
+     'yes', 'on', '1e5', '1.e+3', '08', '!!null x', '2020-01-01T25:00:00Z']
 )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Any parameters at all: a verified plan, a reasoned failure, or a refusal that names the field."""
+"""Any parameters: a verified plan, a reasoned failure, or a refusal that names the field."""
 
 from __future__ import annotations
 
