@@ -126,10 +126,8 @@ def growth(figures: Mapping[str, Any]) -> Figure:
     teams.set_xticks([2, 3, 5, 8, 12, 20], labels=['2', '3', '5', '8', '12', '20'], minor=False)
     teams.xaxis.set_minor_locator(NullLocator())
     teams.set_title('robots', fontsize=10)
-    for axis in (nodes, teams):
-        axis.legend(
-            frameon=False, fontsize=9, loc='upper left' if axis is nodes else 'lower right'
-        )
+    nodes.legend(frameon=False, fontsize=9, loc='center right', bbox_to_anchor=(1.0, 0.72))
+    teams.legend(frameon=False, fontsize=9, loc='lower right')
     for axis in (nodes, parameters, teams):
         axis.grid(alpha=0.3)
     return picture

@@ -12,6 +12,20 @@ import numpy as np
 
 OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 _BLANK = '-'
+_NOTES = {
+    'nodes': (
+        'Intervals of the collocation (swing; straight ways), for the robots those to the first '
+        "arrival; nodes of this package's quadrature of the gas."
+    ),
+    'parameters': (
+        'Order of the polynomials with end accelerations given (the first row) or varied; most '
+        'arcs of constant torque.'
+    ),
+    'teams': (
+        'Collocation starts from straight ways, is given 60 s a case, and is not tried for more '
+        'than 8 robots.'
+    ),
+}
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -150,11 +164,13 @@ def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
         found.append((name, '\n\n'.join(part for part in parts if part)))
     note = 'Peak of a process that solves five cases; all of them load this package to state them.'
     found.append(('Memory', f'{note}\n\n{memory(figures["memory_mb"])}'))
-    found.append(('Nodes', scaling(figures['nodes'], 'nodes', 'best known')))
-    found.append(
-        ('Varied parameters', scaling(figures['parameters'], 'order or arcs', 'best known'))
-    )
-    found.append(('Robots', scaling(figures['teams'], 'robots', 'ours')))
+    for heading, key, value, relative in (
+        ('Nodes', 'nodes', 'nodes', 'best known'),
+        ('Varied parameters', 'parameters', 'order or arcs', 'best known'),
+        ('Robots', 'teams', 'robots', 'ours'),
+    ):
+        note = _NOTES[key]
+        found.append((heading, f'{note}\n\n{scaling(figures[key], value, relative)}'))
     return found
 
 
