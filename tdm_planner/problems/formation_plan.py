@@ -90,11 +90,16 @@ def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
 
 
 def trajectory(
-    model: ReferenceMotion, motion: Motion, robot: int, budget: Budget | None = None
+    model: ReferenceMotion,
+    motion: Motion,
+    robot: int,
+    budget: Budget | None = None,
+    enough: float = 1.0,
 ) -> Trajectory:
     """Return controls of one robot and the states that follow from them by forward integration.
 
-    When the `budget` is spent the corrections of the end go on no longer.
+    The end is corrected until it misses the goal by `enough` times .2 mm, .1 mm/s, or until the
+    `budget` is spent.
     """
     task, goal = model.task, model.task.goal[robot]
     aim = _turnable(task, robot, wanted(model, motion, robot))
@@ -120,7 +125,7 @@ def trajectory(
         miss = float(np.abs(error).max())
         if miss < best:
             best, accepted = miss, flown
-        if best <= 1.0 or (budget is not None and budget.spent):
+        if best <= enough or (budget is not None and budget.spent):
             break
         if shot:  # Broyden's update: what the last change of the corrections really did.
             effects = effects + np.outer(error - before - effects @ change, change) / (

@@ -33,8 +33,9 @@ _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, each keeping more distance, before giving up
-_SEARCH_SHARE = 0.75  # of the deadline: the rest is for the check, if it takes so long
-_CHECK_TIME = 4e-3  # s a robot
+_SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
+_NEARLY = 4.0  # times the accuracy of the end aimed at
+_CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,8 @@ class FormationSearch(Search[Candidate]):
         if previous is not None:
             self._first = warm_parameters(self.model, self.seeds, previous)
             self._turn_first()
+        # A plan that is to replace another on the way, and may be replaced, must be there soon.
+        self._enough = 1.0 if previous is None else _NEARLY
 
     def _aim(self, task: FormationTask) -> None:
         self.task = task
@@ -157,7 +160,8 @@ class FormationSearch(Search[Candidate]):
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         task, model, motion = self._required, candidate.program.model, candidate.motion
         motions = {
-            name: trajectory(model, motion, i, self.budget) for i, name in enumerate(task.names)
+            name: trajectory(model, motion, i, self.budget, self._enough)
+            for i, name in enumerate(task.names)
         }
         check = verify_formation(task, motions, self._penalty_weights)
         terms = task.cost_terms(
@@ -238,7 +242,7 @@ class FormationSearch(Search[Candidate]):
         )
         before = program.evaluations
         # What is left when the search must end is for the check.
-        check = min(_CHECK_TIME * program.model.task.n, (1 - _SEARCH_SHARE) * self.budget.seconds)
+        check = min(_CHECK_TIME * program.model.task.n, _CHECK_SHARE * self.budget.seconds)
         minimum = minimise(program, guess, options, Budget(self.budget.remaining - check))
         self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point)
