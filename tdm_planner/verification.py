@@ -149,18 +149,28 @@ def verify(
     *,
     resolution: float = 1e-3,
     consistency: Array | None = None,
+    start: Array | None = None,
 ) -> Verification:
     """Replay and check a trajectory.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states at
     instants at most `resolution` s apart. The states written in the trajectory must agree with the
-    replayed ones within `consistency` (nx,), by default `tolerance`.
+    replayed ones within `consistency` (nx,), by default `tolerance`, and the first of them with
+    `start` (nx,), where that is given; NaN where a state is free.
     """
     times = dense_times(trajectory, resolution)
     states = replay(plant, trajectory, times)
     return judge(
-        plant, trajectory, times, states, goal, tolerance, constraints, consistency=consistency
+        plant,
+        trajectory,
+        times,
+        states,
+        goal,
+        tolerance,
+        constraints,
+        consistency=consistency,
+        start=start,
     )
 
 
@@ -174,6 +184,7 @@ def judge(
     constraints: Sequence[Constraint],
     *,
     consistency: Array | None = None,
+    start: Array | None = None,
 ) -> Verification:
     """Check a trajectory replayed at `times` (n,): states (n, nx); see `verify`.
 
@@ -196,6 +207,15 @@ def judge(
         for name, d, a in zip(plant.state_names, drift, allowed, strict=True)
         if not d <= a
     ]
+    if start is not None:
+        away = np.nan_to_num(np.abs(trajectory.states[0] - start))
+        reasons += [
+            f'{name} begins {d:.3g} {unit} from the start (allowed {a:.3g})'
+            for name, unit, d, a in zip(
+                plant.state_names, plant.state_units, away, allowed, strict=True
+            )
+            if not d <= a
+        ]
     worst, worst_times, violated = check(constraints, times, states, controls)
     reasons += violated
     return Verification(

@@ -25,12 +25,19 @@ from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking.tracker import Command, Phase, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.tracking.tracker import (
+    BREAKDOWN,
+    Command,
+    Phase,
+    TrajectoryRefused,
+    TrajectoryTracker,
+)
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
+_COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
 
 _PLANT = ParameterSpec(
@@ -74,7 +81,13 @@ class TrackerNode(ParameterNode):
     # Parameters.
 
     def _make_tracker(self, values: Mapping[str, Any]) -> TrajectoryTracker:
-        return self.plant.make_tracker(build(self.plant.parameters, values))
+        try:
+            return self.plant.make_tracker(build(self.plant.parameters, values))
+        except BREAKDOWN as error:
+            raise InvalidProblem(
+                f'parameters {", ".join(_COMPUTED_WITH)} lie too far apart to be computed with: '
+                f'{" ".join(str(error).split())}'
+            ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values that do not make a tracker together."""

@@ -15,7 +15,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check, Constraint, judge, replay, Verification
@@ -59,6 +58,7 @@ def verify_formation(
             TERMINAL_TOLERANCE,
             robot_constraints(task),
             consistency=_CONSISTENCY,
+            start=_start(task, i),
         )
         for i, name in enumerate(task.names)
     }
@@ -81,6 +81,19 @@ def verify_formation(
         units=units | {constraint.name: constraint.unit for constraint in separations},
     )
     return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
+
+
+def _start(task: FormationTask, robot: int) -> Array:
+    """State (7,) to begin in, NaN where the thruster's angle is free."""
+    return np.array(
+        [
+            *task.start[robot],
+            *task.velocity[robot],
+            task.yaw[robot],
+            task.yaw_rate[robot],
+            task.alpha[robot],
+        ]
+    )
 
 
 def keeps_reserve(task: FormationTask, verification: Verification) -> bool:

@@ -195,7 +195,7 @@ class ReferenceMotion:
             time = np.einsum('nkb,nb->nk', self.speed_basis(s, -1), motion.rates)
             step = np.clip((target - time) / mu, -0.2, 0.2)
             s = np.clip(s + step, 0.0, 1.0)
-            if np.abs(step).max() < 1e-10:
+            if np.abs(step).max(initial=0.0) < 1e-10:
                 break
         return s
 

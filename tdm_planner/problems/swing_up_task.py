@@ -131,7 +131,14 @@ class SwingUpTask:
     def verify(self, trajectory: Trajectory) -> Verification:
         """Replay the trajectory and check its end and the limits on a dense grid."""
         goal = self.goal_nearest(trajectory.states[-1])
-        return verify(self.plant, trajectory, goal, TERMINAL_TOLERANCE, self.constraints)
+        return verify(
+            self.plant,
+            trajectory,
+            goal,
+            TERMINAL_TOLERANCE,
+            self.constraints,
+            start=self.start,
+        )
 
     def hold(self) -> Plan | None:
         """Return the plan that does nothing, where the start is the goal; else None."""

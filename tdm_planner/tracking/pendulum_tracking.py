@@ -122,7 +122,7 @@ class PendulumTracker(TrajectoryTracker):
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
         self._q = np.diag(diagonal / scale**2)
-        self._r = np.array([[weights.torque / limit**2]])
+        self._r = np.array([[weights.torque / limit / limit]])
 
     @property
     def state_names(self) -> tuple[str, ...]:

@@ -19,23 +19,20 @@ from fuzz_strategies import (
     quiet_plans,
     robot_plans,
 )
-from hypothesis import given, strategies as st
-import pytest
-from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
 from geometry_msgs.msg import PoseStamped
+from hypothesis import given
+from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
+import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
-
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 DEADLINE = 0.1
 SPECIFICATIONS = {
@@ -101,7 +98,7 @@ def nodes(ros: Ros) -> dict[str, NodeProcess]:
 
 @pytest.fixture(scope='module')
 def publishers(ros: Ros, nodes: dict[str, NodeProcess]) -> dict[str, Any]:
-    """A publisher of every topic that a node listens to."""
+    """Return a publisher of every topic that a node listens to."""
     return {
         topic: ros.publisher(topic, message, qos) for topic, (message, _, qos) in TOPICS.items()
     }
@@ -128,7 +125,7 @@ def requests(draw: Any, node: str) -> list[tuple[str, Any, int | None]]:
 
 @st.composite
 def parameter_requests(draw: Any) -> tuple[str, bool, list[tuple[str, Any, int | None]]]:
-    """A node, whether all are set or none, and what is set."""
+    """Return a node, whether all are set or none, and what is set."""
     node = draw(st.sampled_from(sorted(SPECIFICATIONS)))
     return node, draw(st.booleans()), draw(requests(node))
 

@@ -1,0 +1,189 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults put into the solvers, each of a drawn size: what leaves them must be right all the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from tdm_planner.direct_method import trust_region
+from tdm_planner.problems import (
+    formation_search,
+    smooth_method,
+    swing_up_task,
+    switching_method,
+    switching_search,
+    virtual_arc_method,
+)
+from tdm_planner.problems.formation_program import FormationProgram
+from tdm_planner.problems.smooth_program import SmoothProgram
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_program import SwitchingProgram
+from tdm_planner.problems.virtual_arc_program import VirtualArcProgram
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Patch = pytest.MonkeyPatch
+Generator = np.random.Generator
+_PROGRAMS = (SwitchingProgram, SmoothProgram, VirtualArcProgram, FormationProgram)
+_MINIMISERS = (switching_search, smooth_method, virtual_arc_method, formation_search)
+
+
+def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
+    """Every derivative that the minimiser is given is wrong by a share."""
+    for program in _PROGRAMS:
+        right = program.linearise
+
+        def linearise(self: Any, point: Any, multipliers: Any, right: Any = right) -> Any:
+            found = right(self, point, multipliers)
+            noisy = {
+                name: getattr(found, name)
+                * (1.0 + size * rng.normal(size=getattr(found, name).shape))
+                for name in ('gradient', 'equality_jacobian', 'inequality_jacobian')
+            }
+            return replace(found, **noisy)
+
+        patch.setattr(program, 'linearise', linearise)
+
+
+def early_stops(patch: Patch, rng: Generator, size: float) -> None:
+    """The minimiser ends after a few steps and says that it has converged."""
+
+    def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
+        options = options or trust_region.TrustRegionOptions()
+        few = replace(options, iterations=int(rng.integers(1, 6)))
+        return replace(trust_region.minimise(program, xi, few, budget), converged=True)
+
+    for module in _MINIMISERS:
+        patch.setattr(module, 'minimise', minimise)
+
+
+def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
+    """The varied parameters Xi that the minimiser gives back are others."""
+
+    def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
+        found = trust_region.minimise(program, xi, options, budget)
+        noisy = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
+        point = replace(found.point, xi=np.clip(noisy, program.lower, program.upper))
+        return replace(found, point=point)
+
+    for module in _MINIMISERS:
+        patch.setattr(module, 'minimise', minimise)
+
+
+def lenient_feasibility(patch: Patch, rng: Generator, size: float) -> None:
+    """Candidates pass for feasible that are not."""
+    patch.setattr(formation_search, '_FEASIBLE', 10.0 * size)
+    patch.setattr(switching_search, 'ARRIVED', max(size, switching_search.ARRIVED))
+    patch.setattr(
+        formation_search, 'initial_misalignment', lambda model, motion: np.zeros(model.task.n)
+    )
+
+
+def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
+    """The pendulum's motions are integrated in a few steps, robots' written in few samples."""
+    steps = int(rng.integers(3, 24))
+    for module in (switching_search, switching_method):
+        patch.setattr(module, 'COARSE_STEPS', steps)
+        patch.setattr(module, 'FINE_STEPS', steps)
+    patch.setattr(switching_search, '_SUBSTEPS', 1)
+    patch.setattr(switching_search, '_SAMPLE_TIME', 0.05)
+    patch.setattr('tdm_planner.problems.formation_plan._SAMPLES', int(rng.integers(9, 200)))
+
+
+def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
+    """Change every trajectory before it is checked."""
+    check = SwingUpTask.plan
+
+    def plan(self: Any, trajectory: Trajectory, parameters: Any, penalty: float) -> Any:
+        made = change(trajectory)
+        made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
+        return check(self, made, parameters, penalty)
+
+    write = formation_search.trajectory
+    patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
+    patch.setattr(formation_search, 'trajectory', lambda *arguments: change(write(*arguments)))
+
+
+def scaled_controls(patch: Patch, rng: Generator, size: float) -> None:
+    """More torque and thrust than the plan reckons with."""
+    factor = 1.0 + size * rng.choice([-1.0, 1.0])
+    _sabotaged(patch, lambda t: replace(t, controls=t.controls * factor, rates=None))
+
+
+def scaled_durations(patch: Patch, rng: Generator, size: float) -> None:
+    """Return the same motion, faster or slower."""
+    factor = 1.0 + size * rng.choice([-1.0, 1.0])
+    _sabotaged(patch, lambda t: replace(t, times=to_nanoseconds(t.times * factor), rates=None))
+
+
+def shifted_states(patch: Patch, rng: Generator, size: float) -> None:
+    """States are written that the controls do not lead to."""
+    _sabotaged(
+        patch,
+        lambda t: replace(t, states=t.states + size * rng.normal(size=t.states.shape), rates=None),
+    )
+
+
+def truncated_samples(patch: Patch, rng: Generator, size: float) -> None:
+    """The last samples, or some on the way, are lost."""
+
+    def cut(t: Trajectory) -> Trajectory:
+        kept = np.ones(t.times.size, dtype=bool)
+        if rng.uniform() < 0.5:
+            kept[-int(rng.integers(1, 1 + max(1, t.times.size // 3))) :] = False
+        else:
+            kept[rng.integers(1, t.times.size - 1)] = False
+        if kept.sum() < 2:
+            return t
+        return replace(
+            t, times=t.times[kept], states=t.states[kept], controls=t.controls[kept], rates=None
+        )
+
+    _sabotaged(patch, cut)
+
+
+def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
+    """One control has the wrong sign now and then."""
+
+    def mirror(t: Trajectory) -> Trajectory:
+        controls = t.controls.copy()
+        column = rng.integers(controls.shape[1])
+        controls[rng.uniform(size=len(controls)) < size, column] *= -1.0
+        return replace(t, controls=controls, rates=None)
+
+    _sabotaged(patch, mirror)
+
+
+def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
+    """Robots are given one another's motions."""
+    write = formation_search.trajectory
+
+    def swapped(model: Any, motion: Any, i: int, *others: Any) -> Trajectory:
+        other = (i + 1) % model.task.n if rng.uniform() < 0.5 else i
+        return write(model, motion, other, *others)
+
+    patch.setattr(formation_search, 'trajectory', swapped)
+
+
+def nothing(patch: Patch, rng: Generator, size: float) -> None:
+    """Return the solver as it is."""
+
+
+SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
+    nothing,
+    wrong_gradients,
+    early_stops,
+    noise_on_parameters,
+    lenient_feasibility,
+    coarse_integration,
+    scaled_controls,
+    scaled_durations,
+    shifted_states,
+    truncated_samples,
+    mirrored_controls,
+    swapped_robots,
+)
