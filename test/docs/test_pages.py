@@ -88,9 +88,28 @@ def check_copy(command: list[str]) -> None:
 
 
 def check_ros2(command: list[str]) -> None:
-    {'launch': check_launch, 'run': check_run, 'service': check_service, 'bag': lambda _: None}[
-        command[1]
-    ](command)
+    {
+        'launch': check_launch,
+        'run': check_run,
+        'service': check_service,
+        'param': check_param,
+        'bag': lambda _: None,
+    }[command[1]](command)
+
+
+def check_param(command: list[str]) -> None:
+    """Check that a node has the parameter that is set."""
+    pytest.importorskip('rclpy')
+    from tools.node_parameters import parameters_by_node
+
+    _, _, verb, node, name, _ = command
+    assert verb == 'set', command
+    kind = node.rsplit('/', 1)[-1]
+    assert any(
+        name in parameters
+        for found, parameters in parameters_by_node().items()
+        if found.split()[0] == kind
+    ), command
 
 
 def check_launch(command: list[str]) -> None:
