@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 import difflib
 from functools import cached_property
+import math
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -156,7 +158,15 @@ class Problem(ABC):
             Naming the parameter, the value and what is allowed.
         """
         values = problem_parameters(cls, parameters)
-        return cls.from_values(values)
+        try:
+            with np.errstate(all='ignore'):
+                return cls.from_values(values)
+        except ArithmeticError as error:
+            name = _most_extreme(values)
+            raise InvalidProblem(
+                f"parameter '{name}' = {values.get(name)} cannot be computed with beside the "
+                f'others: {" ".join(str(error).split())}'
+            ) from None
 
     @classmethod
     def from_values(cls: type[P], values: Mapping[str, Any]) -> P:
@@ -205,11 +215,13 @@ class Problem(ABC):
         Infeasible
             If no plan was found; its subclass says why (deadline, verification).
         """
-        self.prepare()
+        with _computed():
+            self.prepare()
         allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
         budget = Budget(allowed)
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
-        plan = self._found(budget, rng, warm_start)
+        with _computed():
+            plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
         return Solution(
             problem=self.name,
             trajectories=plan.trajectories,
@@ -224,16 +236,31 @@ class Problem(ABC):
             summary=self.describe(plan),
         )
 
-    def _found(self, budget: Budget, rng: np.random.Generator, previous: Solution | None) -> Plan:
-        # Candidates whose numbers overflow are told by their check, not by warnings.
-        with np.errstate(all='ignore'):
-            try:
-                return self.standing_plan() or self.search(budget, rng, previous).run()
-            except (ArithmeticError, np.linalg.LinAlgError) as error:
-                raise Infeasible(
-                    f'the computation broke down ({" ".join(str(error).split())}): parameters '
-                    'lie too many orders of magnitude apart, are their units right?'
-                ) from error
+
+@contextmanager
+def _computed() -> Iterator[None]:
+    """Say in one sentence that numbers left the range in which they can be computed.
+
+    Candidates whose numbers overflow are told by their check, not by warnings.
+    """
+    with np.errstate(all='ignore'):
+        try:
+            yield
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            raise Infeasible(
+                f'the computation broke down ({" ".join(str(error).split())}): parameters lie '
+                'too many orders of magnitude apart, are their units right?'
+            ) from error
+
+
+def _most_extreme(values: Mapping[str, Any]) -> str:
+    """Name of the number that is the largest or smallest, by its order of magnitude."""
+    orders = {
+        name: abs(math.log10(abs(value)))
+        for name, value in values.items()
+        if isinstance(value, float) and value
+    }
+    return max(orders, key=lambda name: orders[name], default='')
 
 
 _DEADLINE = ParameterSpec(
