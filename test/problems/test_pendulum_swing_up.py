@@ -231,6 +231,14 @@ def test_rigs_of_any_size(size, mass, strength, inertia):
     assert_upright(replay_end(made, made.solve(ENOUGH)))
 
 
+def test_the_fewest_arcs_allowed_do_for_a_weak_torque():
+    # Upright with a little speed: four arcs bring it to rest without pumping.
+    start = PendulumStart(theta=0.2, psi=0.1, theta_dot=-0.5, psi_dot=0.0)
+    solution = problem(0.02, start, switching_arcs=4).solve(5.0, seed=0)
+    assert solution.verification.ok
+    assert solution.parameters.size <= 4
+
+
 @pytest.mark.parametrize('torque', [1e-4, 1e-12])
 def test_torque_that_cannot_do_it_is_said_so(torque):
     with pytest.raises(Infeasible, match=r'limits\.torque'):
