@@ -96,7 +96,7 @@ lint: $(READY)-test
 
 # Warnings are errors; then every link inside the pages is followed.
 docs: $(READY)-docs
-	@$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet \
+	@$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --fresh-env --quiet \
 	  --doctree-dir docs/_build/.doctrees docs docs/_build
 	@$(BIN)/python -m tools.links docs/_build
 
