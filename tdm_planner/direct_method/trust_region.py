@@ -72,12 +72,20 @@ class Minimum:
 
 @dataclass(frozen=True)
 class _Step:
-    """Solution of the elastic quadratic program: step, decrease it predicts, multipliers."""
+    """Solution of the elastic quadratic program: step, decrease it predicts, multipliers.
+
+    `slacks` are what every group of linearised constraints is still violated by.
+    """
 
     change: Array
     predicted: float
-    slack: float
+    slacks: Array
     multipliers: Multipliers
+
+    @property
+    def slack(self) -> float:
+        """The largest slack."""
+        return float(self.slacks.max(initial=0.0))
 
 
 def minimise(
@@ -157,14 +165,13 @@ class _Search:
 
         The steering rule of Byrd, Nocedal and Waltz (2008), in its simplest form.
         """
-        while (
-            step.slack > self.feasibility.max()
-            and self.penalties.max() < self.options.largest_penalty
-        ):
-            before = self.penalties
-            self.penalties = _PRESSURE * before
+        while True:
+            before, missed = self.penalties, step.slacks > self.feasibility
+            if not missed.any() or before[missed].max() >= self.options.largest_penalty:
+                break
+            self.penalties = np.where(missed, _PRESSURE * before, before)
             harder = _quadratic_step(self, at)
-            if harder is None or harder.slack > _NEARER * step.slack:
+            if harder is None or harder.slacks.sum() > _NEARER * step.slacks.sum():
                 self.penalties = before
                 break
             step = harder
@@ -257,7 +264,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     multipliers = Multipliers(
         equalities=dual[ne:both] - dual[:ne], inequalities=dual[both:last], tags=at.tags
     )
-    return _Step(change, float(now - model), float(slacks.max(initial=0.0)), multipliers)
+    return _Step(change, float(now - model), slacks, multipliers)
 
 
 def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, Array]:

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_FEASIBLE = 1e-6  # largest violated margin
+_FEASIBLE = 1e-6  # violation at which the minimiser is content,
+_PROMISING = 1e-5  # and up to which the check may pass
 _MARGIN_TOLERANCE = 1e-5  # of the verification, for what is exactly on a limit
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
@@ -183,7 +184,9 @@ class DirectSearch(Search[Minimum]):
 
     def _feasible(self, minimum: Minimum) -> bool:
         ends, margins = minimum.point.violations
-        return bool(ends <= max(self._problem.solver.tolerance, 1e-6) and margins <= 1e-5)
+        return bool(
+            ends <= max(self._problem.solver.tolerance, _PROMISING) and margins <= _PROMISING
+        )
 
     def _name_violation(self, minimum: Minimum) -> str:
         ends, margins = minimum.point.violations
