@@ -38,6 +38,7 @@ def closed_loop(
     seed: int = 1,
     replanning: bool = True,
     mismatch: float = 0.05,
+    noise: float = 1.0,
     **values: Any,
 ) -> RecedingHorizon:
     setup = PlantSetup(
@@ -45,7 +46,7 @@ def closed_loop(
         plan.solution.trajectory.states[0],
         np.array([-LIMIT]),
         np.array([LIMIT]),
-        NOISE,
+        noise * NOISE,
     )
     values = {'limits.torque': LIMIT, 'replan.on_deviation': True, **values}
     tracker = PendulumTracker(build(PendulumTrackerParameters, values))
@@ -103,8 +104,9 @@ def test_only_verified_plans_are_put_in_force_and_they_start_late_enough(
 
 
 def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
-    # What the plant is, but for the noise, and feedback that does not give up meanwhile.
-    loop = closed_loop(plan, seed=5, mismatch=0.0, **{'tolerance.path': 3.0})
+    # A plant as modelled and measured well, and feedback that does not give up meanwhile.
+    options = {'tolerance.path': 3.0}
+    loop = closed_loop(plan, seed=5, mismatch=0.0, noise=0.01, **options)
     state = {}
     while loop.time < 3.0:
         if 0.7 <= loop.time < 0.7 + INTERVAL:
@@ -116,7 +118,7 @@ def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
     for made in made_since:
         true = state[round(made.start / INTERVAL)]
         planned = made.solution.trajectory.states[0]
-        assert (np.abs(planned - true) < [0.05, 0.1, 0.8, 1.0]).all()
+        assert (np.abs(planned - true) < [0.03, 0.05, 0.5, 0.8]).all()
 
 
 def test_another_question_is_answered_at_once(plan: PlanInForce) -> None:
