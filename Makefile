@@ -3,6 +3,7 @@
 # make setup      virtual environment with everything that is needed to run
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
 # make test       run every test
+# make fuzz       over 10,000 cases of bad input and 1,000 plans of sabotaged solvers (half an hour)
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
 # make benchmark  measure and tabulate
@@ -41,10 +42,10 @@ else
   WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
 
-.PHONY: help setup demo test lint docs benchmark config clean
+.PHONY: help setup demo test fuzz lint docs benchmark config clean
 
 help:
-	@sed -n '3,12s/^# //p' Makefile
+	@sed -n '3,13s/^# //p' Makefile
 
 setup: $(READY)
 
@@ -87,6 +88,10 @@ demo: $(READY)
 
 test: $(READY)-test
 	@$(BIN)/python -m pytest
+
+# The nightly profile; what it finds is printed as JSON, to be kept in test/fuzz/corpus.
+fuzz: $(READY)-test
+	@TDM_FUZZ=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/fuzz test/adversarial
 
 lint: $(READY)-test
 	@echo 'ruff check' && $(BIN)/ruff check .

@@ -73,7 +73,7 @@ SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
 @cache
 def endpoints(name: str) -> tuple[Endpoint, ...]:
     """Return the topics and services of one of `SET_UPS`, sorted, without those of every node."""
-    with running(name) as node:
+    with running(SET_UPS[name]) as node:
         found: dict[tuple[str, str], tuple[set[str], bool]] = {}
         for kind, topic, type_, latched in _all(node):
             if OF_EVERY_NODE.search(topic):
@@ -89,9 +89,8 @@ def endpoints(name: str) -> tuple[Endpoint, ...]:
 
 
 @contextmanager
-def running(name: str) -> Iterator[Any]:
-    """Make a node of `SET_UPS`; nobody else can see it, and it logs nothing."""
-    set_up = SET_UPS[name]
+def running(set_up: NodeSetUp) -> Iterator[Any]:
+    """Make a node; nobody else can see it, and it logs nothing."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     arguments = ['--ros-args', '-r', f'__ns:={set_up.namespace}']
     for parameter, value in set_up.parameters.items():

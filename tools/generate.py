@@ -34,6 +34,7 @@ from tools.node_parameters import (
     Specifications,
 )
 from tools.pages import documentation
+from tools.security_policy import policy
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -105,6 +106,7 @@ def generated() -> dict[Path, str]:
         config / 'robots.rviz': robots_rviz(DEFAULT_ROBOTS),
         config / 'foxglove' / 'pendulum.json': pendulum_foxglove(),
         config / 'foxglove' / 'robots.json': robots_foxglove(DEFAULT_ROBOTS),
+        config / 'security' / 'policy.xml': policy(),
         **documentation(ROOT / 'docs'),
     }
 

@@ -1,0 +1,76 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The same request and seed give the same plan to the last bit, whatever the process is like.
+
+That holds where the deadline does not cut the search short: the deadlines here are long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[2]
+PLANS = ('pendulum, weak', 'pendulum, strong and smooth', 'robots', 'plant of ones own')
+CHILD = """
+import hashlib, json, sys
+
+sys.path.insert(0, 'docs/plants')
+from double_integrator import DoubleIntegrator
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+
+problems = [
+    PendulumSwingUp.from_parameters({'start.theta': 2.5, 'start.psi': 0.1}),
+    PendulumSwingUp.from_parameters({'limits.torque': 0.2, 'method': 'smooth'}),
+    RobotFormation.from_parameters({'robot1.start.u': 0.02}),
+    DoubleIntegrator(),
+]
+found = []
+for problem in problems:
+    solution = problem.solve(deadline=120.0, seed=7)
+    plan = solution.to_dict()
+    del plan['solve_time']
+    for robot in plan.get('robots', {}).values():
+        del robot['solve_time']
+    text = json.dumps(plan, sort_keys=True) + str(solution.parameters.tolist())
+    found.append(hashlib.sha256(text.encode()).hexdigest())
+print(json.dumps(found))
+"""
+
+
+def plans(**environment: str) -> dict[str, str]:
+    """Plan in a process of its own; a digest of every plan."""
+    done = subprocess.run(
+        [sys.executable, '-W', 'ignore', '-c', CHILD],
+        env={**os.environ, 'PYTHONPATH': str(SOURCE), **environment},
+        cwd=SOURCE,
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    assert done.returncode == 0, done.stderr
+    return dict(zip(PLANS, json.loads(done.stdout), strict=True))
+
+
+@pytest.fixture(scope='module')
+def reference() -> Iterator[dict[str, str]]:
+    return plans(OPENBLAS_NUM_THREADS='1', PYTHONHASHSEED='0')
+
+
+@pytest.mark.parametrize(('threads', 'hash_seed'), [('2', '1'), ('4', 'random')])
+def test_threads_and_the_order_of_sets_change_nothing(
+    reference: dict[str, str], threads: str, hash_seed: str
+) -> None:
+    variables = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+    found = plans(**dict.fromkeys(variables, threads), PYTHONHASHSEED=hash_seed)
+    assert found == reference
+
+
+def test_kernels_compiled_anew_change_nothing(reference: dict[str, str], tmp_path: Path) -> None:
+    assert plans(NUMBA_CACHE_DIR=str(tmp_path)) == reference

@@ -1,0 +1,125 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The SROS2 policy: what every node may publish, subscribe, serve and call, and nothing else.
+
+The names are asked of the nodes themselves, made in the namespaces of the launch files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+from xml.sax.saxutils import escape
+
+from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
+from tools.endpoints import NodeSetUp, running, SET_UPS
+
+OPERATOR = '/operator'
+_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
+<!-- Copyright 2026 The tdm_planner authors -->
+<!-- SPDX-License-Identifier: Apache-2.0 -->
+<!-- SROS2 policy: every node has only its own topics and services. The enclave {operator} is for
+     people and their tools: requests, parameters, goals, and everything to be looked at.
+     Written by `make config` from the nodes; docs/security.md says how it is used. -->
+<policy version="0.2.0">
+  <contexts>
+"""
+_FOOT = """  </contexts>
+</policy>
+"""
+# The operator's tools publish these, and call these services, among those that the nodes offer.
+_GOALS = '/goal_pose'
+_NOT_FOR_OPERATORS = ('/rosout', '/parameter_events')
+
+
+@dataclass(frozen=True)
+class Rights:
+    """Absolute names of what a node uses, by what it does with them."""
+
+    publishes: frozenset[str]
+    subscribes: frozenset[str]
+    serves: frozenset[str]
+    calls: frozenset[str]
+
+
+def node_set_ups() -> dict[str, NodeSetUp]:
+    """Every node of the launch files, by the path of its enclave."""
+    reviewing = {'replan.rate': '1.0'}
+    found = {
+        '/pendulum/planner': _with('planner pendulum', '/pendulum', reviewing),
+        '/pendulum/tracker': _with('tracker pendulum', '/pendulum', {}),
+        '/pendulum/pendulum_plant': _with('pendulum_plant', '/pendulum', {}),
+        '/robots/planner': _with('planner robots', '/robots', reviewing),
+    }
+    for robot in DEFAULT_ROBOTS:
+        namespace = f'/robots/{robot}'
+        service = {'planner_service': '/robots/plan'}
+        found[f'{namespace}/tracker'] = _with('tracker robot', namespace, service)
+        found[f'{namespace}/robot_plant'] = _with('robot_plant', namespace, {})
+    return found
+
+
+def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp:
+    known = SET_UPS[name]
+    given = MappingProxyType({**known.parameters, **parameters})
+    return NodeSetUp(known.make, namespace, given)
+
+
+def rights(set_up: NodeSetUp) -> Rights:
+    """Return what a node uses, as it says itself."""
+    with running(set_up) as node:
+        return Rights(
+            frozenset([*(item.topic_name for item in node.publishers), '/rosout']),
+            frozenset(item.topic_name for item in node.subscriptions),
+            frozenset(item.service_name for item in node.services),
+            frozenset(item.service_name for item in node.clients),
+        )
+
+
+def policy() -> str:
+    """Return config/security/policy.xml."""
+    found = {path: rights(set_up) for path, set_up in node_set_ups().items()}
+    found[OPERATOR] = operator(found)
+    body = ''.join(_context(path, found[path]) for path in found)
+    return _HEAD.format(operator=OPERATOR) + body + _FOOT
+
+
+def operator(nodes: Mapping[str, Rights]) -> Rights:
+    """Return what people's tools may do: look at everything, ask, set parameters and goals."""
+    published = frozenset().union(*(node.publishes for node in nodes.values()))
+    listened = frozenset().union(*(node.subscribes for node in nodes.values()))
+    return Rights(
+        publishes=frozenset(
+            [*(name for name in listened if name.endswith(_GOALS)), *_NOT_FOR_OPERATORS]
+        ),
+        subscribes=published,
+        serves=frozenset(),
+        calls=frozenset().union(*(node.serves for node in nodes.values())),
+    )
+
+
+def _context(path: str, node: Rights) -> str:
+    namespace, _, name = path.rpartition('/')
+    lines = [
+        f'    <context path="{path}">',
+        '      <profiles>',
+        f'        <profile ns="{namespace or "/"}" node="{name}">',
+        *_list('services', 'service', 'reply', node.serves),
+        *_list('services', 'service', 'request', node.calls),
+        *_list('topics', 'topic', 'publish', node.publishes),
+        *_list('topics', 'topic', 'subscribe', node.subscribes),
+        '        </profile>',
+        '      </profiles>',
+        '    </context>',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _list(group: str, item: str, right: str, names: frozenset[str]) -> Iterator[Any]:
+    if names:
+        yield f'          <{group} {right}="ALLOW">'
+        for name in sorted(names):
+            yield f'            <{item}>{escape(name)}</{item}>'
+        yield f'          </{group}>'
