@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning import Mode, Observation, PlanInForce, Replanner, Review
 from tdm_planner.tracking import Command, TrajectoryRefused, TrajectoryTracker
@@ -100,7 +99,7 @@ class RecedingHorizon:
 
 
 def tracker_mode(command: Command) -> Mode:
-    """What a tracker that sends this command does."""
+    """Return what a tracker that sends this command does."""
     if command.action is not None:
         return Mode.FOLLOWING
     return Mode.RECOVERING if command.control.any() else Mode.IDLE
