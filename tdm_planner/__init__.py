@@ -9,6 +9,9 @@ from tdm_planner.exceptions import (
     TdmError,
     VerificationFailed,
 )
+from tdm_planner.starting import end_quietly_on_signals
+
+end_quietly_on_signals()
 
 __version__ = '0.1.0'
 

@@ -14,6 +14,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
 
 
@@ -47,22 +48,28 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     """
     code = 0
     node: Node | None = None
+    started = False
     try:
+        # Until rclpy handles signals, and before it afterwards, these are called.
+        for number in _SIGNALS:
+            signal.signal(number, signal.default_int_handler)
         rclpy.init(args=None if args is None else list(args))
+        started = True
         node = make_node()
         spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:  # noqa: B902
-        # A signal that shuts the context down in the middle of taking a message makes rclpy raise
-        # errors of its own: the process is ending as it was asked to.
-        if rclpy.ok() or node is None:
+        # A signal that shuts the context down while the node is made, or takes a message, makes
+        # rclpy raise errors of its own: the process is ending as it was asked to.
+        if rclpy.ok() or not started:
             code = 1
             sentence = ' '.join(str(error).split())
             print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)
     finally:
         # Under `ros2 launch` Ctrl-C arrives twice; the second must not interrupt the clean-up.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -30,7 +30,7 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
 
     [A, B; B, J] (theta'', psi'') = (r1, r2), as Cazzolato and Prime (2011) derive them.
     """
-    m, l, r, g = (
+    m, length, r, g = (
         p['plant.mass'],
         p['plant.com_distance'],
         p['plant.arm_length'],
@@ -42,12 +42,12 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
     def rates(state: State, control: list[float]) -> State:
         theta, _, w, q = state
         s, c = math.sin(theta), math.cos(theta)
-        a = iz + m * l * l
-        b = m * l * r * c
-        j = disk + m * r * r + (ix + m * l * l) * s * s + iy * c * c
-        k = ix - iy + m * l * l
-        r1 = k * s * c * q * q + m * g * l * s
-        r2 = control[0] - 2 * k * s * c * w * q + m * l * r * s * w * w
+        a = iz + m * length * length
+        b = m * length * r * c
+        j = disk + mass * arm**2 + (ix + m * length * length) * s * s + iy * c * c
+        k = ix - iy + m * length * length
+        r1 = k * s * c * q * q + mass * gravity * lengthength * s
+        r2 = control[0] - 2 * k * s * c * w * q + m * length * r * s * w * w
         d = a * j - b * b
         return [w, q, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
 
@@ -55,7 +55,7 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
 
 
 def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
-    """Equation (17): thrust along yaw + alpha, torque about the vertical, turning of the thruster."""
+    """Equation (17): thrust along yaw + alpha, torque about the vertical, the thruster's turning."""
     mass, inertia = p['plant.mass'], p['plant.inertia']
 
     def rates(state: State, control: list[float]) -> State:
@@ -173,7 +173,8 @@ def _robot_faults(
     faults, path = [], []
     half = p['arena.minimum_separation'] / 2
     thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
-    zones = [p['arena.obstacles'][k : k + 3] for k in range(0, len(p['arena.obstacles']), 3)]
+    flat = p['arena.obstacles']
+    zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))
     worst = {'thrust': 0.0, 'rate': 0.0, 'torque': 0.0, 'walls': 0.0, 'zones': 0.0}
     for time, state, (f, d, t) in replayed(plan, robot_rates(p), 5e-3):
         x, y = state[:2]

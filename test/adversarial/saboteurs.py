@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults put into the solvers, each of a drawn size: what leaves them must be right all the same."""
+"""Faults put into the solvers, each of a drawn size: what leaves them must be right still."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def early_stops(patch: Patch, rng: Generator, size: float) -> None:
-    """The minimiser ends after a few steps and says that it has converged."""
+    """Make the minimiser end after a few steps and say that it has converged."""
 
     def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
         options = options or trust_region.TrustRegionOptions()
@@ -62,7 +62,7 @@ def early_stops(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
-    """The varied parameters Xi that the minimiser gives back are others."""
+    """Exchange the varied parameters Xi that the minimiser gives back."""
 
     def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
         found = trust_region.minimise(program, xi, options, budget)
@@ -84,7 +84,7 @@ def lenient_feasibility(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
-    """The pendulum's motions are integrated in a few steps, robots' written in few samples."""
+    """Integrate the pendulum's motions in a few steps, write robots' in few samples."""
     steps = int(rng.integers(3, 24))
     for module in (switching_search, switching_method):
         patch.setattr(module, 'COARSE_STEPS', steps)
@@ -129,12 +129,13 @@ def shifted_states(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def truncated_samples(patch: Patch, rng: Generator, size: float) -> None:
-    """The last samples, or some on the way, are lost."""
+    """Lose the last samples, or some on the way."""
 
     def cut(t: Trajectory) -> Trajectory:
         kept = np.ones(t.times.size, dtype=bool)
         if rng.uniform() < 0.5:
-            kept[-int(rng.integers(1, 1 + max(1, t.times.size // 3))) :] = False
+            lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
+            kept[-lost:] = False
         else:
             kept[rng.integers(1, t.times.size - 1)] = False
         if kept.sum() < 2:

@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""No plan that violates a limit leaves a sabotaged solver: 60 plans here, TDM_FUZZ=nightly: 1000."""
+"""No plan that violates a limit leaves a sabotaged solver: 60 here, 1000 with TDM_FUZZ=nightly."""
 
 from __future__ import annotations
 

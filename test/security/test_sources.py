@@ -70,9 +70,8 @@ def test_what_is_unsafe_is_seen(line: str) -> None:
 
 
 def test_the_loader_of_parameter_files_is_a_safe_one() -> None:
-    import yaml
-
     from tdm_planner.parameter_files import _Loader
+    import yaml
 
     assert issubclass(_Loader, yaml.SafeLoader)
     assert not any('python' in str(tag) for tag in _Loader.yaml_constructors)
