@@ -30,24 +30,20 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
 
     [A, B; B, J] (theta'', psi'') = (r1, r2), as Cazzolato and Prime (2011) derive them.
     """
-    m, length, r, g = (
-        p['plant.mass'],
-        p['plant.com_distance'],
-        p['plant.arm_length'],
-        p['plant.gravity'],
-    )
+    mass, length = p['plant.mass'], p['plant.com_distance']
+    arm, gravity = p['plant.arm_length'], p['plant.gravity']
     ix, iy, iz = (p[f'plant.inertia.{axis}'] for axis in 'xyz')
     disk = p['plant.inertia.disk']
 
     def rates(state: State, control: list[float]) -> State:
         theta, _, w, q = state
         s, c = math.sin(theta), math.cos(theta)
-        a = iz + m * length * length
-        b = m * length * r * c
-        j = disk + mass * arm**2 + (ix + m * length * length) * s * s + iy * c * c
-        k = ix - iy + m * length * length
-        r1 = k * s * c * q * q + mass * gravity * lengthength * s
-        r2 = control[0] - 2 * k * s * c * w * q + m * length * r * s * w * w
+        a = iz + mass * length**2
+        b = mass * length * arm * c
+        j = disk + mass * arm**2 + (ix + mass * length**2) * s * s + iy * c * c
+        k = ix - iy + mass * length**2
+        r1 = k * s * c * q * q + mass * gravity * length * s
+        r2 = control[0] - 2 * k * s * c * w * q + mass * length * arm * s * w * w
         d = a * j - b * b
         return [w, q, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
 
@@ -55,11 +51,11 @@ def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]
 
 
 def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
-    """Equation (17): thrust along yaw + alpha, torque about the vertical, the thruster's turning."""
+    """Equation (17): thrust along yaw + alpha, torque of the wheel, turning of the thruster."""
     mass, inertia = p['plant.mass'], p['plant.inertia']
 
     def rates(state: State, control: list[float]) -> State:
-        _, _, u, v, yaw, omega, alpha = state
+    """Equation (17): thrust along yaw + alpha, torque about the vertical, turning thruster."""
         thrust, turning, torque = control
         heading = yaw + alpha
         push = thrust / mass

@@ -48,7 +48,8 @@ def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOW
             return act()
     except TdmError as error:
         sentence = str(error)
-        assert sentence and '\n' not in sentence, (sentence, case)
+        assert sentence, case
+        assert '\n' not in sentence, (sentence, case)
         assert len(sentence) < 2000, (len(sentence), case)
         return error
     except (Exception, Hang) as error:  # noqa: B902
