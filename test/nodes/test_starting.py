@@ -13,7 +13,7 @@ from ros_harness import NodeProcess, Ros
 
 pytest.importorskip('rclpy')
 
-from tdm_planner import starting
+from tdm_planner import starting  # noqa: E402, I100
 
 MODULES = {
     'tdm_planner.nodes.planner': {},

@@ -14,8 +14,8 @@ from ros_harness import Ros
 
 pytest.importorskip('rclpy')
 
-from tools.generate import generated
-from tools.security_policy import OPERATOR, Rights
+from tools.generate import generated  # noqa: E402, I100
+from tools.security_policy import OPERATOR, Rights  # noqa: E402, I100
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 # Elements, their attributes (a * may be left out) and children, as sros2's policy.xsd has them.
@@ -101,7 +101,7 @@ def test_every_enclave_is_that_of_its_node() -> None:
 
 @pytest.fixture(scope='module')
 def used(ros: Ros) -> Iterator[dict[str, Rights]]:
-    """What running nodes use, as the network sees them."""
+    """Return what running nodes use, as the network sees them."""
     for path, parameters in STARTED.items():
         namespace, _, name = path.rpartition('/')
         ros.start(MODULES[name], parameters, namespace=namespace)

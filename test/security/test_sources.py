@@ -16,8 +16,18 @@ FILES = sorted(
     for path in (SOURCE / folder).rglob('*.py')
 )
 MODULES = {'pickle', 'cPickle', 'dill', 'shelve', 'marshal', 'joblib', 'cloudpickle', 'telnetlib'}
-CALLS = {'eval', 'exec', '__import__', 'os.system', 'os.popen', 'yaml.unsafe_load', 'yaml.full_load',
-         'tempfile.mktemp', 'pandas.read_pickle', 'subprocess.getoutput'}  # fmt: skip
+CALLS = {
+    'eval',
+    'exec',
+    '__import__',
+    'os.system',
+    'os.popen',
+    'pandas.read_pickle',
+    'subprocess.getoutput',
+    'tempfile.mktemp',
+    'yaml.full_load',
+    'yaml.unsafe_load',
+}
 
 
 def dotted(node: ast.AST) -> str:

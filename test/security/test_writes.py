@@ -14,8 +14,8 @@ from ros_harness import NodeProcess, Ros, ros_arguments
 
 pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import JointState
+from geometry_msgs.msg import PoseStamped  # noqa: E402, I100
+from sensor_msgs.msg import JointState  # noqa: E402, I100
 
 NODES = {
     'planner': ('tdm_planner.nodes.planner', 'robots', {'problem': 'robot_formation'}),
