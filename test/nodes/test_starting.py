@@ -10,10 +10,7 @@ import time
 
 import pytest
 from ros_harness import NodeProcess, Ros
-
-pytest.importorskip('rclpy')
-
-from tdm_planner import starting  # noqa: E402, I100
+from tdm_planner import starting
 
 MODULES = {
     'tdm_planner.nodes.planner': {},

@@ -11,11 +11,8 @@ from xml.etree import ElementTree
 
 import pytest
 from ros_harness import Ros
-
-pytest.importorskip('rclpy')
-
-from tools.generate import generated  # noqa: E402, I100
-from tools.security_policy import OPERATOR, Rights  # noqa: E402, I100
+from tools.generate import generated
+from tools.security_policy import OPERATOR, Rights
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 # Elements, their attributes (a * may be left out) and children, as sros2's policy.xsd has them.

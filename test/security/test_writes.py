@@ -9,13 +9,9 @@ import subprocess
 import sys
 import tempfile
 
-import pytest
+from geometry_msgs.msg import PoseStamped
 from ros_harness import NodeProcess, Ros, ros_arguments
-
-pytest.importorskip('rclpy')
-
-from geometry_msgs.msg import PoseStamped  # noqa: E402, I100
-from sensor_msgs.msg import JointState  # noqa: E402, I100
+from sensor_msgs.msg import JointState
 
 NODES = {
     'planner': ('tdm_planner.nodes.planner', 'robots', {'problem': 'robot_formation'}),
