@@ -55,7 +55,7 @@ def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
     mass, inertia = p['plant.mass'], p['plant.inertia']
 
     def rates(state: State, control: list[float]) -> State:
-    """Equation (17): thrust along yaw + alpha, torque about the vertical, turning thruster."""
+        _, _, u, v, yaw, omega, alpha = state
         thrust, turning, torque = control
         heading = yaw + alpha
         push = thrust / mass
