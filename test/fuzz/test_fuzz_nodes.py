@@ -31,13 +31,16 @@ from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.parameters import specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.request import RequestParameters
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 DEADLINE = 0.1
+REQUEST = specifications(RequestParameters)
 SPECIFICATIONS = {
-    '/pendulum/planner': PendulumSwingUp.parameter_specifications({}),
-    '/robots/planner': RobotFormation.parameter_specifications({}),
+    '/pendulum/planner': {**REQUEST, **PendulumSwingUp.parameter_specifications({})},
+    '/robots/planner': {**REQUEST, **RobotFormation.parameter_specifications({})},
     '/pendulum/tracker': tracker_specifications('pendulum'),
     '/robots/robot1/tracker': tracker_specifications('robot'),
 }
@@ -173,6 +176,38 @@ def test_no_parameter_ends_a_node(
         if not fine:
             assert answer['code'] in CODES
             assert 'internal error' not in answer['reason'], answer
+    check_alive(nodes)
+
+
+@cases(10)
+@given(
+    topic=st.sampled_from(['/pendulum/joint_states', '/robots/robot1/odom']),
+    data=st.data(),
+    delay=st.sampled_from([0.0, 0.2, 1.0, 3600.0]),
+    age=st.sampled_from([1e-9, 0.5, 1e12]),
+)
+def test_a_plan_from_what_was_measured_is_answered(
+    ros: Ros,
+    nodes: dict[str, NodeProcess],
+    publishers: dict[str, Any],
+    topic: str,
+    data: Any,
+    delay: float,
+    age: float,
+) -> None:
+    """Whatever states come in: a plan or one of the codes, in time."""
+    kind, strategy, _ = TOPICS[topic]
+    publishers[topic].publish(fill(kind(), data.draw(strategy)))
+    if kind is Odometry:
+        joints = JointState(name=['thruster', 'reaction_wheel'], position=[0.0, 0.0])
+        publishers['/robots/robot1/joint_states'].publish(joints)
+    space = f'/{topic.split("/")[1]}'
+    measured = {'start.source': 'measured', 'start.delay': delay, 'start.max_age': age}
+    assert not any(ros.set_parameter_mapping(f'{space}/planner', measured))
+    fine, answer = ros.trigger(f'{space}/plan', timeout=10.0)
+    if not fine:
+        assert answer['code'] in CODES
+        assert 'internal error' not in answer['reason'], answer
     check_alive(nodes)
 
 
