@@ -13,18 +13,31 @@ from configparser import ConfigParser
 from pathlib import Path
 import re
 import shutil
+from typing import Any
 from xml.etree import ElementTree
 
 import pages
 from pages import blocks, commands, name_of, PAGES, SOURCE
 import pytest
 from tdm_planner import cli
+from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import problem_names
 import yaml
 
+LONG = 60.0  # s; results are tested here, not how soon they come on a busy machine
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
 OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', 'python', 'pip', '.', 'source'}
 SERVICES = {'plan', 'reset', 'push'}
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = Problem.solve
+
+    def solve_patiently(self: Problem, deadline: float | None = None, **options: Any) -> Solution:
+        return solve(self, LONG, **options)
+
+    monkeypatch.setattr(Problem, 'solve', solve_patiently)
 
 
 def test_all_pages_are_found():
