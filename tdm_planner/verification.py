@@ -8,7 +8,7 @@ from the first state, under the controls read between samples as `Trajectory.int
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import itertools
 import math
@@ -22,6 +22,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
 MOST_INSTANTS = 200_000  # of a check: 200 s at intervals of 1 ms
 
 
@@ -77,7 +78,8 @@ class SelfReplaying(Protocol):
 def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
     """Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
 
-    The integration restarts wherever a held control jumps, so that no step spans a switch. A plant
+    The integration restarts wherever a held control jumps, so that no step spans a switch; where
+    it cannot go on, the remaining states are NaN, which no check passes. A plant
     that can integrate itself exactly, by quadrature, does so (`SelfReplaying`).
     """
     if isinstance(plant, SelfReplaying):
@@ -85,13 +87,14 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
         if exact is not None:
             return exact
     edges = _smooth_pieces(trajectory)
-    states = np.empty((times.size, trajectory.states.shape[1]))
+    states = np.full((times.size, trajectory.states.shape[1]), np.nan)
+    left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
     for first, last in itertools.pairwise(edges):
         start, end = trajectory.times[first], trajectory.times[last]
         inside = (times >= start) & (times <= end)
         result = solve_ivp(
-            _right_hand_side(plant, trajectory, first),
+            _limited(_right_hand_side(plant, trajectory, first), left),
             (start, end),
             current,
             method='DOP853',
@@ -99,6 +102,8 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
             atol=1e-11,
             dense_output=True,
         )
+        if not result.success:
+            break
         if inside.any():
             assert result.sol is not None
             states[inside] = result.sol(times[inside]).T
@@ -123,6 +128,17 @@ def _right_hand_side(
         held = trajectory.controls[first]
         return lambda t, x: plant.derivative(x, held)
     return lambda t, x: plant.derivative(x, trajectory.sample(t).control)
+
+
+def _limited(
+    right_hand_side: Callable[[float, Array], Array], left: Iterator[None]
+) -> Callable[[float, Array], Array]:
+    def evaluated(t: float, x: Array) -> Array:
+        if next(left, 0) is not None:
+            raise FloatingPointError('the motion is too fast to be replayed')
+        return right_hand_side(t, x)
+
+    return evaluated
 
 
 def dense_times(trajectory: Trajectory, resolution: float) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import difflib
 from functools import cached_property
 import math
+import re
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -36,6 +37,7 @@ from tdm_planner.verification import Verification
 
 Array = NDArray[np.float64]
 P = TypeVar('P', bound='Problem')
+_NOT_FINITE = re.compile(r'\b(NaNs?|infs?|infinity|finite)\b', re.IGNORECASE)
 _FEW = 30  # parameters that a message can list
 
 
@@ -246,7 +248,9 @@ def _computed() -> Iterator[None]:
     with np.errstate(all='ignore'):
         try:
             yield
-        except (ArithmeticError, np.linalg.LinAlgError) as error:
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            if isinstance(error, ValueError) and not _NOT_FINITE.search(str(error)):
+                raise
             raise Infeasible(
                 f'the computation broke down ({" ".join(str(error).split())}): parameters lie '
                 'too many orders of magnitude apart, are their units right?'

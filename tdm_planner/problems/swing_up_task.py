@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_rollout import roll_states
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.search import Plan
-from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
+from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
 
 Array = NDArray[np.float64]
@@ -145,7 +145,8 @@ class SwingUpTask:
         error = self.start - self.goal_nearest(self.start)
         if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
             return None
-        times = to_nanoseconds([0.0, _HOLD_TIME])
+        time = max(min(_HOLD_TIME, 1.0 / self.plant.natural_frequency), NANOSECOND)
+        times = to_nanoseconds([0.0, time])
         motion = self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
         plan = self.plan(motion, np.zeros(0), 0.0)
         return plan if plan.verification.ok else None
