@@ -3,7 +3,7 @@
 # make setup      virtual environment with everything that is needed to run
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
 # make test       run every test
-# make fuzz       over 10,000 cases of bad input and 1,000 plans of sabotaged solvers (half an hour)
+# make fuzz       over 10,000 cases of bad input, 1,000 plans of sabotaged solvers (15 minutes)
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
 # make benchmark  measure and tabulate
