@@ -19,6 +19,10 @@ class InvalidProblem(TdmError):
     code: ClassVar[str] = 'INVALID_PROBLEM'
 
 
+class NotFinite(InvalidProblem):
+    """A function that states the problem gives NaN or infinity somewhere along a motion."""
+
+
 class NoState(TdmError):
     """The state to start from was never received, is incomplete or too old."""
 

@@ -17,6 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from tdm_planner.exceptions import NotFinite
 from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
@@ -124,10 +125,15 @@ def _smooth_pieces(trajectory: Trajectory) -> list[int]:
 def _right_hand_side(
     plant: Plant, trajectory: Trajectory, first: int
 ) -> Callable[[float, Array], Array]:
-    if trajectory.interpolation == 'zero_order_hold':
-        held = trajectory.controls[first]
-        return lambda t, x: plant.derivative(x, held)
-    return lambda t, x: plant.derivative(x, trajectory.sample(t).control)
+    held = trajectory.controls[first] if trajectory.interpolation == 'zero_order_hold' else None
+
+    def rate(t: float, x: Array) -> Array:
+        try:
+            return plant.derivative(x, trajectory.sample(t).control if held is None else held)
+        except NotFinite as error:
+            raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
+
+    return rate
 
 
 def _limited(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import components
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
+
+_SAME = 1e-9  # share by which a state passed on may differ from itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
 
     Raises
     ------
-    InvalidProblem
+    NotFinite
         Naming function, node and value, for the first node where something is not finite: what is
         wrong there spoils the integration of all that follow.
     """
@@ -45,10 +47,34 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
     ]
     if found:
         node, what, values = min(found, key=lambda item: item[0])
-        raise InvalidProblem(
+        raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
             f'(s = {nodes[node]:.3g}, t = {motion.times[0, node]:.3g} s)'
         )
+
+
+def check_integrated(
+    stated: CheckedFormulation, motion: ArcMotion, integrated: Mapping[str, Values], nodes: Array
+) -> None:
+    """Check that the states of the first candidate are the `integrated` ones, (B, K) by name.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming state, node and both values, where `invert` gives another state instead.
+    """
+    for name, values in integrated.items():
+        expected = values[0]
+        given = motion.states[0, :, stated.state_names.index(name)]
+        size = float(np.abs(expected).max())
+        same = np.isclose(given, expected, rtol=_SAME, atol=_SAME * size, equal_nan=True)
+        if not same.all():
+            node = int(np.argmin(same))
+            raise InvalidProblem(
+                f"invert gives the state '{name}' = {given[node]:g} at node {node} of "
+                f'{nodes.size} (s = {nodes[node]:.3g}), but integrated gives {expected[node]:g}: '
+                f"it must be z['{name}'], or not be integrated"
+            )
 
 
 def _stated_values(

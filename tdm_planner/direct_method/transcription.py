@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite
+from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite, check_integrated
 from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
 from tdm_planner.direct_method.arc_outputs import ArcOutputs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -103,11 +103,13 @@ class Transcription(NonlinearProgram):
         Raises
         ------
         InvalidProblem
-            Naming function, node and value, if something is not a finite number there, or depends
-            on other candidates that are computed at once.
+            Naming function, node and value, if something is not a finite number there, differs
+            from what is integrated, or depends on other candidates that are computed at once.
         """
         with np.errstate(all='ignore'):
-            check_finite(self._stated, self.motion(xi[None]), self.nodes)
+            motion, z = self._motion(xi[None])
+            check_finite(self._stated, motion, self.nodes)
+            check_integrated(self._stated, motion, z, self.nodes)
             self.cost_scale = 1.0
             values = self._values(xi[None])[0]
             self._check_independent(xi, values)
@@ -125,12 +127,16 @@ class Transcription(NonlinearProgram):
 
     def motion(self, xi: Values) -> ArcMotion:
         """Motion of candidates (B, n) at the nodes."""
+        return self._motion(xi)[0]
+
+    def _motion(self, xi: Values) -> tuple[ArcMotion, dict[str, Values]]:
+        """Return the motion, and the integrated states (B, K) by name."""
         mu, times, y = self._arc.values(xi)
         every = slice(None, None, self._stride)
         z = self._integrate(y, mu) if self.integrated else {}
         at_nodes = {name: [value[:, every] for value in jet] for name, jet in y.items()}
         states, controls = self._stated.invert(at_nodes, z)
-        return ArcMotion(times[:, every], states, controls, mu[:, every])
+        return ArcMotion(times[:, every], states, controls, mu[:, every]), z
 
     @property
     def has_end_conditions(self) -> bool:

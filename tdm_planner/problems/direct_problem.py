@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import InvalidProblem, NotFinite
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.direct_search import DirectSearch
@@ -124,13 +124,13 @@ class DirectPlant:
 
         Raises
         ------
-        InvalidProblem
+        NotFinite
             Naming the state, if a rate is not a finite number.
         """
         stacked = self._stated.derivative(state, control)
         if not np.isfinite(stacked).all():
             index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
-            raise InvalidProblem(
+            raise NotFinite(
                 f"derivative gives the rate of '{self.state_names[index[-1]]}' = {stacked[index]} "
                 f'in state {state[index[:-1]]} under control {control[index[:-1]]}'
             )

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_motion import check_finite
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.plants.base import Plant
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
@@ -204,11 +205,11 @@ class DirectSearch(Search[Minimum]):
         reserve: dict[str, float] = {}
         samples = max(201, 4 * nodes + 1)
         for refinement in range(_ROUNDS):
-            xi = minimum.point.xi
-            trajectory, goal = self._trajectory(xi, samples)
-            check = self._verify(trajectory, goal)
-            cost = float(program.cost(program.motion(xi[None]))[0])
-            yield Plan({self._problem.name: trajectory}, check, cost, xi, minimum.point.violation)
+            plan = self._plan(program, minimum, samples)
+            if plan is None:
+                return
+            yield plan
+            check, xi = plan.verification, plan.parameters
             samples *= 2
             violated = {k: -v for k, v in check.worst.items() if v < -_MARGIN_TOLERANCE}
             if not violated and not program.integrated:
@@ -219,18 +220,31 @@ class DirectSearch(Search[Minimum]):
                 reserve[name] = reserve.get(name, 0.0) + share * excess
             nodes = 2 * nodes if refinement < 2 else nodes
             program = program.refine(chebyshev_nodes(nodes), reserve)
-            if self.budget.spent:
-                return
-            again = self._minimise(program, xi, self.budget)
+            again = None if self.budget.spent else self._minimise(program, xi, self.budget)
             if again is None or not self._feasible(again):
+                if self.budget.spent:
+                    self.rejected += '; it was not refined further: the time was up'
                 return
             minimum = again
+
+    def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Plan | None:
+        """Return the plan and its check; None, `rejected`, where it is not finite everywhere."""
+        xi = minimum.point.xi
+        try:
+            trajectory, goal = self._trajectory(xi, samples)
+            check = self._verify(trajectory, goal)
+        except NotFinite as error:
+            self.rejected = str(error)
+            return None
+        cost = float(program.cost(program.motion(xi[None]))[0])
+        return Plan({self._problem.name: trajectory}, check, cost, xi, minimum.point.violation)
 
     def _trajectory(self, xi: Array, samples: int) -> tuple[Trajectory, Array]:
         """Return the motion on `samples` points of the arc, and the goal (nx,)."""
         problem = self._problem
         fine = Transcription(problem, np.linspace(0.0, 1.0, samples))
         motion = fine.motion(xi[None])
+        check_finite(self._stated, motion, fine.nodes)
         trajectory = Trajectory(
             times=to_nanoseconds(motion.times[0]),
             states=motion.states[0],

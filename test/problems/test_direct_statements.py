@@ -3,13 +3,20 @@
 """A problem stated wrongly is refused by `solve` with one sentence, and prints nothing."""
 
 from dataclasses import dataclass
+import re
 from typing import Any, ClassVar
 import warnings
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Duration, Integrated, Output
-from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
+from tdm_planner.direct_method import Budget, Duration, Integrated, Output
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    TdmError,
+    VerificationFailed,
+)
 from tdm_planner.parameters import group, Validated
 from tdm_planner.problems import DirectProblem, SolverParameters
 
@@ -97,3 +104,88 @@ def test_a_function_that_fails_on_the_way():
 def test_no_margin_left_anywhere():
     with pytest.raises(Infeasible, match='force'):
         solve({'margins': lambda s, t, x, u: {'force': -1.0 - u[0] ** 2}})
+
+
+def missing_above(largest: float) -> Any:
+    """Return a formula that gives no number for accelerations above `largest`."""
+
+    def invert(self, y, z):
+        x, v, u = y['x']
+        return (x, v), (u + 0 * np.sqrt(largest - u),)
+
+    return invert
+
+
+QUICKEST = {
+    'outputs': lambda self: {'x': Output((0.0, 0.0), (1.0, 0.0), free=2)},
+    'duration': lambda self: Duration(3.0),
+    'margins': lambda self, t, x, u: {'force': 1.0 - u[0], 'brake': 1.0 + u[0]},
+    'final_cost': lambda self, t, x: t,
+    'running_cost': DirectProblem.running_cost,
+}
+
+
+def test_where_a_function_has_no_value_another_candidate_may_do():
+    """The cheapest at the nodes goes to where the formula ends, and beyond between them."""
+    solution = solve({**QUICKEST, 'invert': missing_above(0.8)})
+    assert np.isfinite(solution.trajectory.controls).all()
+
+
+def test_a_function_without_a_value_is_named_when_no_candidate_does():
+    def derivative(self, x, u):
+        return x[1], u[0] + 0 * np.sqrt(0.9 - u[0])
+
+    with pytest.raises(VerificationFailed) as caught:
+        solve({**QUICKEST, 'derivative': derivative})
+    assert re.search(
+        r"derivative gives the rate of 'v' = nan at node \d+ of \d+ \(s = [.\d]+, t = [.\d]+ s\)",
+        str(caught.value),
+    )
+
+
+def test_a_rate_without_a_value_in_the_replay_rejects_the_candidate():
+    calls = []
+
+    def derivative(self, x, u):
+        calls.append(np.ndim(x[0]))
+        lost = np.nan if calls[-1] == 0 and np.real(x[0]) < 0.5 else 0.0
+        return x[1], u[0] + lost
+
+    with pytest.raises(VerificationFailed) as caught:
+        solve({'derivative': derivative})
+    assert re.search(r"rate of 'v' = nan in state .* at t = [.\d]+ s", str(caught.value))
+    assert 0 in calls
+
+
+def test_a_candidate_whose_refinement_was_cut_short_says_so(monkeypatch):
+    problem = type('Changed', (Cart,), {'derivative': lambda s, x, u: (x[1], 1.1 * u[0])})(
+        solver=SolverParameters(deadline=20.0)
+    )
+    budget = Budget(20.0)
+    search = problem.search(budget, np.random.default_rng(0), None)
+    candidate = next(iter(search.candidates()))
+    search.rejected = 'x ends far from the goal'
+    plans = search.plans(candidate)
+    assert not next(plans).verification.ok
+    budget.seconds = 0.0
+    search._program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
+    assert next(plans, None) is None
+    assert search.rejected.endswith('it was not refined further: the time was up')
+    assert isinstance(search.failure(), DeadlineExceeded)
+
+
+def starting_at(speed: float, **more: Any) -> dict[str, Any]:
+    return {'integrated': lambda self: {'v': Integrated(speed)}, **more}
+
+
+def test_an_integrated_state_that_is_inverted_as_well_is_a_contradiction():
+    with pytest.raises(InvalidProblem) as caught:
+        solve(starting_at(5.0))
+    assert "invert gives the state 'v' = 0 at node 0 of 41 (s = 0)" in str(caught.value)
+    assert 'but integrated gives 5' in str(caught.value)
+
+
+def test_an_integrated_state_that_invert_passes_on_is_none():
+    """The speed is integrated from the acceleration that the position prescribes: the same."""
+    passed_on = starting_at(0.0, invert=lambda s, y, z: ((y['x'][0], z['v']), y['x'][2:]))
+    assert solve(passed_on).cost == pytest.approx(12 / 2.0**3, rel=1e-4)
