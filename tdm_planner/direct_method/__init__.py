@@ -14,6 +14,7 @@ from tdm_planner.direct_method.nonlinear_program import (
 from tdm_planner.direct_method.polynomial import PolynomialBasis, PolynomialReference
 from tdm_planner.direct_method.reference_function import ReferenceBasis, ReferenceFunction
 from tdm_planner.direct_method.shapes import (
+    CombinedShapes,
     power_products,
     PowerProducts,
     Shapes,
@@ -33,6 +34,7 @@ from tdm_planner.direct_method.virtual_domain import (
 __all__ = [
     'ArcTime',
     'Budget',
+    'CombinedShapes',
     'Duration',
     'Formulation',
     'Integrated',

@@ -145,6 +145,8 @@ class PolynomialReference:
     derivatives are treated alike: x is linear in all of them, and `jacobian` is its exact
     derivative with respect to them.
 
+    Beyond the ends of the arc the function goes on as it is, and can be evaluated there.
+
     Raises
     ------
     InvalidProblem

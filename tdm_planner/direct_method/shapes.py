@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 import math
 
@@ -34,6 +34,10 @@ class Shapes(ABC):
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at s (...), (..., m)."""
 
+    def names(self) -> tuple[Hashable, ...]:
+        """Return what tells every shape from others, (m,): by default family and index."""
+        return tuple((self, index) for index in range(self.size))
+
     def __add__(self, other: Shapes) -> Shapes:
         """Return the shapes of both families."""
         if not isinstance(other, Shapes):
@@ -43,9 +47,32 @@ class Shapes(ABC):
 
 @dataclass(frozen=True)
 class CombinedShapes(Shapes):
-    """The shapes of several families, one after the other."""
+    """The shapes of several families, one after the other.
+
+    Raises
+    ------
+    InvalidProblem
+        If a shape belongs to more than one of them: its coefficients could not be told apart.
+    """
 
     families: tuple[Shapes, ...]
+
+    def __post_init__(self) -> None:
+        """Check that no shape is there twice."""
+        known: set[Hashable] = set()
+        for family in self.families:
+            names = family.names()
+            twice = next((name for name in names if name in known), None)
+            if twice is not None:
+                raise InvalidProblem(
+                    f'the shape {shown(twice)} is in more than one of the families that are '
+                    'combined: their coefficients could not be told apart'
+                )
+            known.update(names)
+
+    def names(self) -> tuple[Hashable, ...]:
+        """Return what tells every shape from others."""
+        return tuple(name for family in self.families for name in family.names())
 
     @property
     def size(self) -> int:
@@ -72,6 +99,10 @@ class SineSeries(Shapes):
         """Number of shapes."""
         return self.terms
 
+    def names(self) -> tuple[Hashable, ...]:
+        """Return what tells every shape from others."""
+        return tuple(f'sin({k} pi s)' for k in range(1, self.terms + 1))
+
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
         k = np.arange(1, self.terms + 1)
@@ -97,6 +128,11 @@ class PowerProducts(Shapes):
 
     def __post_init__(self) -> None:
         """Check the exponents."""
+        if not isinstance(self.exponents, tuple):  # families are told apart by their hash
+            raise InvalidProblem(
+                f'exponents = {shown(self.exponents)} must be a tuple of pairs, such as '
+                '((1, 2), (2, 2)); power_products takes any sequence of them'
+            )
         if not self.exponents:
             raise InvalidProblem('a family of power products needs at least one pair of exponents')
         for pair in self.exponents:
@@ -111,6 +147,10 @@ class PowerProducts(Shapes):
     def size(self) -> int:
         """Number of shapes."""
         return len(self.exponents)
+
+    def names(self) -> tuple[Hashable, ...]:
+        """Return what tells every shape from others."""
+        return tuple(f's^{first} (s - 1)^{second}' for first, second in self.exponents)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""

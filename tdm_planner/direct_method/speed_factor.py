@@ -10,26 +10,35 @@ and time exactly. Bernstein polynomials with positive coefficients are positive 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from functools import cached_property
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.direct_method.checks import check_arc, check_derivative, real_array
+from tdm_planner.direct_method.reciprocal_integral import ReciprocalIntegral
 from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 
-_PANELS, _POINTS = 16, 12  # of the Gauss-Legendre quadrature of 1/lambda
+_MOST_STEPS = 180  # of the inversion of t(tau): 60 of them halve the bracket
+_ROUNDING = 1e-9  # of the arc's length, by which an argument may lie outside
 
 
 class ArcTime(ABC):
     """Relation of time t and virtual arc tau in [tau_0, tau_f], t(tau_0) = 0.
 
+    There is no lambda beyond the ends of the arc: it would not stay positive. An argument outside
+    is refused, unless by rounding.
+
     Raises
     ------
     InvalidProblem
-        If tau_f <= tau_0, or a coefficient is not a positive number.
+        If tau_f <= tau_0, a coefficient is not a positive number, or an argument tau lies outside
+        [tau_0, tau_f].
     """
 
     def __init__(self, coefficients: ArrayLike, tau_f: float, tau_0: float = 0.0) -> None:
@@ -65,6 +74,10 @@ class ArcTime(ABC):
         """Return the `order`-th derivative of lambda by tau, at tau (...)."""
 
     @abstractmethod
+    def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
+        """Return the derivative of `lambda(tau, order)` by the coefficients, (..., n)."""
+
+    @abstractmethod
     def time(self, tau: ArrayLike) -> Array:
         """Return the time [s] at which tau (...) is reached."""
 
@@ -74,21 +87,36 @@ class ArcTime(ABC):
 
     def arc_at(self, time: ArrayLike) -> Array:
         """Return tau (...) at the time(s) [s], clipped to the arc: the inverse of `time`."""
-        wanted = np.clip(real_array(time, 'the time'), 0.0, self.duration)
+        duration = self.duration
+        wanted = np.clip(real_array(time, 'the time'), 0.0, duration)
         low = np.full(wanted.shape, self.tau_0)
         high = np.full(wanted.shape, self.tau_f)
-        tau = self.tau_0 + (self.tau_f - self.tau_0) * wanted / self.duration
-        for _ in range(60):  # Newton, kept inside a bracket that always shrinks
+        tau = self.tau_0 + (self.tau_f - self.tau_0) * wanted / duration
+        for step in range(_MOST_STEPS):
             error = self.time(tau) - wanted
-            if np.abs(error).max(initial=0.0) <= 1e-14 * self.duration:
+            if np.abs(error).max(initial=0.0) <= 1e-14 * duration:
                 break
             low, high = np.where(error < 0, tau, low), np.where(error < 0, high, tau)
-            step = tau - error * self(tau)
-            tau = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+            newton, middle = tau - error * self(tau), 0.5 * (low + high)
+            # Every third step halves the bracket: Newton's steps alone can be arbitrarily short.
+            inside = (newton >= low) & (newton <= high) & (step % 3 < 2)
+            tau = np.where(inside, newton, middle)
         return np.asarray(tau)
 
     def _unit(self, tau: ArrayLike) -> Array:
-        return (real_array(tau, 'tau') - self.tau_0) / (self.tau_f - self.tau_0)
+        return self._places(tau)[0]
+
+    def _places(self, tau: ArrayLike) -> tuple[Array, Array]:
+        """Return the shares of the arc before and after tau (...), each to its last bits."""
+        at, span = real_array(tau, 'tau'), self.tau_f - self.tau_0
+        before, after = (at - self.tau_0) / span, (self.tau_f - at) / span
+        outside = np.minimum(before, after) < -_ROUNDING
+        if outside.any():
+            raise InvalidProblem(
+                f'tau = {at[outside].flat[0]:g} is not allowed: must be in '
+                f'[{self.tau_0:g}, {self.tau_f:g}], the arc of the speed factor'
+            )
+        return np.clip(before, 0.0, 1.0), np.clip(after, 0.0, 1.0)
 
 
 class SpeedFactor(ArcTime):
@@ -105,14 +133,18 @@ class SpeedFactor(ArcTime):
         return np.asarray(basis / (self.tau_f - self.tau_0) ** order)
 
     def time(self, tau: ArrayLike) -> Array:
-        """Return the time [s], by composite Gauss-Legendre quadrature of 1/lambda."""
-        s = self._unit(tau)
-        points, weights = np.polynomial.legendre.leggauss(_POINTS)
-        panels = (np.arange(_PANELS)[:, None] + 0.5 * (points + 1.0)) / _PANELS
-        at = s[..., None] * panels.ravel()
-        slowness = 1.0 / (bernstein_basis(self.degree, at) @ self.coefficients)
-        mean = slowness @ np.tile(weights / (2.0 * _PANELS), _PANELS)
-        return np.asarray((self.tau_f - self.tau_0) * s * mean)
+        """Return the time [s], by adaptive quadrature of 1/lambda, to 1e-12 of itself.
+
+        Raises
+        ------
+        InvalidProblem
+            If it is not finite, the coefficients lying too many orders of magnitude apart.
+        """
+        return np.asarray((self.tau_f - self.tau_0) * self._slowness.to(*self._places(tau)))
+
+    @cached_property
+    def _slowness(self) -> ReciprocalIntegral:
+        return ReciprocalIntegral(self.coefficients)
 
 
 class TimeFactor(ArcTime):
@@ -125,6 +157,25 @@ class TimeFactor(ArcTime):
         span = self.tau_f - self.tau_0
         return np.asarray(reciprocal(rates)[order] * span ** (1 - order))
 
+    def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
+        """Return the derivative of `lambda(tau, order)` by the coefficients, (..., n).
+
+        It is exact, but lambda is not linear in these coefficients (1/lambda is): the derivative
+        depends on them. From dlambda = -(tau_f - tau_0) dmu / mu^2, differentiated by Leibniz.
+        """
+        s, order = self._unit(tau), check_derivative(order)
+        basis = [bernstein_basis(self.degree, s, k) for k in range(order + 1)]
+        inverse = reciprocal([values @ self.coefficients for values in basis])
+        squared = [_product_derivative(inverse, inverse, k)[..., None] for k in range(order + 1)]
+        span = self.tau_f - self.tau_0
+        return np.asarray(-_product_derivative(squared, basis, order) * span ** (1 - order))
+
     def time(self, tau: ArrayLike) -> Array:
         """Return the time [s], exactly: the integral of a polynomial."""
         return np.asarray(bernstein_integral(self.degree, self._unit(tau)) @ self.coefficients)
+
+
+def _product_derivative(f: Sequence[Array], g: Sequence[Array], order: int) -> Array:
+    """Return the `order`-th derivative of a product from the derivatives of its factors."""
+    terms = [math.comb(order, j) * f[j] * g[order - j] for j in range(order + 1)]
+    return np.asarray(sum(terms[1:], terms[0]))

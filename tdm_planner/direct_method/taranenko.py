@@ -148,6 +148,8 @@ class TaranenkoReference:
     `varied` (mv, ...) are the coefficients A_k that the conditions leave free, zero unless given;
     `varied_indices` says which.
 
+    Beyond the ends of the arc the function goes on as it is, and can be evaluated there.
+
     Raises
     ------
     InvalidProblem

@@ -5,7 +5,13 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
-from tdm_planner.direct_method import power_products, SineSeries, symmetric_powers
+from tdm_planner.direct_method import (
+    CombinedShapes,
+    power_products,
+    PowerProducts,
+    SineSeries,
+    symmetric_powers,
+)
 from tdm_planner.exceptions import InvalidProblem
 
 FAMILIES = [SineSeries(5), symmetric_powers(4), power_products([(1, 1), (1, 3), (4, 2)])]
@@ -49,6 +55,13 @@ def test_sines_and_their_derivatives():
         (lambda: power_products([]), 'at least one pair'),
         (lambda: power_products([(0, 1)]), r'exponent of \(0, 1\) = 0 is not allowed'),
         (lambda: power_products([(1, 1), (1, 1)]), 'distinct'),
+        (lambda: PowerProducts([(1, 1)]), r'exponents = \[\(1, 1\)\] must be a tuple of pairs'),
+        (lambda: SineSeries(2) + SineSeries(2), r'sin\(1 pi s\).* more than one'),
+        (
+            lambda: SineSeries(2) + symmetric_powers(2) + power_products([(3, 1), (2, 2)]),
+            r's\^2 \(s - 1\)\^2.* more than one',
+        ),
+        (lambda: CombinedShapes((FAMILIES[0], FAMILIES[1] + FAMILIES[0])), 'more than one'),
     ],
 )
 def test_families_that_make_no_sense_are_refused(make, words):

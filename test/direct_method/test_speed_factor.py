@@ -1,13 +1,17 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
+import math
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from tdm_planner.direct_method import (
     arc_derivatives,
     path_speed,
     PolynomialReference,
+    ReferenceFunction,
     SpeedFactor,
     time_derivatives,
     TimeFactor,
@@ -26,6 +30,44 @@ def test_time_of_a_linear_speed_factor_is_a_logarithm():
     np.testing.assert_allclose(factor(tau), 0.5 + slope * (tau - 1.0))
     np.testing.assert_allclose(factor(tau, 1), slope)
     assert (factor(tau, 2) == 0).all()
+
+
+@given(st.floats(-60, 60), st.floats(-60, 60), st.floats(0.0, 1.0))
+@settings(deadline=None, max_examples=60, derandomize=True)
+def test_time_of_a_linear_speed_factor_over_many_orders_of_magnitude(low, high, share):
+    first, last = 10.0**low, 10.0**high
+    factor = SpeedFactor([first, last], 1.0)
+    for tau in (share, 1.0):
+        change = (last - first) * tau
+        ratio = (first * (1.0 - tau) + last * tau) / first
+        logarithm = math.log(ratio) if abs(ratio - 1) > 0.5 else math.log1p(change / first)
+        expected = tau * logarithm / change if abs(change) > 1e-12 * first else tau / first
+        assert float(factor.time(tau)) == pytest.approx(expected, rel=1e-11)
+
+
+@given(st.lists(st.floats(-8, 8), min_size=1, max_size=9))
+@settings(deadline=None, max_examples=30, derandomize=True)
+def test_duration_with_whatever_coefficients_is_that_of_adaptive_quadrature(exponents):
+    coefficients = 10.0 ** np.array(exponents)
+    degree = coefficients.size - 1
+    counts = [math.comb(degree, i) for i in range(degree + 1)]
+
+    def integrand(z):  # s = 1/(1 + exp(-z)) draws both ends of the arc apart
+        s, rest = 1.0 / (1.0 + np.exp(-z)), 1.0 / (1.0 + np.exp(z))
+        terms = [n * c * s**i for i, (n, c) in enumerate(zip(counts, coefficients, strict=True))]
+        return s * rest / sum(t * rest ** (degree - i) for i, t in enumerate(terms))
+
+    expected = sum(quad(integrand, z, z + 4, epsabs=0)[0] for z in range(-80, 80, 4))
+    assert SpeedFactor(coefficients, 1.0).duration == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize('kind', [SpeedFactor, TimeFactor])
+@pytest.mark.parametrize('coefficients', [[1e-12, 1.0], [1.0, 1e-8, 1e-8, 1.0], [1e-6, 1e6, 1e-3]])
+def test_arc_is_found_again_though_the_speed_varies_by_orders_of_magnitude(kind, coefficients):
+    factor = kind(coefficients, 2.0)
+    times = np.linspace(0.0, factor.duration, 33)
+    found = factor.arc_at(times)
+    np.testing.assert_allclose(factor.time(found), times, atol=1e-9 * factor.duration)
 
 
 def test_time_of_a_polynomial_time_factor_is_exact():
@@ -49,8 +91,7 @@ def test_time_and_its_inverse(kind, coefficients, span):
     step = 1e-5 * span
     inner = tau[1:-1]
     slope = (factor.time(inner + step) - factor.time(inner - step)) / (2 * step)
-    # the quadrature's error, some 1e-11 of the time, is divided by the step
-    np.testing.assert_allclose(slope * factor(inner), 1.0, rtol=1e-4)
+    np.testing.assert_allclose(slope * factor(inner), 1.0, rtol=1e-5)
     for order in (1, 2):
         below = (factor(inner + step, order - 1) - factor(inner - step, order - 1)) / (2 * step)
         scale = np.abs(factor(tau)).max() / span**order
@@ -60,6 +101,34 @@ def test_time_and_its_inverse(kind, coefficients, span):
 def test_time_beyond_the_arc_is_clipped():
     factor = TimeFactor([1.0], 2.0)
     assert factor.arc_at([-1.0, 5.0]).tolist() == [0.0, 2.0]
+
+
+@pytest.mark.parametrize('order', range(4))
+def test_jacobian_of_the_time_factor(order):
+    factor = TimeFactor([1.0, 2.0, 4.0, 0.5], 3.0, 1.0)
+    assert isinstance(factor, ReferenceFunction)
+    tau = np.linspace(1, 3, 5)
+    for column, change in enumerate(1e-5 * np.eye(4)):
+        above, below = (
+            TimeFactor(factor.coefficients + sign * change, 3.0, 1.0)(tau, order)
+            for sign in (1, -1)
+        )
+        scale = np.abs(factor.jacobian(tau, order)).max()
+        found = factor.jacobian(tau, order)[:, column]
+        np.testing.assert_allclose(found, (above - below) / 2e-5, atol=1e-7 * scale)
+
+
+@pytest.mark.parametrize('kind', [SpeedFactor, TimeFactor])
+@pytest.mark.parametrize('method', ['__call__', 'jacobian', 'time'])
+def test_there_is_no_speed_factor_beyond_the_arc(kind, method):
+    factor = kind([1.0, 2.0], 3.0, 1.0)
+    for tau in (0.99, 3.01, [2.0, -3.0]):
+        with pytest.raises(InvalidProblem, match=r'tau = .* must be in \[1, 3\]'):
+            getattr(factor, method)(tau)
+    rounding = [1.0 - 1e-12, 3.0 + 1e-12]
+    np.testing.assert_array_equal(
+        getattr(factor, method)(rounding), getattr(factor, method)([1.0, 3.0])
+    )
 
 
 def test_jacobian_of_the_speed_factor():
@@ -123,6 +192,7 @@ def test_motion_along_a_path_has_these_derivatives_by_time(kind):
         (lambda: SpeedFactor([1.0], 0.0), 'must end after it starts'),
         (lambda: SpeedFactor([[1.0]], 1.0), 'shape'),
         (lambda: SpeedFactor([], 1.0), 'shape'),
+        (lambda: SpeedFactor([1e-300, 1e300], 1.0).duration, 'orders of magnitude apart'),
         (lambda: time_derivatives([0, 1, 2], [1.0]), 'only 1 are given'),
     ],
 )
