@@ -4,17 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem
-from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Constraint, dense_times
+from tdm_planner.verification import dense_times
 
 Array = NDArray[np.float64]
 
@@ -35,18 +31,7 @@ def plan_margins(problem: Problem, trajectory: Trajectory) -> tuple[PlanMargin, 
     """Return the margin of every constraint that the problem puts on one vehicle's motion."""
     times = dense_times(trajectory, trajectory.duration / _INSTANTS)
     states, controls = trajectory.sample(times)
-    if isinstance(problem, DirectProblem):
-        stated = CheckedFormulation(problem).margins(times, states, controls)
-        return tuple(PlanMargin(name, '', times, values) for name, values in stated.items())
     return tuple(
         PlanMargin(c.name, c.unit, times, np.asarray(c.margin(times, states, controls)))
-        for c in _constraints(problem)
+        for c in problem.constraints_on(trajectory)
     )
-
-
-def _constraints(problem: Problem) -> Sequence[Constraint]:
-    if isinstance(problem, PendulumSwingUp):
-        return problem.task.constraints
-    if isinstance(problem, RobotFormation):
-        return robot_constraints(problem.task)
-    return ()

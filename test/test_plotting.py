@@ -2,13 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of plans: everything is in them, and drawn where it is."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
+from tdm_planner.direct_method import Duration, Output
 from tdm_planner.formation_plot import FormationView, plot_formation
 from tdm_planner.palette import LIMIT, SWITCH
+from tdm_planner.parameters import group, Validated
 from tdm_planner.plan_margins import plan_margins
 from tdm_planner.plotting import plot_limits, plot_solution, plot_trajectory
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems import (
+    DirectProblem,
+    PendulumSwingUp,
+    Problem,
+    RobotFormation,
+    SolverParameters,
+)
+from tdm_planner.verification import Constraint
 
 
 @pytest.fixture(scope='module')
@@ -45,6 +57,66 @@ def test_margins_are_those_of_the_check(swing_up, formation):
             for margin in plan_margins(problem, trajectory):
                 worst = checks[name].worst[margin.name]
                 assert margin.values.min() == pytest.approx(worst, abs=2e-3), margin.name
+
+
+def test_margins_of_a_problem_with_a_search_of_its_own(swing_up):
+    """A problem that neither derives from the built-in ones nor is stated as a formulation."""
+
+    class Foreign(Problem):
+        name = 'foreign'
+
+        def search(self, budget, rng, previous):
+            raise NotImplementedError
+
+    class Limited(Foreign):
+        def constraints_on(self, trajectory):
+            fastest = np.abs(trajectory.state('theta_dot')).max()
+            return (
+                Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s'),
+            )
+
+    plan = swing_up[1].trajectory
+    assert plan_margins(Foreign(), plan) == ()
+    (margin,) = plan_margins(Limited(), plan)
+    assert (margin.name, margin.unit) == ('rate', 'rad/s')
+    fastest = np.abs(plan.state('theta_dot')).max()
+    assert margin.values.max() == pytest.approx(2 * fastest, rel=1e-2)
+    assert margin.values.min() == pytest.approx(fastest, rel=1e-2)
+
+
+def test_margins_of_a_stated_problem_are_what_it_states():
+    @dataclass(frozen=True)
+    class Cart(DirectProblem, Validated):
+        name: ClassVar[str] = 'cart'
+        state_names, state_units = ('x', 'v'), ('m', 'm/s')
+        control_names, control_units = ('u',), ('m/s^2',)
+        solver: SolverParameters = group(SolverParameters)
+
+        def outputs(self):
+            return {'x': Output((1.0, 0.0), (0.0, 0.0), free=1)}
+
+        def duration(self):
+            return Duration(2.0, fixed=True)
+
+        def invert(self, y, z):
+            return y['x'][:2], y['x'][2:]
+
+        def derivative(self, x, u):
+            return x[1], u[0]
+
+        def margins(self, t, x, u):
+            return {'push': 2.0 - u[0], 'pull': 2.0 + u[0]}
+
+        def running_cost(self, t, x, u):
+            return u[0] ** 2
+
+    problem = Cart()
+    solution = problem.solve(deadline=10.0)
+    margins = {m.name: m.values for m in plan_margins(problem, solution.trajectory)}
+    assert list(margins) == ['push', 'pull']
+    np.testing.assert_allclose(margins['push'] + margins['pull'], 4.0)
+    for name, values in margins.items():
+        assert values.min() == pytest.approx(solution.verification.worst[name], abs=1e-3)
 
 
 def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up):

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import difflib
@@ -33,7 +33,7 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Verification
+from tdm_planner.verification import Constraint, Verification
 
 Array = NDArray[np.float64]
 P = TypeVar('P', bound='Problem')
@@ -147,7 +147,7 @@ class Problem(ABC):
 
     @classmethod
     def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
-        """Return every parameter by dotted name; `values` may decide which exist (robot names)."""
+        """Return every parameter by dotted name; `values` may decide which exist."""
         return specifications(cls)
 
     @classmethod
@@ -193,6 +193,13 @@ class Problem(ABC):
         """Return the plan that does nothing, where the start is the goal; None if it is not."""
         return None
 
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits on one vehicle's planned motion, as its check keeps them.
+
+        Pictures and reports show what is left to them over time. None unless a problem says.
+        """
+        return ()
+
     def describe(self, plan: Plan) -> str:
         """Return the summary of a plan, one sentence."""
         worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
@@ -213,12 +220,13 @@ class Problem(ABC):
         Raises
         ------
         InvalidProblem
-            If the boundary conditions contradict the limits.
+            If the boundary conditions contradict the limits, or `warm_start` is no such plan.
         Infeasible
             If no plan was found; its subclass says why (deadline, verification).
         """
         with _computed():
             self.prepare()
+        self._check_warm_start(warm_start)
         allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
         budget = Budget(allowed)
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
@@ -237,6 +245,16 @@ class Problem(ABC):
             cost_terms=plan.cost_terms,
             summary=self.describe(plan),
         )
+
+    def _check_warm_start(self, plan: Any) -> None:
+        if plan is not None and not isinstance(plan, Solution):
+            raise InvalidProblem(
+                f'warm_start = {shown(plan)} is not allowed: must be a Solution that solve gave'
+            )
+        if plan is not None and plan.problem != self.name:
+            raise InvalidProblem(
+                f"warm_start is a plan of '{shown(plan.problem)}' and not of '{self.name}'"
+            )
 
 
 @contextmanager

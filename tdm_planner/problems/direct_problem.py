@@ -25,8 +25,9 @@ planned for by ``tdm plan`` and by the planner node.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -34,12 +35,18 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import InvalidProblem, NotFinite
+from tdm_planner.exceptions import NotFinite
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution, SolverParameters
 from tdm_planner.problems.direct_search import DirectSearch
+from tdm_planner.problems.direct_statement import check_statement
+from tdm_planner.problems.search import Plan
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
+
+_AT_BOUND = 1e-5  # share by which a duration at a bound may differ from it
 
 
 @dataclass(frozen=True)
@@ -71,22 +78,30 @@ class DirectProblem(Formulation, Problem):
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> DirectSearch:
         """Return the search; an earlier plan's varied parameters are the first guess."""
-        self._check_statement()
+        check_statement(self)
         first = None if previous is None else previous.parameters
         return DirectSearch(self, DirectPlant(self), budget, rng, first)
 
-    def _check_statement(self) -> None:
-        stated = {name: getattr(type(self), name) for name in ('final_cost', 'running_cost')}
-        if all(found is getattr(Formulation, name) for name, found in stated.items()):
-            raise InvalidProblem(
-                f'{self.name} states no performance index: define final_cost or running_cost'
-            )
-        for kind in ('state', 'control'):
-            names, units = getattr(self, f'{kind}_names'), getattr(self, f'{kind}_units')
-            if len(names) != len(units):
-                raise InvalidProblem(
-                    f'{self.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
-                )
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits that `margins` states."""
+        stated = CheckedFormulation(self)
+
+        def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
+            return stated.margins(times, states, controls)[name]
+
+        names = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
+        return tuple(Constraint(name, partial(margin, name)) for name in names)
+
+    def describe(self, plan: Plan) -> str:
+        """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
+        allowed, note = self.duration(), ''
+        shortest, longest = allowed.bounds
+        if not allowed.fixed:
+            if plan.duration <= shortest * (1.0 + _AT_BOUND):
+                note = f', duration at its shortest allowed value, {shortest:g} s'
+            elif plan.duration >= longest * (1.0 - _AT_BOUND):
+                note = f', duration at its longest allowed value, {longest:g} s'
+        return super().describe(plan) + note
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ as well (see `virtual_arc_program`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
@@ -32,6 +33,8 @@ from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_seeds import previous_arcs
 from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
@@ -148,6 +151,10 @@ class PendulumSwingUp(Problem, Validated):
         if arcs is None:
             return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)
         return WarmSwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits of torque and disk angle."""
+        return self.task.constraints
 
     def describe(self, plan: Plan) -> str:
         """Return when the pendulum is upright, and by what torque."""

@@ -9,7 +9,7 @@ inverse dynamics.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 import math
@@ -32,8 +32,11 @@ from tdm_planner.problems.formation_parameters import (
 )
 from tdm_planner.problems.formation_search import Form, FormationSearch, gas_used
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.problems.search import Plan
 from tdm_planner.problems.thrust_direction import compile_following
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
@@ -210,6 +213,10 @@ class RobotFormation(FormationParameters, Problem):
             penalty_weights=np.array(self.weights.penalty),
             previous=previous,
         )
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits of one robot; separations are between robots."""
+        return robot_constraints(self.task)
 
     def describe(self, plan: Plan) -> str:
         """Return when the last robot arrives, and the gas used."""
