@@ -184,7 +184,7 @@ class Planner(ParameterNode):
 
     def _replan(self) -> None:
         """Plan anew from the measured state, for problems whose plans cannot be reviewed."""
-        if self._plan is None:
+        if self._plan is None or self._adapter is None or not self._adapter.measures:
             return
         if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
             self._solve({**self.parameter_values, 'start.source': 'measured'}, lambda _: None)

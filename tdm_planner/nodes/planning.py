@@ -79,7 +79,7 @@ def make_plan(
     """
     try:
         now = clock()
-        if values['start.source'] == 'measured':
+        if values['start.source'] == 'measured' and adapter.measures:
             return _plan_from_measured(problem_class, values, adapter, now)
         problem = problem_class.from_parameters(values)
         return Plan(problem, problem.solve(), now + round(values['start.delay'] / NANOSECOND))

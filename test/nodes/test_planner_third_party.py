@@ -24,6 +24,7 @@ ENTRY_POINTS = """[tdm_planner.problems]
 slow_swing_up = third_party_problems:SlowSwingUp
 failing_swing_up = third_party_problems:FailingSwingUp
 cart = third_party_problems:Cart
+homing_cart = third_party_problems:HomingCart
 not_a_problem = third_party_problems:CartStart
 missing_module = no_such_module:Problem
 """
@@ -186,14 +187,20 @@ def test_a_problem_of_another_kind_plans_from_the_measured_state(
     assert states[0].points[0].positions[0] == -2.0
 
 
+def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: Planners) -> None:
+    planners.start('homing', {'problem': 'homing_cart', 'start.source': 'measured'})
+    done, answer = planners.plan('homing')
+    assert done, answer
+
+
 @pytest.mark.parametrize(
     ('problem', 'says'),
     [
         (
             'pendulum_swingup',
             "parameter 'problem' = 'pendulum_swingup' is not allowed: must be one of "
-            'pendulum_swing_up, robot_formation, cart, failing_swing_up, missing_module, '
-            'not_a_problem, slow_swing_up (did you mean pendulum_swing_up?)',
+            'pendulum_swing_up, robot_formation, cart, failing_swing_up, homing_cart, '
+            'missing_module, not_a_problem, slow_swing_up (did you mean pendulum_swing_up?)',
         ),
         ('missing_module', "ModuleNotFoundError: No module named 'no_such_module'"),
         ('not_a_problem', 'is not a subclass of tdm_planner.problems.Problem'),

@@ -120,3 +120,19 @@ class DoubleIntegrator:
 
     def derivative(self, state: Array, control: Array) -> Array:
         return np.stack([state[..., 1], control[..., 0]], axis=-1)
+
+
+@dataclass(frozen=True)
+class HomingCart(Problem, Validated):
+    """The same from a place that is no parameter of the start: nothing can be measured."""
+
+    name: ClassVar[str] = 'homing_cart'
+
+    side: str = parameter('right', 'side to start from', choices=('left', 'right'))
+    solver: SolverParameters = group(SolverParameters)
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> TwoStrokes:
+        position = 1.0 if self.side == 'right' else -1.0
+        return TwoStrokes(Cart(start=CartStart(position=position)), budget)

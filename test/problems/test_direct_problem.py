@@ -127,7 +127,7 @@ def test_a_warm_start_is_quicker():
     before = Cart(limit=1.3, solver=LONG).solve()
     nearby = replace(Cart(limit=1.3, solver=LONG), start=1.001)
     nearby_cold = type('One', (Cart,), {'starts': 1})(start=1.001, limit=1.3, solver=LONG).solve()
-    one_start = type('One', (Cart,), {'starts': 0})
+    one_start = type('One', (Cart,), {'starts': 1})
     warm = one_start(start=1.001, limit=1.3, solver=LONG).solve(warm_start=before)
     assert warm.cost == pytest.approx(nearby_cold.cost, rel=1e-3)
     assert nearby.solve(warm_start=before).verification.ok

@@ -84,6 +84,61 @@ def test_mistakes_are_named(change, words):
     assert '\n' not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    'tolerance',
+    [1e-3, 'ab', (1e-3,), (1e-3, 1e-3, 1e-3), (-1e-3, 1e-3), (0, 1), (np.nan, 1), ((1,), (1, 2))],
+)
+def test_tolerances(tolerance):
+    with pytest.raises(InvalidProblem) as caught:
+        solve({'terminal_tolerance': tolerance})
+    assert 'terminal_tolerance = ' in str(caught.value)
+    assert 'must be 2 positive numbers' in str(caught.value)
+
+
+def test_a_tolerance_may_be_infinite():
+    assert solve({'terminal_tolerance': (np.inf, 1e-3)}).verification.ok
+
+
+@pytest.mark.parametrize('what', ['nodes', 'starts'])
+@pytest.mark.parametrize('value', [0, -1, 41.5, '41', None, True, 10**9])
+def test_numbers_of_nodes_and_starts(what, value):
+    with pytest.raises(InvalidProblem, match=f'{what} = .* must be an integer from'):
+        solve({what: value})
+
+
+@pytest.mark.parametrize('units', ['ms', 'm', None, (1, 2)])
+def test_units(units):
+    with pytest.raises(InvalidProblem, match=r'state_units = .* must be a tuple of units'):
+        solve({'state_units': units})
+    with pytest.raises(InvalidProblem, match=r'control_units = .* must be a tuple of units'):
+        solve({'control_units': units})
+
+
+@pytest.mark.parametrize('other', ['x', 3, {}, [None]])
+def test_a_warm_start_that_is_no_plan(other):
+    with pytest.raises(InvalidProblem, match=r'warm_start = .* must be a Solution'):
+        Cart().solve(warm_start=other)
+
+
+def test_a_warm_start_from_another_kind_of_problem():
+    plan = solve({'name': 'other_cart'})
+    with pytest.raises(InvalidProblem, match="plan of 'other_cart' and not of 'cart'"):
+        Cart().solve(warm_start=plan)
+
+
+@pytest.mark.parametrize(
+    ('sign', 'words'), [(1, 'at its shortest allowed value, 0.03 s'), (-1, 'longest')]
+)
+def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
+    unlimited = {'margins': lambda s, t, x, u: {}, 'final_cost': lambda s, t, x: sign * t}
+    assert words in solve({**QUICKEST, **unlimited}).summary
+
+
+def test_a_duration_within_its_bounds_is_not_remarked_on():
+    assert 'allowed value' not in solve(QUICKEST).summary
+    assert 'allowed value' not in solve({}).summary
+
+
 def test_a_cost_that_is_no_number_on_the_way_only_bars_the_way():
     """The integrand exists only for |u| < 1.7; the least effort of 1.5 is found all the same."""
     logarithm = {'running_cost': lambda s, t, x, u: u[0] ** 2 - 1e-9 * np.log(1.7 - u[0])}

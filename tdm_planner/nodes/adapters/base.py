@@ -41,6 +41,11 @@ class Adapter(ABC):
     def values_changed(self, values: Mapping[str, Any]) -> None:
         """Follow changed parameters, where topics or pictures depend on them."""
 
+    @property
+    def measures(self) -> bool:
+        """Whether there is anything to measure: otherwise plans are made from parameters."""
+        return True
+
     @abstractmethod
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Return the start.* parameters that the measured state gives for the instant `start`.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.messages import joint_indices, LATCHED, to_duration, to_stamp, WORLD_FRAME
@@ -30,7 +30,8 @@ class GenericAdapter(Adapter):
     a solution holds several, as JointTrajectory with the states' (positions) and the controls'
     (effort) names for joints. The measured state is a JointState on `joint_states` with the
     numbers X of the parameters `start.X` among its names and their values as positions; it is
-    planned from as it is.
+    planned from as it is. A problem without such parameters has nothing to measure and is planned
+    for from its parameters, whatever `start.source` says.
     """
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
@@ -46,12 +47,13 @@ class GenericAdapter(Adapter):
     def values_changed(self, values: Mapping[str, Any]) -> None:
         """Nothing to follow: topics come from the solutions."""
 
+    @property
+    def measures(self) -> bool:
+        """Whether the problem has numbers `start.X`."""
+        return bool(self._wanted)
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Return the newest state."""
-        if not self._wanted:
-            raise NoState(
-                "this problem has no start.* numbers to measure: set 'start.source' to parameters"
-            )
         newest = self._state.fresh(now, values['start.max_age'])
         return {_START + name: value for name, value in self._read(newest.message).items()}
 
