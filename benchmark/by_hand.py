@@ -3,9 +3,10 @@
 """The pendulum's search for switching times, written by hand: arrays, kernels, flat loops.
 
 Method `switching` without the library's classes: no search, program, point, linearisation,
-minimiser, trajectory or verification objects, but the same compiled kernels and the same QP
-solver, called directly. Random starts and decisions are the same, deadlines are left out, so that
-it comes by the same plan: it is the yardstick for what the library's structure costs.
+minimiser, trajectory or verification objects, but the same compiled kernels, that of the replay
+among them, and the same QP solver, called directly. Random starts and decisions are the same,
+deadlines are left out, so that it comes by the same plan: it is the yardstick for what the
+library's structure costs.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from typing import Any, NamedTuple
 import daqp
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from tdm_planner.plants.pendulum_kernels import roll_arcs, steer_arcs
+from tdm_planner.plants.pendulum_replay import dormand_prince, replay_steps
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.switching_seeds import starts
 
@@ -111,26 +112,25 @@ def _without_short(n: Numbers, durations: Array, torques: Array) -> tuple[Array,
 
 def _replayed(made: PendulumSwingUp, n: Numbers, durations: Array, u: Array, turns: int) -> bool:
     """Whether the plant, sampled as it is written and replayed, ends upright within the limits."""
-    x, first, peak = n.start, 0.0, 0.0
-    for duration, torque in zip(durations, u, strict=True):
-        if duration <= 0.0:
-            continue
-        count = max(1, math.ceil(duration / 5e-3))
-        _roll(n, np.full(count, duration / count), np.full(count, torque), 8)
-        held, last = np.array([torque]), first + duration
-        piece = solve_ivp(
-            lambda t, x, u=held: made.plant.derivative(x, u),
-            (first, last),
-            x,
-            method='DOP853',
-            rtol=1e-9,
-            atol=1e-11,
-            dense_output=True,
-        )
-        dense = piece.sol(np.linspace(first, last, math.ceil(duration / 1e-3) + 1))
-        x, first, peak = piece.y[:, -1], last, max(peak, float(np.abs(dense[1]).max()))
-    error = np.abs(x - [2 * math.pi * turns, 0.0, 0.0, 0.0])
-    return bool((error <= [1e-4, 1e-4, 1e-3, 1e-3]).all()) and peak <= made.limits.disk_angle
+    arcs = durations > 0.0
+    ends, u = np.cumsum(durations[arcs]), u[arcs]
+    spacing, first, samples = min(5e-3, 0.05 / n.w0), 0.0, [np.zeros(1)]
+    for last, torque in zip(ends, u, strict=True):
+        count = max(1, math.ceil((last - first) / spacing))
+        _roll(n, np.full(count, (last - first) / count), np.full(count, torque), 8)
+        samples.append(np.linspace(first, last, count + 1)[1:])
+        first = last
+    grid = np.linspace(0.0, first, math.ceil(first / 1e-3) + 1)
+    times = np.union1d(grid, np.concatenate(samples))
+    held = u[np.minimum(np.searchsorted(ends, times[:-1], side='right'), u.size - 1)]
+    _, matrix, weights = dormand_prince()
+    states = np.empty((times.size, 4))
+    states[0] = n.start
+    stages = np.repeat(held[:, None], weights.size, axis=1)
+    replay_steps(n.k, np.diff(times), stages, matrix, weights, states)
+    error = np.abs(states[-1] - [2 * math.pi * turns, 0.0, 0.0, 0.0])
+    near = bool((error <= [1e-4, 1e-4, 1e-3, 1e-3]).all())
+    return near and float(np.abs(states[:, 1]).max()) <= made.limits.disk_angle
 
 
 def polish(

@@ -24,6 +24,7 @@ PLANTS = {
     'brachistochrone': 'Brachistochrone',
     'obstacle': 'RoundTheObstacle',
     'landing': 'Landing',
+    'pendulum': 'StatedSwingUp',
 }
 FOLDER = Path(__file__).parents[1] / 'docs' / 'plants'
 _SECONDS = 1.0

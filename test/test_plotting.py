@@ -63,12 +63,16 @@ def test_margins_of_a_problem_with_a_search_of_its_own(swing_up):
     """A problem that neither derives from the built-in ones nor is stated as a formulation."""
 
     class Foreign(Problem):
+        """Without limits."""
+
         name = 'foreign'
 
         def search(self, budget, rng, previous):
             raise NotImplementedError
 
     class Limited(Foreign):
+        """With one."""
+
         def constraints_on(self, trajectory):
             fastest = np.abs(trajectory.state('theta_dot')).max()
             return (

@@ -57,4 +57,6 @@ def draw(file: Path) -> None:
 
 
 if __name__ == '__main__':
-    draw(Path(sys.argv[1] if len(sys.argv) > 1 else 'figure_1.png'))
+    written = Path(sys.argv[1] if len(sys.argv) > 1 else 'figure_1.png')
+    draw(written)
+    print(f'written: {written.resolve()}')

@@ -8,8 +8,9 @@ y. = v sin(gamma), v. = g sin(gamma). None of the three can be prescribed togeth
 gamma(t) is the reference function and all three are integrated; the end (x_f, y_f) becomes two
 equalities. No boundary condition holds gamma: all its parameters are varied.
 
-The optimum is the cycloid, along which gamma falls linearly in time. One parameter gives the
-straight line, two the cycloid itself; more can add nothing.
+The optimum is the cycloid, along which gamma falls linearly in time. The duration is one varied
+parameter; with one of the slope beside it, two in all, comes the straight line, with three the
+cycloid itself; more can add nothing.
 
 Run it: ``python docs/plants/brachistochrone.py``.
 """
@@ -38,7 +39,9 @@ class Brachistochrone(DirectProblem, Validated):
     across: float = parameter(2.0, 'horizontal distance', unit='m', allowed=POSITIVE)
     down: float = parameter(1.0, 'vertical distance', unit='m', allowed=POSITIVE)
     gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
-    free: int = parameter(3, 'varied parameters of the slope', allowed=Range(1, 12))
+    free: int = parameter(
+        3, 'varied parameters of the slope, beside the duration', allowed=Range(1, 12)
+    )
     solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):

@@ -71,5 +71,5 @@ def table(counts: tuple[int, ...]) -> dict[int, float]:
 
 if __name__ == '__main__':
     print('varied parameters    t_f [s]    over the optimum')
-    for free, t_f in table((0, 2, 4, 6, 8, 12, 16)).items():
+    for free, t_f in table((0, 2, 4, 8, 12, 20)).items():
         print(f'{free + 1:17d}    {t_f:.5f}    {50 * (t_f - 2.0):.2f} %')

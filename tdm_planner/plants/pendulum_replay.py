@@ -41,7 +41,7 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array)
     longest = min(_LONGEST / plant.natural_frequency, _FASTEST / max(fastest, 1e-9))
     if steps.max() > longest:
         return None
-    formula = _formula()
+    formula = dormand_prince()
     if trajectory.interpolation == 'zero_order_hold':
         if not np.isin(_switches(trajectory), times).all():
             return None
@@ -53,7 +53,7 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array)
     states = np.empty((times.size, 4))
     states[0] = trajectory.states[0]
     with np.errstate(all='ignore'):
-        _replay(np.array(plant.coefficients), steps, torques, *formula[1:], states)
+        replay_steps(np.array(plant.coefficients), steps, torques, *formula[1:], states)
     return states
 
 
@@ -63,8 +63,8 @@ def _switches(trajectory: Trajectory) -> Array:
     return switches
 
 
-def _formula() -> tuple[Array, Array, Array]:
-    """Nodes c (12,), matrix a (12, 12), weights b (12,) of the formula."""
+def dormand_prince() -> tuple[Array, Array, Array]:
+    """Return nodes c (12,), matrix a (12, 12), weights b (12,) of the formula."""
     from scipy.integrate import DOP853
 
     return DOP853.C[:_STAGES], DOP853.A[:_STAGES, :_STAGES].copy(), DOP853.B.copy()
@@ -74,19 +74,23 @@ def compile_replay(plant: RotaryPendulum) -> None:
     """Compile the kernel or load it from the disk; nothing to do without a compiler."""
     if COMPILED:
         states = np.zeros((2, 4))
-        _replay(
+        replay_steps(
             np.array(plant.coefficients),
             np.full(1, 1e-3),
             np.zeros((1, _STAGES)),
-            *_formula()[1:],
+            *dormand_prince()[1:],
             states,
         )
 
 
 @compiled
-def _replay(
+def replay_steps(
     k: Array, steps: Array, torques: Array, matrix: Array, weights: Array, states: Array
 ) -> None:
+    """Fill `states` (n + 1, 4) from its first row on, over `steps` (n,) s.
+
+    `k` are the plant's coefficients, `torques` (n, 12) those at the stages of every step.
+    """
     rates, y = np.empty((12, 4)), np.empty(4)
     for node in range(steps.size):
         h = steps[node]
