@@ -105,6 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
     record.add_argument('-o', '--output', type=Path, required=True, metavar='BAG')
     record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
+    record.add_argument(
+        '--namespace', metavar='NAME', help='all topics in it, and those that nodes share'
+    )
     record.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     record.set_defaults(run=_record)
 
@@ -112,6 +115,9 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument('source', type=Path, metavar='BAG|PLAN', help='rosbag2 or plan.json')
     report.add_argument(
         '-o', '--output', type=Path, default=Path('report.html'), metavar='FILE.html'
+    )
+    report.add_argument(
+        '--namespace', metavar='NAME', help="the planner's, where a recording has several"
     )
     report.add_argument('--view', action='store_true', help='show it in the browser, until Ctrl-C')
     report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
@@ -161,14 +167,14 @@ def _demo(options: argparse.Namespace) -> int:
 def _record(options: argparse.Namespace) -> int:
     from tdm_sim.recorder import run
 
-    return run(options.output, options.topics, options.storage, options.quiet)
+    return run(options.output, options.topics, options.storage, options.quiet, options.namespace)
 
 
 def _report(options: argparse.Namespace) -> int:
     from tdm_sim.report.command import make_report
 
     with make_progress(options.quiet) as progress:
-        make_report(options.source, options.output, progress)
+        make_report(options.source, options.output, progress, options.namespace)
     progress.line(f'written to {options.output}')
     if options.view:
         _show(options.output)

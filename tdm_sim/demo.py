@@ -69,7 +69,7 @@ def run_demo(
         progress.phase(f'writing {output}/plan.json and {output}/plan.png')
         save_plan(scene.plan(), output / 'plan.json')
         scene.draw(output / 'plan.png')
-        fault = _report(output, progress)
+        fault = _report(output, scene.namespace, progress)
     Console(quiet=quiet, highlight=False).print(_table(verdict))
     progress.line(f'recorded to {output}/bag' + f', report in {output}/report.html' * (not fault))
     if fault:
@@ -79,12 +79,12 @@ def run_demo(
     return verdict.reached
 
 
-def _report(folder: Path, progress: Progress) -> str:
+def _report(folder: Path, namespace: str, progress: Progress) -> str:
     """Write the report; returns why there is none, '' otherwise: the verdict stands without it."""
     try:
         from tdm_sim.report.command import make_report
 
-        make_report(folder / 'bag', folder / 'report.html', progress)
+        make_report(folder / 'bag', folder / 'report.html', progress, namespace)
     except ModuleNotFoundError as error:
         return f"this needs '{error.name}', which is not installed: pip install {error.name}"
     except TdmError as error:
@@ -137,7 +137,12 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
             processes.start(
                 'recorder',
                 'tdm_planner.cli',
-                ['record', '-o', str(output / 'bag'), '--quiet'],
+                [
+                    'record',
+                    *('-o', str(output / 'bag')),
+                    *('--namespace', scene.namespace),
+                    '--quiet',
+                ],
             )
             for name, module, arguments in scene.nodes():
                 processes.start(name, module, arguments)

@@ -27,6 +27,7 @@ from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import make_progress
 from tdm_sim.progress import Progress as Shown
+from tdm_sim.topic_choice import TopicChoice
 from tdm_sim.wire_types import message_class, subscription_profile
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
@@ -64,15 +65,23 @@ class Progress:
 class Recorder(Node):
     """A node that subscribes topics as they appear and hands their messages to a writer.
 
-    `topics` are names as users give them; none means all but hidden ones.
+    `topics` are names as users give them, `namespace` adds all topics in it (`TopicChoice`).
     """
 
-    def __init__(self, writer: BagWriter, topics: Sequence[str] = (), **options: Any) -> None:
+    def __init__(
+        self,
+        writer: BagWriter,
+        topics: Sequence[str] = (),
+        namespace: str | None = None,
+        **options: Any,
+    ) -> None:
         super().__init__(
             'recorder', start_parameter_services=False, enable_rosout=False, **options
         )
         self._writer = writer
-        self._wanted = frozenset(self.resolve_topic_name(topic) for topic in topics)
+        self._choice = TopicChoice(
+            frozenset(self.resolve_topic_name(topic) for topic in topics), namespace
+        )
         self._recorded: set[str] = set()
         self._skipped: set[str] = set()
         self._lost: dict[str, int] = {}
@@ -87,16 +96,11 @@ class Recorder(Node):
     def subscribe_new_topics(self) -> None:
         """Subscribe every wanted topic that has a publisher and is not recorded yet."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._recorded or topic in self._skipped or not self._wants(topic):
+            if topic in self._recorded or topic in self._skipped or not self._choice.wants(topic):
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if publishers:
                 self._subscribe(topic, types, publishers)
-
-    def _wants(self, topic: str) -> bool:
-        if self._wanted:
-            return topic in self._wanted
-        return not any(part.startswith('_') for part in topic.split('/'))
 
     def _subscribe(self, topic: str, types: Sequence[str], publishers: Sequence[Any]) -> None:
         if len(types) != 1:
@@ -131,15 +135,18 @@ def record(
     topics: Sequence[str] = (),
     storage: str = 'mcap',
     *,
+    namespace: str | None = None,
     duration: float | None = None,
     stop: threading.Event | None = None,
+    on_start: Callable[[], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Progress:
     """Record topics to the new folder `output` until SIGINT or SIGTERM.
 
-    Without `topics` everything is recorded but hidden topics; topics that appear later are taken
-    up. Ends earlier after `duration` s or when `stop` is set. `on_progress` is called about twice
-    a second. Returns the final figures. A recording that fails leaves what it has.
+    Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
+    and what nodes share (`TopicChoice`); topics that appear later are taken up. Ends earlier after
+    `duration` s or when `stop` is set. `on_start` is called once the folder is made, `on_progress`
+    about twice a second. Returns the final figures. A recording that fails leaves what it has.
 
     Raises
     ------
@@ -153,7 +160,9 @@ def record(
         BagWriter(Path(output), storage) as writer,
         _own_context() as context,
     ):
-        node = Recorder(writer, topics, context=context)
+        if on_start:
+            on_start()
+        node = Recorder(writer, topics, namespace, context=context)
         figures = _Figures(writer, node)
         executor = make_executor(context)
         executor.add_node(node)
@@ -246,23 +255,36 @@ def _signals_set(event: threading.Event) -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def run(output: Path, topics: Sequence[str], storage: str, quiet: bool = False) -> int:
+def run(
+    output: Path,
+    topics: Sequence[str],
+    storage: str,
+    quiet: bool = False,
+    namespace: str | None = None,
+) -> int:
     """Record as ``tdm record`` does, with a live line; returns the exit code of the process."""
     shown = make_progress(quiet)
     told = _Telling(shown)
     try:
         with shown:
-            shown.phase(f'recording to {output}: Ctrl-C ends')
-            done = record(output, topics, storage, on_progress=told)
+            done = record(
+                output,
+                topics,
+                storage,
+                namespace=namespace,
+                on_start=lambda: shown.phase(f'recording to {output}: Ctrl-C ends'),
+                on_progress=told,
+            )
     except IncompleteRecording as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
     except RecordingError as error:
         print(f'error: {error}', file=sys.stderr)
         return 2
-    shown.line(f'{done.messages} messages in {done.elapsed:.1f} s written to {output}')
-    if done.dropped:
-        shown.line(f'  {done.dropped:8d}  were lost on the way here')
+    shown.line(
+        f'{done.messages} messages in {done.elapsed:.1f} s written to {output}, '
+        f'{done.dropped} dropped'
+    )
     for topic, count in sorted(done.counts.items()):
         shown.line(f'  {count:8d}  {topic}')
     return 0

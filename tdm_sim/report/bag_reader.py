@@ -24,6 +24,7 @@ from tdm_sim.report.plan_documents import (
     PlanSummary,
     read_summary,
 )
+from tdm_sim.report.recorded_choice import choose
 from tdm_sim.report.recorded_events import events, statuses
 from tdm_sim.report.recorded_gaps import gaps
 from tdm_sim.report.recorded_plans import in_force, read_plans, TimedPlan
@@ -48,7 +49,10 @@ def read_bag(path: Path, namespace: str | None = None) -> Mission:
     notes: list[str] = []
     topics = _topics(path, notes)
     summaries = _summaries(topics, notes)
-    sites = _chosen(find_sites(topics, summaries), topics, namespace, path, notes)
+    found = find_sites(topics, summaries)
+    if not found:
+        raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
+    sites = choose(found, topics, namespace, notes)
     return _mission(topics, summaries.get(sites[0].planner, {}), sites, path, notes)
 
 
@@ -97,43 +101,6 @@ def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
             else:
                 found.setdefault(namespace_of(topic), {})[summary.start] = summary
     return found
-
-
-def _chosen(
-    sites: list[Site],
-    topics: RecordedTopics,
-    namespace: str | None,
-    path: Path,
-    notes: list[str],
-) -> list[Site]:
-    """Return the vehicles of one planner: that of `namespace` or, by default, the first."""
-    planners = list(dict.fromkeys(site.planner for site in sites))
-    if not planners:
-        raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
-    if namespace is None:
-        chosen = max(planners, key=lambda planner: _plan_count(topics, sites, planner))
-    else:
-        chosen = '/' + namespace.strip('/') if namespace.strip('/') else ''
-        if chosen not in planners:
-            listed = ', '.join(untrusted.text(planner, 60) or '/' for planner in planners)
-            raise UnreadableRecording(
-                f"the recording '{path}' holds nothing in the namespace '{namespace}'; it has: "
-                + listed
-            )
-    others = [untrusted.text(p, 60) or '/' for p in planners if p != chosen]
-    if others:
-        notes.append(
-            f'The recording also holds {", ".join(others)}, which this report does not tell of.'
-        )
-    return [site for site in sites if site.planner == chosen]
-
-
-def _plan_count(topics: RecordedTopics, sites: Sequence[Site], planner: str) -> int:
-    return sum(
-        len(topics.messages.get(f'{site.namespace}/trajectory', ()))
-        for site in sites
-        if site.planner == planner
-    )
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,12 @@ from tdm_sim.report.reader import read_mission
 ENDINGS = ('.html', '.htm')
 
 
-def make_report(source: Path, output: Path, progress: Progress) -> None:
+def make_report(
+    source: Path, output: Path, progress: Progress, namespace: str | None = None
+) -> None:
     """Write the report on a recording or a plan file.
+
+    `namespace` chooses among several planners in one recording.
 
     Raises
     ------
@@ -24,6 +28,6 @@ def make_report(source: Path, output: Path, progress: Progress) -> None:
     """
     check_path(output, ENDINGS)
     progress.phase(f'reading {source}')
-    mission = read_mission(source)
+    mission = read_mission(source, namespace)
     progress.phase(f'writing {output}')
     write_report(mission, output)

@@ -14,7 +14,8 @@ from tdm_sim.report.plan_reader import read_plan
 def read_mission(path: Path | str, namespace: str | None = None) -> Mission:
     """Read a rosbag2 folder, a single .mcap or .db3 file, or a plan file (.json).
 
-    `namespace` chooses among several planners in one recording.
+    A rosbag2 may be given by its metadata.yaml too. `namespace` chooses among several planners in
+    one recording.
 
     Raises
     ------
@@ -22,4 +23,6 @@ def read_mission(path: Path | str, namespace: str | None = None) -> Mission:
         In one sentence, if nothing can be made of it.
     """
     path = Path(path)
+    if path.name == 'metadata.yaml' and path.is_file():
+        path = path.parent
     return read_plan(path) if path.suffix.lower() == '.json' else read_bag(path, namespace)

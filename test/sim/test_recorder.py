@@ -132,7 +132,26 @@ def test_only_the_topics_asked_for(ros: Ros, tmp_path: Path) -> None:
     ros.spin_for(0.3)
     assert recorder.end() == 0
     assert list(read_with_mcap(bag)) == ['/chosen/one']
-    assert '1 messages' in recorder.output
+    assert re.search(r'^1 messages in .* written to .*, 0 dropped$', recorder.output, re.MULTILINE)
+
+
+def test_a_namespace_and_nothing_of_others(ros: Ros, tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    topics = ('/mine/one/state', '/mine/plan', '/other/plan', '/minecraft/plan', '/tf')
+    publishers = [ros.node.create_publisher(String, topic, LATCHED) for topic in topics]
+    for publisher in publishers:
+        publisher.publish(String(data='x'))
+    recorder = start(ros, bag, '--namespace', 'mine')
+    assert ros.spin_until(
+        lambda: all(publishers[k].get_subscription_count() > 0 for k in (0, 1, 4))
+    )
+    ros.spin_for(0.3)
+    assert recorder.end() == 0
+    assert set(read_with_mcap(bag)) - {'/rosout', '/clock', '/diagnostics', '/tf_static'} == {
+        '/mine/one/state', '/mine/plan', '/tf',
+    }  # fmt: skip
+    for publisher in publishers:
+        ros.node.destroy_publisher(publisher)
 
 
 def test_a_message_type_that_is_not_installed_is_skipped_with_a_reason(ros: Ros) -> None:
@@ -191,7 +210,9 @@ def test_an_existing_folder_is_refused_and_left_alone(
     with pytest.raises(RecordingError, match='exists already: choose another or remove it'):
         record(tmp_path)
     assert main(['record', '-o', str(tmp_path)]) == 2
-    assert capsys.readouterr().err == (
+    shown = capsys.readouterr()
+    assert shown.out == ''
+    assert shown.err == (
         f"error: the folder '{tmp_path}' exists already: choose another or remove it\n"
     )
     assert [path.name for path in tmp_path.iterdir()] == ['precious']
@@ -425,7 +446,7 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
         ros.spin_for(0.05)
     assert recorder.end() == 0
     received = len(read_with_mcap(tmp_path / 'bag')['/lost'])
-    lost = re.search(r'(\d+)  were lost on the way here', recorder.output)
+    lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
     assert lost is not None, recorder.output
     assert 0 < int(lost.group(1)) <= 4020 - received
 

@@ -334,6 +334,42 @@ def test_the_planner_asked_for_of_two(tmp_path: Path):
         read_mission(bag, namespace='/x')
 
 
+@pytest.mark.parametrize('absent', [('odom', 'joint_states'), ('odom',)])
+def test_of_two_planners_the_one_whose_plan_was_carried_out(tmp_path: Path, absent):
+    """A planner that did its work earlier still publishes its plans to whoever comes."""
+    earlier = [item for item in robot_recording() if not item.topic.endswith(absent)]
+    mission = read_mission(write(tmp_path / 'bag', [*earlier, *pendulum_recording()]))
+    check_pendulum(mission)
+    assert any('also holds /robots' in text for text in mission.missing)
+
+
+def test_of_two_planners_the_one_that_moved_while_it_was_recorded(tmp_path: Path):
+    """The robots have long been in place: what is measured of them is after their plans."""
+    late = 60 * 10**9
+    standing = [
+        Item(item.topic, item.type_name, item.stamp + late,
+             odometry(item.stamp + late, item.topic.split('/')[-2], [1.0] * 6))
+        for item in robot_recording()
+        if item.topic.endswith('/odom')
+    ]  # fmt: skip
+    plans = without(robot_recording(), '/odom', '/joint_states')
+    check_pendulum(
+        read_mission(write(tmp_path / 'bag', [*plans, *standing, *pendulum_recording()]))
+    )
+
+
+def test_of_two_planners_that_were_not_followed_the_one_with_a_plan(tmp_path: Path):
+    idle = without(robot_recording(), '/trajectory', '/controls', '/plan_summary')
+    planned = without(pendulum_recording(), '/joint_states', '/joint_command', '/tracking_error')
+    mission = read_mission(write(tmp_path / 'bag', [*idle, *planned]))
+    assert [vehicle.name for vehicle in mission.vehicles] == ['pendulum']
+
+
+def test_the_metadata_stand_for_the_recording(tmp_path: Path):
+    bag = write(tmp_path / 'bag', pendulum_recording())
+    check_pendulum(read_mission(bag / 'metadata.yaml'))
+
+
 def test_without_a_namespace(tmp_path: Path):
     check_pendulum(read_mission(write(tmp_path / 'bag', pendulum_recording(''))))
 

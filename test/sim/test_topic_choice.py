@@ -1,0 +1,34 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+import pytest
+from tdm_sim.topic_choice import TopicChoice
+
+
+@pytest.mark.parametrize('namespace', ['robots', '/robots', '/robots/'])
+def test_a_namespace(namespace):
+    choice = TopicChoice(namespace=namespace)
+    assert choice.wants('/robots/plan_summary')
+    assert choice.wants('/robots/robot1/odom')
+    for shared in ('/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'):
+        assert choice.wants(shared)
+    assert not choice.wants('/robots2/plan_summary')
+    assert not choice.wants('/pendulum/robots/plan_summary')
+    assert not choice.wants('/robots/_hidden/odom')
+
+
+def test_names_and_a_namespace():
+    choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
+    assert choice.wants('/chosen')
+    assert choice.wants('/_hidden')
+    assert not choice.wants('/tf')
+    both = TopicChoice(frozenset({'/chosen'}), 'robots')
+    assert both.wants('/chosen')
+    assert both.wants('/robots/plan_summary')
+    assert not both.wants('/other')
+
+
+def test_everything_but_what_is_hidden():
+    for choice in (TopicChoice(), TopicChoice(namespace='/')):
+        assert choice.wants('/x/y')
+        assert not choice.wants('/_x/y')
+        assert not choice.wants('/x/_y')
