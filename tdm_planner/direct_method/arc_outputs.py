@@ -14,9 +14,9 @@ from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integ
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
 from tdm_planner.direct_method.virtual_domain import (
-    arc_derivatives,
+    candidate_arc_derivatives,
+    candidate_time_derivatives,
     reciprocal,
-    time_derivatives,
 )
 
 Array = NDArray[np.float64]
@@ -78,7 +78,9 @@ class ArcOutputs:
             if self.degree == 0:
                 values[name] = [value / mu[0] ** order for order, value in enumerate(jet)]
             else:
-                values[name] = time_derivatives(jet, reciprocal(mu[: max(1, len(jet) - 1)]))
+                values[name] = candidate_time_derivatives(
+                    jet, reciprocal(mu[: max(1, len(jet) - 1)])
+                )
         return mu[0], times, values
 
     def _time(self, xi: Values, s: Array) -> tuple[list[Values], Values]:
@@ -107,7 +109,7 @@ class ArcOutputs:
                 size = max(given, default=-1) + 1
                 jet = [np.full(count, given.get(order, 0.0)) for order in range(size)]
                 speed = reciprocal(at)
-                found = dict(enumerate(arc_derivatives(jet, speed))) if jet else {}
+                found = dict(enumerate(candidate_arc_derivatives(jet, speed))) if jet else {}
             columns += [np.broadcast_to(found[order], count) for order in given]
         return np.stack(columns, axis=-1) if columns else np.zeros((count, 0))
 

@@ -126,6 +126,42 @@ def check_arc(tau_0: Any, tau_f: Any) -> tuple[float, float]:
     return first, last
 
 
+def arc_power(span: float, order: int) -> float:
+    """Return the length of an arc to the power of a derivative's order.
+
+    Raises
+    ------
+    InvalidProblem
+        If the arc is too long or too short for that derivative to be computed.
+    """
+    with np.errstate(all='ignore'):
+        power = float(np.float64(span) ** order)
+    if not 0.0 < power < np.inf:
+        raise InvalidProblem(
+            f'derivative {order} cannot be computed on a virtual arc of length {span:g}: '
+            'tau_f - tau_0 is too many orders of magnitude from 1'
+        )
+    return power
+
+
+def scaled_values(values: Array, scales: Array) -> Array:
+    """Return boundary values by s on the unit interval from those by tau.
+
+    Raises
+    ------
+    InvalidProblem
+        If one of them leaves the range of numbers.
+    """
+    with np.errstate(all='ignore'):
+        found = values * scales
+    if not np.isfinite(found).all():
+        raise InvalidProblem(
+            f'the boundary values, up to {np.abs(values).max():g}, cannot be computed with on a '
+            'virtual arc of this length: they are too large'
+        )
+    return np.asarray(found)
+
+
 def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
     """Return the orders of the derivatives given at one end.
 

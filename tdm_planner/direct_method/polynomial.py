@@ -21,12 +21,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.checks import (
+    arc_power,
     check_arc,
     check_conditions,
     check_derivative,
     check_orders,
     common_shape,
     real_array,
+    scaled_values,
 )
 from tdm_planner.exceptions import InvalidProblem
 
@@ -164,12 +166,11 @@ class PolynomialReference:
         for where, given in (('start', start), ('end', end)):
             check_conditions(where, given)
         self.basis = PolynomialBasis.of(tuple(start), tuple(end))
-        orders = np.array([*start, *end])
         values = common_shape([*start.values(), *end.values()], 'the boundary values')
         self._span = self.tau_f - self.tau_0
-        self._scales = self._span**orders
+        self._scales = np.array([arc_power(self._span, k) for k in (*start, *end)])
         scales = self._scales.reshape(-1, *(1,) * (values.ndim - 1))
-        self._data = values * scales
+        self._data = scaled_values(values, scales)
 
     @property
     def order(self) -> int:
@@ -179,12 +180,14 @@ class PolynomialReference:
     def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
         shapes = self.basis.values(self._unit(tau), check_derivative(order))
-        return np.asarray(np.tensordot(shapes, self._data, axes=(-1, 0)) / self._span**order)
+        return np.asarray(
+            np.tensordot(shapes, self._data, axes=(-1, 0)) / arc_power(self._span, order)
+        )
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the derivative of `x(tau, order)` by the end derivatives, (n..., m)."""
         shapes = self.basis.values(self._unit(tau), check_derivative(order))
-        return np.asarray(shapes * self._scales / self._span**order)
+        return np.asarray(shapes * self._scales / arc_power(self._span, order))
 
     def _unit(self, tau: ArrayLike) -> Array:
         return (real_array(tau, 'tau') - self.tau_0) / self._span

@@ -34,8 +34,17 @@ def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike
     Raises
     ------
     InvalidProblem
-        If `speed` has too few derivatives or is not positive, or shapes do not match.
+        If a number is not finite, `speed` has too few derivatives or is not positive, or shapes do
+        not match.
     """
+    _check_finite(derivatives, speed)
+    return candidate_time_derivatives(derivatives, speed)
+
+
+def candidate_time_derivatives(
+    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
+) -> list[Values]:
+    """Do the same for candidates of a search, which need not be finite."""
     jet, factor = _jets(derivatives, speed)
     found = jet[:1]
     while len(jet) > 1:
@@ -50,12 +59,21 @@ def arc_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
     Raises
     ------
     InvalidProblem
-        If `speed` has too few derivatives or is not positive, or shapes do not match.
+        If a number is not finite, `speed` has too few derivatives or is not positive, or shapes do
+        not match.
     """
+    _check_finite(derivatives, speed)
+    return candidate_arc_derivatives(derivatives, speed)
+
+
+def candidate_arc_derivatives(
+    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
+) -> list[Values]:
+    """Do the same for candidates of a search, which need not be finite."""
     wanted, factor = _jets(derivatives, speed)
     found = wanted[:1]
     for order in range(1, len(wanted)):
-        lower = time_derivatives([*found, np.zeros_like(found[0])], factor[:order])[-1]
+        lower = candidate_time_derivatives([*found, np.zeros_like(found[0])], factor[:order])[-1]
         found.append((wanted[order] - lower) / factor[0] ** order)
     return found
 
@@ -114,6 +132,14 @@ def _jets(
             f'derivatives and speed factor must share a shape, but have {shapes}'
         ) from None
     return jet, factor
+
+
+def _check_finite(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> None:
+    for values, of in zip(_jets(derivatives, speed), ('', ' of the speed factor'), strict=True):
+        for order, value in enumerate(values):
+            if not np.isfinite(value).all():
+                wrong = value[~np.isfinite(value)].flat[0]
+                raise InvalidProblem(f'derivative {order}{of} is {wrong}, not a finite number')
 
 
 def _numbers(values: Sequence[ArrayLike], what: str) -> list[Values]:

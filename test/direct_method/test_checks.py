@@ -270,3 +270,29 @@ def test_numbers_of_any_kind_are_numbers():
     assert PolynomialReference({np.int64(0): 1}, {0: np.float32(2)}, 1)(1) == 2.0
     assert PolynomialReference({0: 1}, {0: 2}, 1)(0.5, np.int32(1)) == 1.0
     assert float(SpeedFactor(np.array(2), 4).duration) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize('convert', [time_derivatives, arc_derivatives])
+@pytest.mark.parametrize('wrong', [np.nan, np.inf])
+def test_conversions_of_what_is_not_finite(convert, wrong):
+    message = refused(lambda: convert([1.0, np.array([0.0, wrong])], [1.0]))
+    assert f'derivative 1 is {wrong}' in message
+    message = refused(lambda: convert([1.0, 2.0, 3.0], [1.0, wrong]))
+    assert f'derivative 1 of the speed factor is {wrong}' in message
+
+
+@pytest.mark.parametrize('tau_f', [1e99, 1e-99])
+def test_polynomials_on_arcs_whose_powers_are_no_numbers(tau_f):
+    message = refused(
+        lambda: PolynomialReference({0: 0, 1: 0, 2: 0, 3: 0, 4: 1e10}, {0: 1}, tau_f)
+    )
+    assert 'derivative 4 cannot be computed on a virtual arc of length' in message
+    x = PolynomialReference({0: 0}, {0: 1}, tau_f)
+    assert x(tau_f) == 1.0
+    for call in (x, x.jacobian):
+        assert 'derivative 4 cannot' in refused(lambda call=call: call(tau_f, 4))
+
+
+def test_boundary_values_beyond_the_range_of_numbers():
+    message = refused(lambda: PolynomialReference({0: 0, 1: 0, 2: 0, 3: 1e300}, {0: 1}, 1e80))
+    assert 'up to 1e+300, cannot be computed with' in message
