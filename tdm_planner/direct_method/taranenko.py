@@ -15,12 +15,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.checks import (
+    arc_power,
     check_arc,
     check_conditions,
     check_derivative,
     check_orders,
     common_shape,
     real_array,
+    scaled_values,
     shown,
 )
 from tdm_planner.direct_method.shapes import Shapes
@@ -172,8 +174,8 @@ class TaranenkoReference:
         self.basis = TaranenkoBasis.of(shapes, tuple(start), tuple(end))
         values = common_shape([*start.values(), *end.values()], 'the boundary values')
         self._span = self.tau_f - self.tau_0
-        scales = self._span ** np.array([*start, *end])
-        self._given = values * scales.reshape(-1, *(1,) * (values.ndim - 1))
+        scales = np.array([arc_power(self._span, k) for k in (*start, *end)])
+        self._given = scaled_values(values, scales.reshape(-1, *(1,) * (values.ndim - 1)))
         self._check_conditions()
         self.varied = self._checked(varied)
 
@@ -194,12 +196,13 @@ class TaranenkoReference:
         s, order = self._unit(tau), check_derivative(order)
         value = np.tensordot(self.basis.given(s, order), self._given, axes=(-1, 0))
         value = value + np.tensordot(self.basis.varied(s, order), self.varied, axes=(-1, 0))
-        return np.asarray(value / self._span**order)
+        return np.asarray(value / arc_power(self._span, order))
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
         """Return the derivative of `x(tau, order)` by the varied coefficients, (n..., mv)."""
         order = check_derivative(order)
-        return np.asarray(self.basis.varied(self._unit(tau), order) / self._span**order)
+        shapes = self.basis.varied(self._unit(tau), order)
+        return np.asarray(shapes / arc_power(self._span, order))
 
     def _unit(self, tau: ArrayLike) -> Array:
         return (real_array(tau, 'tau') - self.tau_0) / self._span

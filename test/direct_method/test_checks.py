@@ -296,3 +296,11 @@ def test_polynomials_on_arcs_whose_powers_are_no_numbers(tau_f):
 def test_boundary_values_beyond_the_range_of_numbers():
     message = refused(lambda: PolynomialReference({0: 0, 1: 0, 2: 0, 3: 1e300}, {0: 1}, 1e80))
     assert 'up to 1e+300, cannot be computed with' in message
+
+
+@pytest.mark.parametrize('tau_f', [1e99, 1e-99])
+def test_series_on_arcs_whose_powers_are_no_numbers(tau_f):
+    x = series(start=(0.0,), end=(1.0,), tau_f=tau_f)
+    assert x(tau_f) == 1.0
+    for call in (x, x.jacobian):
+        assert 'derivative 4 cannot' in refused(lambda call=call: call(tau_f, 4))
