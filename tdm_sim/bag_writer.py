@@ -113,7 +113,7 @@ class BagWriter:
             self._fail(error)
 
     def keep(self) -> None:
-        """Let what has been written survive a kill, every few seconds; to be called often."""
+        """Let what has been written survive a kill, every second; to be called often."""
         now = time.monotonic()
         if self.failure or self._keeper is None or now - self._completed < LONGEST_OPEN:
             return

@@ -3,8 +3,8 @@
 """What makes a bag survive a full disk, or a recorder that is killed.
 
 `rosbags` writes MCAP in blocks of a megabyte and SQLite in a single transaction. Here blocks are
-completed and transactions committed every few seconds; and space is kept in reserve for what must
-be written at the end.
+completed and transactions committed every second, or sooner if they get large; and space is kept
+in reserve for what must be written at the end.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import sqlite3
 from typing import Any, Protocol
 
 RESERVE = 8 * 2**20  # bytes: a block of messages, the index of all, the metadata
-LONGEST_OPEN = 5.0  # s that messages wait to be completed or committed
-MOST_OPEN = 2**20  # bytes of messages that wait
+LONGEST_OPEN = 1.0  # s that messages wait to be completed or committed
+LARGEST_BLOCK = 2**18  # bytes of messages in a block of MCAP
+MOST_OPEN = 2**20  # bytes of messages that wait in SQLite, where committing them takes longer
 
 StorageError = (OSError, sqlite3.Error)
 
@@ -69,6 +70,8 @@ class _McapKeeper:
         self._end = int(storage.bio.tell())
 
     def written(self, topic: int, stamp: int, data: bytes) -> None:
+        if self._storage.chunk.bio.tell() > LARGEST_BLOCK:
+            self._storage.close_chunk()
         self._note_blocks()
 
     def _note_blocks(self) -> None:

@@ -16,16 +16,16 @@ import re
 import shutil
 import struct
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report import untrusted
+from tdm_sim.report.damaged_mcap import LARGEST_RECORD, read_records
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
 _SIDECARS = ('-wal', '-journal')
-_LARGEST_RECORD = 2**30  # bytes; a longer one is damage
 _LARGEST_PAGE = 65536  # of SQLite, bytes
 _LARGEST_DATABASE = 2**42
 _BLOCK = 2**20
@@ -129,9 +129,9 @@ def unpacked(data: bytes) -> bytes:
     import zstandard
 
     limit = zstandard.frame_content_size(data)
-    if limit > _LARGEST_RECORD:
+    if limit > LARGEST_RECORD:
         raise ValueError('a compressed message is too large')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST_RECORD)
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_RECORD)
 
 
 def _storage(path: Path) -> str:
@@ -214,7 +214,7 @@ def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw
         raise _without('mcap', path) from None
     topics: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
-    for record in _mcap_records(path, notes):
+    for record in read_records(path, notes):
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -224,49 +224,6 @@ def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw
             if wanted(topic, kind):
                 with suppress(Exception):  # of a compressed message that is damaged
                     yield Raw(topic, kind, record.log_time, unpacked(record.data))
-
-
-def _mcap_records(path: Path, notes: list[str]) -> Iterator[Any]:
-    """Read records from the beginning as far as they go; blocks that are damaged are left out."""
-    from mcap.exceptions import InvalidMagic
-    from mcap.records import Chunk, Footer
-    from mcap.stream_reader import breakup_chunk, StreamReader
-
-    lost, complete, begun = 0, False, False
-    with path.open('rb') as file:
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=_LARGEST_RECORD)
-        records = iter(reader.records)
-        while True:
-            try:
-                record = next(records, None)
-            except InvalidMagic:  # of the beginning or, where there was a footer, of the end
-                if not begun:
-                    notes.append(f'{path.name} is not an MCAP file.')
-                    return
-                break
-            except Exception:  # noqa: B902
-                # The library raises many kinds where a file ends in the middle.
-                break
-            if record is None:
-                break
-            begun, complete = True, complete or isinstance(record, Footer)
-            if not isinstance(record, Chunk):
-                yield record
-                continue
-            try:
-                parts = breakup_chunk(record, validate_crc=True)
-            except Exception:  # noqa: B902
-                # As many kinds for a block that is damaged.
-                lost += 1
-                continue
-            yield from parts
-    if lost:
-        notes.append(f'{path.name}: {lost} damaged block(s) of messages were left out.')
-    if not complete:
-        notes.append(
-            f'{path.name} was cut short: what was recorded last is missing, up to the last block '
-            'of messages that is whole.'
-        )
 
 
 def _salvaged_sqlite(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:

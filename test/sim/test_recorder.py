@@ -399,6 +399,15 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(
         assert seen == 50
 
 
+def test_blocks_are_small_enough_to_lose(tmp_path: Path) -> None:
+    """What a kill at any time leaves on disk, however much comes within a second."""
+    bag = tmp_path / 'bag'
+    with BagWriter(bag) as writer:
+        assert written(writer, 1500, 1000) == 1500
+        assert 1_500_000 - (bag / 'bag.mcap').stat().st_size < full_disk.LARGEST_BLOCK
+    assert len(read_with_mcap(bag)['/t']) == 1500
+
+
 def test_figures_of_the_progress_line() -> None:
     shown = str(Progress(61.2, {'/a': 3, '/b': 4}, dropped=2, size=1_250_000, rate=99.6))
     assert shown == '61 s, 7 messages on 2 topics, 100/s, 1.2 MB, 2 dropped'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import shutil
+import struct
 
 from mission_bags import (
     DURATION,
@@ -142,6 +143,58 @@ def test_a_recording_cut_short_is_read_as_far_as_it_goes(
     assert vehicle.states is not None
     assert vehicle.states.times[0] == pytest.approx(-0.5)
     assert 0.4 * share < vehicle.states.times.size / len(instants()) < 1.0
+
+
+def cut(file: Path, size: int) -> Path:
+    """Return a copy of the first bytes of a recording's file."""
+    copy = file.with_name(f'cut_{file.name}')
+    copy.write_bytes(file.read_bytes()[:size])
+    return copy
+
+
+@pytest.mark.parametrize('compression', ['', 'storage'])
+@pytest.mark.parametrize('share', [0.15, 0.3, 0.6, 0.9])
+def test_of_a_block_that_is_cut_off_the_whole_messages_are_read(
+    tmp_path: Path, compression: str, share: float
+):
+    """All of it is in the first block; of a compressed one, what its parts hold that are whole."""
+    motion = [*pendulum_recording(), *filling()[:150]] if compression else pendulum_recording()
+    motion = [item for item in motion if item.stamp < START + 10**9]
+    bag = write(tmp_path / 'bag', motion, 'mcap', compression)
+    file = bag / 'bag.mcap'
+    content = file.read_bytes()
+    records = content.index(b'\x06', 8)
+    (size,) = struct.unpack_from('<Q', content, records + 1)
+    mission = read_mission(cut(file, records + int(share * size)))
+    assert any('cut short' in text for text in mission.missing)
+    (vehicle,) = mission.vehicles
+    assert vehicle.states is not None
+    whole = read_mission(bag).vehicles[0].states
+    assert whole is not None
+    if not compression:
+        # Definitions and the plan come first: what is measured takes up the rest, evenly.
+        first = content.index(b'joint_states') - records
+        expected = (share * size - first) / (size - first) * whole.times.size
+        assert vehicle.states.times.size >= 0.95 * expected - 5
+    assert 0 < vehicle.states.times.size < whole.times.size
+    np.testing.assert_array_equal(vehicle.states.values, whole.values[: vehicle.states.times.size])
+
+
+def test_a_file_cut_anywhere_gives_all_messages_before_the_cut(tmp_path: Path):
+    """Of a file of several blocks."""
+    from tdm_sim.report.bag_files import salvaged
+
+    file = write(tmp_path / 'bag', [*pendulum_recording(), *filling()]) / 'bag.mcap'
+    size = file.stat().st_size
+    every = list(salvaged(file, lambda *_: True, []))
+    total = sum(len(item.data) for item in every)
+    random = np.random.default_rng(5)
+    for at in random.integers(size // 50, size, 12):
+        found = list(salvaged(cut(file, int(at)), lambda *_: True, []))
+        assert found == every[: len(found)]
+        read = sum(len(item.data) for item in found)
+        # 3 % are definitions and index, 12 kB the longest message
+        assert read > 0.97 * at / size * total - 50_000
 
 
 def test_a_damaged_block_does_not_cost_the_others(tmp_path: Path):
