@@ -212,7 +212,7 @@ def test_a_rate_without_a_value_in_the_replay_rejects_the_candidate():
     assert 0 in calls
 
 
-def test_a_candidate_whose_refinement_was_cut_short_says_so(monkeypatch):
+def test_a_candidate_whose_refinement_was_cut_short_says_so():
     problem = type('Changed', (Cart,), {'derivative': lambda s, x, u: (x[1], 1.1 * u[0])})(
         solver=SolverParameters(deadline=20.0)
     )
