@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -17,16 +18,42 @@ def bernstein_basis(degree: int, s: ArrayLike, derivative: int = 0) -> Array:
     at = np.asarray(s, dtype=float)
     if derivative > degree:
         return np.zeros((*at.shape, degree + 1))
-    reduced = degree - derivative
-    powers = [
-        math.comb(reduced, i) * at**i * (1.0 - at) ** (reduced - i) for i in range(reduced + 1)
-    ]
-    differences = np.diff(np.eye(degree + 1), n=derivative, axis=0)
-    return np.asarray(math.perm(degree, derivative) * (np.stack(powers, axis=-1) @ differences))
+    return _products(degree - derivative, at) @ _derivatives(degree, derivative)
 
 
 def bernstein_integral(degree: int, s: ArrayLike) -> Array:
     """Return the integral of B_0..B_degree from 0 to s (...), (..., degree + 1)."""
-    above = bernstein_basis(degree + 1, s)
-    tails = np.cumsum(above[..., ::-1], axis=-1)[..., ::-1]
-    return np.asarray(tails[..., 1:] / (degree + 1))
+    return _products(degree + 1, np.asarray(s, dtype=float)) @ _integrals(degree)
+
+
+def _products(degree: int, s: Array) -> Array:
+    """Return s^i (1 - s)^(degree - i), i = 0..degree: B_i without its coefficient."""
+    powers = np.empty((2, degree + 1, s.size))
+    powers[:, 0] = 1.0
+    powers[0, 1:], powers[1, 1:] = s.ravel(), 1.0 - s.ravel()
+    np.multiply.accumulate(powers, axis=1, out=powers)
+    products: Array = powers[0] * powers[1, ::-1]
+    return products.T.reshape(*s.shape, degree + 1)
+
+
+@lru_cache(maxsize=64)
+def _derivatives(degree: int, derivative: int) -> Array:
+    """Derivatives of B_0..B_degree, one a column, in the products of the reduced degree."""
+    steps = np.diff(np.eye(degree + 1), n=derivative, axis=0)
+    return _constant(math.perm(degree, derivative) * _binomials(degree - derivative) * steps)
+
+
+@lru_cache(maxsize=64)
+def _integrals(degree: int) -> Array:
+    """Integrals of B_0..B_degree, one a column, in the products of the next degree."""
+    tails = np.tri(degree + 2, degree + 1, -1)
+    return _constant(_binomials(degree + 1) * tails / (degree + 1))
+
+
+def _binomials(degree: int) -> Array:
+    return np.array([[float(math.comb(degree, i))] for i in range(degree + 1)])
+
+
+def _constant(matrix: Array) -> Array:
+    matrix.flags.writeable = False
+    return matrix

@@ -93,19 +93,19 @@ class LegendrePolynomials:
 
 @dataclass(frozen=True, eq=False)
 class OrthonormalBasis:
-    """A basis whose free shapes are orthonormal in the mean of f g + f'' g'' over the arc."""
+    """A basis with orthonormal free shapes, by default in the mean of f g + f'' g''."""
 
     basis: ReferenceBasis
     transformation: Array
 
     @classmethod
-    def of(cls, basis: ReferenceBasis) -> OrthonormalBasis:
-        """Make the free shapes of `basis` orthonormal."""
+    def of(cls, basis: ReferenceBasis, derivatives: tuple[int, ...] = (0, 2)) -> OrthonormalBasis:
+        """Make the free shapes orthonormal in the mean of these derivatives' products."""
         count = len(basis.start) + len(basis.end) + basis.varied(0.0).size
         points, weights = np.polynomial.legendre.leggauss(max(64, count + 8))
         root = np.sqrt(weights / 2.0)[:, None]
         at = (points + 1.0) / 2.0
-        sampled = np.concatenate([root * basis.varied(at, k) for k in (0, 2)])
+        sampled = np.concatenate([root * basis.varied(at, k) for k in derivatives])
         sizes = np.linalg.norm(sampled, axis=0)
         _, triangle = np.linalg.qr(sampled / sizes)
         return cls(basis, np.linalg.inv(triangle) / sizes[:, None])

@@ -34,6 +34,9 @@ from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 
+# Multiplications of one matrix product: few enough for the result not to depend on the threads.
+_BLOCK = 65536
+
 
 @dataclass(frozen=True, eq=False)
 class PolynomialBasis:
@@ -68,12 +71,18 @@ class PolynomialBasis:
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at `s` (...), (..., m)."""
         at = np.asarray(s, dtype=float)
-        near_start = (at <= 0.5)[..., None]
-        return np.where(
-            near_start,
-            _horner(self.about_start, at, derivative),
-            _horner(self.about_end, at - 1.0, derivative),
-        )
+        near_start = at <= 0.5
+        coefficients = _differentiated(self, derivative)
+        powers = np.empty((coefficients.shape[0], at.size))
+        powers[:1] = 1.0
+        powers[1:] = np.where(near_start, at, at - 1.0).ravel()
+        np.multiply.accumulate(powers, axis=0, out=powers)
+        count = coefficients.shape[1] // 2
+        block = max(1, _BLOCK // coefficients.size) if coefficients.size else at.size + 1
+        rows = [powers[:, i : i + block].T @ coefficients for i in range(0, at.size, block)]
+        table = rows[0] if len(rows) == 1 else np.concatenate([np.zeros((0, 2 * count)), *rows])
+        both = table.reshape(*at.shape, 2 * count)
+        return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))
 
 
 @lru_cache(maxsize=256)
@@ -130,13 +139,14 @@ def _to_array(matrix: list[list[Fraction]]) -> Array:
     return array
 
 
-def _horner(coefficients: Array, s: Array, derivative: int) -> Array:
-    """Return the derivative of polynomials with coefficients (powers, m) at s (...): (..., m)."""
-    powers, shapes = coefficients.shape
-    value = np.zeros((*s.shape, shapes))
-    for power in range(powers - 1, derivative - 1, -1):
-        value = value * s[..., None] + math.perm(power, derivative) * coefficients[power]
-    return value
+@lru_cache(maxsize=256)
+def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
+    """Return both expansions' coefficients of a derivative, side by side, (powers, 2 m)."""
+    both = np.concatenate([basis.about_start, basis.about_end], axis=1)[derivative:]
+    factors = [math.perm(power + derivative, derivative) for power in range(len(both))]
+    found: Array = np.array(factors, dtype=float)[:, None] * both
+    found.flags.writeable = False
+    return found
 
 
 class PolynomialReference:

@@ -10,7 +10,7 @@ and time exactly. Bernstein polynomials with positive coefficients are positive 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 import math
 
@@ -24,8 +24,37 @@ from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS = 180  # of the inversion of t(tau): 60 of them halve the bracket
+_NEWTON_STEPS = 6  # of the inversion of t(tau), which mostly are enough
+_MOST_STEPS = 186  # of which 60 halve the bracket
 _ROUNDING = 1e-9  # of the arc's length, by which an argument may lie outside
+
+
+def invert_time(
+    time: Callable[[Array], Array],
+    speed_factor: Callable[[Array], Array],
+    wanted: Array,
+    duration: Array | float,
+    ends: tuple[float, float] = (0.0, 1.0),
+) -> Array:
+    """Return tau (...) in `ends` at which `time(tau)` is `wanted` (...) s, for many arcs at once.
+
+    `time` runs from 0 at the first end to `duration` at the second; `speed_factor` is dtau/dt.
+    Times beyond the arc are clipped to it.
+    """
+    wanted = np.clip(wanted, 0.0, duration)
+    low, high = np.full(wanted.shape, ends[0]), np.full(wanted.shape, ends[1])
+    tau = ends[0] + (ends[1] - ends[0]) * wanted / duration
+    for step in range(_MOST_STEPS):
+        error = time(tau) - wanted
+        found = np.abs(error) <= 1e-14 * duration
+        if found.all():
+            break
+        low, high = np.where(error < 0, tau, low), np.where(error < 0, high, tau)
+        newton, middle = tau - error * speed_factor(tau), 0.5 * (low + high)
+        # Later every third step halves the bracket: Newton's alone can be arbitrarily short.
+        inside = (newton >= low) & (newton <= high) & (step < _NEWTON_STEPS or step % 3 < 2)
+        tau = np.where(found, tau, np.where(inside, newton, middle))
+    return np.asarray(tau)
 
 
 class ArcTime(ABC):
@@ -87,21 +116,8 @@ class ArcTime(ABC):
 
     def arc_at(self, time: ArrayLike) -> Array:
         """Return tau (...) at the time(s) [s], clipped to the arc: the inverse of `time`."""
-        duration = self.duration
-        wanted = np.clip(real_array(time, 'the time'), 0.0, duration)
-        low = np.full(wanted.shape, self.tau_0)
-        high = np.full(wanted.shape, self.tau_f)
-        tau = self.tau_0 + (self.tau_f - self.tau_0) * wanted / duration
-        for step in range(_MOST_STEPS):
-            error = self.time(tau) - wanted
-            if np.abs(error).max(initial=0.0) <= 1e-14 * duration:
-                break
-            low, high = np.where(error < 0, tau, low), np.where(error < 0, high, tau)
-            newton, middle = tau - error * self(tau), 0.5 * (low + high)
-            # Every third step halves the bracket: Newton's steps alone can be arbitrarily short.
-            inside = (newton >= low) & (newton <= high) & (step % 3 < 2)
-            tau = np.where(inside, newton, middle)
-        return np.asarray(tau)
+        wanted = real_array(time, 'the time')
+        return invert_time(self.time, self, wanted, self.duration, (self.tau_0, self.tau_f))
 
     def _unit(self, tau: ArrayLike) -> Array:
         return self._places(tau)[0]

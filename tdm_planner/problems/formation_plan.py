@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -43,7 +44,7 @@ class Wanted:
     yaw_acceleration: Array
 
 
-def wanted(model: ReferenceMotion, motion: Motion, robot: int) -> Wanted:
+def wanted(model: ReferenceMotion, motion: FormationMotion, robot: int) -> Wanted:
     """Exact inverse of the reference motion of one robot on evenly spaced instants."""
     task = model.task
     coast = float(task.coast[robot])
@@ -51,47 +52,38 @@ def wanted(model: ReferenceMotion, motion: Motion, robot: int) -> Wanted:
     count = min(_SAMPLES, max(8, int(duration / _SHORTEST_STEP)))
     times = to_nanoseconds(np.linspace(0.0, duration, count))
     s = model.arc_at(motion, times)[robot]
-    mu = model.speed_basis(s, 0) @ motion.rates[robot]
-    mu_slope = model.speed_basis(s, 1) @ motion.rates[robot]
-
-    def second(coefficients: Array, order: int) -> Array:
-        first = coefficients @ powers(s, 1, order).T
-        bend = coefficients @ powers(s, 2, order).T
-        return np.asarray((bend - first * mu_slope / mu) / mu**2)
-
-    acceleration = second(motion.position[robot], model.order)
-    yaw_acceleration = second(motion.yaw[robot], model.yaw_order)
+    speed = reciprocal([model.speed_basis(s, d) @ motion.rates[robot] for d in range(2)])
+    path = [motion.position[robot] @ model.values(s, d).T for d in range(3)]
+    turn = [motion.yaw[robot] @ model.yaw_values(s, d).T for d in range(3)]
+    acceleration = time_derivatives(path, speed)[2]
+    yaw_acceleration = time_derivatives(turn, speed)[2]
     waiting = times < coast
     acceleration[:, waiting] = 0.0
     yaw_acceleration[waiting] = 0.0
-    yaw = motion.yaw[robot] @ powers(s, 0, model.yaw_order).T
-    yaw = yaw + task.yaw_rate[robot] * np.minimum(times - coast, 0.0)
+    yaw = turn[0] + task.yaw_rate[robot] * np.minimum(times - coast, 0.0)
     return Wanted(times, acceleration.T, yaw, yaw_acceleration)
 
 
-def initial_misalignment(model: ReferenceMotion, motion: Motion) -> Array:
+def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Array:
     """Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
 
     Zero where the thruster's angle is free, the robot stays, or the manoeuvre begins with so
     little thrust that the thruster can turn on the way.
     """
     task = model.task
-    s = np.array([0.0])
-    mu = motion.rates @ model.speed_basis(s, 0)[0]
-    mu_slope = motion.rates @ model.speed_basis(s, 1)[0]
-    first = motion.position @ powers(s, 1, model.order)[0]
-    bend = motion.position @ powers(s, 2, model.order)[0]
-    acceleration = bend - first * (mu_slope / mu)[:, None]
+    rates = [(motion.rates @ by_rates)[:, None] for by_rates in model.departing]
+    path = [motion.position[..., d] for d in range(3)]
+    acceleration = time_derivatives(path, reciprocal(rates))[2]
     heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
     away = heading - task.departure_yaw - task.alpha
     away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))
-    weak = np.linalg.norm(acceleration, axis=1) < _WEAK * task.thrust * mu**2
+    weak = np.linalg.norm(acceleration, axis=1) < _WEAK * task.thrust
     return np.where(task.staying | weak | np.isnan(task.alpha), 0.0, away)
 
 
 def trajectory(
     model: ReferenceMotion,
-    motion: Motion,
+    motion: FormationMotion,
     robot: int,
     budget: Budget | None = None,
     enough: float = 1.0,

@@ -20,7 +20,7 @@ from tdm_planner.direct_method.nonlinear_program import (
 )
 from tdm_planner.problems.formation_cost import GasAndThrust
 from tdm_planner.problems.inverse_dynamics import clenshaw_curtis, InverseDynamics, NodeValues
-from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.separation import (
     CircleApproaches,
     CircleSeparation,
@@ -44,7 +44,7 @@ class FormationValues:
     `thrust`, `torque` (n, K) at the nodes, `walls` (n, 2, 2, W) [robot, side, axis, arc].
     """
 
-    motion: Motion
+    motion: FormationMotion
     nodes: NodeValues
     thrust: Array
     torque: Array
@@ -75,7 +75,7 @@ class FormationProgram(NonlinearProgram):
         self.gas = GasAndThrust(self.dynamics, weights)
         wall_count = 2 * model.order - 1
         self.wall_arcs = np.arange(1, wall_count + 1) / (wall_count + 1)
-        self.wall_basis = powers(self.wall_arcs, 0, model.order)
+        self.wall_basis = model.values(self.wall_arcs)
         self.wall_clearances = model.task.wall_clearances()
         interval = 1.5 * model.time_scale / common_instants
         self.pairs = PairSeparation(model, interval, _NEAR)
@@ -119,7 +119,7 @@ class FormationProgram(NonlinearProgram):
         """Take the free ones of the varied parameters (n, P), within their bounds."""
         return np.asarray(np.clip(z.ravel()[self.free], self.lower, self.upper))
 
-    def motion(self, xi: Array) -> Motion:
+    def motion(self, xi: Array) -> FormationMotion:
         """Return the motions at Xi."""
         return self.model.unpack(self.full(xi))
 

@@ -20,7 +20,7 @@ from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve, verify_formation
-from tdm_planner.problems.reference_motion import Motion, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.warm_start import warm_parameters
 from tdm_planner.trajectory import Trajectory
@@ -68,7 +68,7 @@ class Candidate:
         return self.point.cost * self.program.scale
 
     @property
-    def motion(self) -> Motion:
+    def motion(self) -> FormationMotion:
         """The reference motions."""
         return self.program.motion(self.point.xi)
 
@@ -133,7 +133,7 @@ class FormationSearch(Search[Candidate]):
         if coast.any():
             self._use(self.task.with_coast(1.03 * coast))
 
-    def _needed_coast(self, model: ReferenceMotion, motion: Motion) -> Array:
+    def _needed_coast(self, model: ReferenceMotion, motion: FormationMotion) -> Array:
         """Time [s] that every thruster needs to turn before a motion begins (n,)."""
         angle = initial_misalignment(model, motion)
         needed = angle / (_TURNING_SHARE * self.task.thruster_rate)

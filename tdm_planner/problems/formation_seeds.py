@@ -12,8 +12,10 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.polynomial import PolynomialBasis
+from tdm_planner.direct_method.shapes import PowerProducts
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.reference_motion import hermite_basis, powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import ReferenceMotion
 
 Array = NDArray[np.float64]
 
@@ -51,46 +53,42 @@ class BowSeeds:
             np.maximum(arrivals - task.coast, 0.3 * first), 0.98 * task.longest
         )
 
-    def bowed(self, bows: Array) -> Array:
-        """Monomial coefficients of motions (n, c, 2, order + 1) bowed by `bows` (n, c)."""
+    def bowed(self, bows: Array, s: Array, derivative: int = 0) -> Array:
+        """Motions (n, c, 2, K) bowed by `bows` (n, c), or a derivative, at arcs s (n, K)."""
         task, model = self.model.task, self.model
-        given = np.zeros((model.order + 1, 6))
-        given[:6] = hermite_basis(5, False).given
         way = task.goal - task.departure
-        straight = task.departure[..., None] * given[:, 0] + task.goal[..., None] * given[:, 3]
-        straight = straight + (self.durations[:, None] * task.velocity)[..., None] * given[:, 1]
+        conditions = np.stack(
+            [task.departure, self.durations[:, None] * task.velocity, task.goal], axis=-1
+        )
+        quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
+        straight = conditions @ np.swapaxes(quintic, 1, 2)
         normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
-        bump = np.zeros(model.order + 1)
-        if model.vary_ends or model.order < 7:
-            bump[2:5] = 16 * np.array([1.0, -2.0, 1.0])
-        else:
-            bump[3:7] = 64 * np.array([1.0, -3.0, 3.0, -1.0])
-        side = bows[..., None, None] * normal[:, None, :, None] * bump
+        power = 2 if model.vary_ends or model.order < 7 else 3
+        # One in the middle of the arc.
+        bump = (-4.0) ** power * PowerProducts(((power, power),)).values(s, derivative)[..., 0]
+        side = bows[..., None, None] * normal[:, None, :, None] * bump[:, None, None]
         return np.asarray(straight[:, None] + side)
 
-    def fit(self, coefficients: Array) -> Array:
-        """Scaled varied parameters (n, P) of the motions nearest to (n, 2, order + 1)."""
+    def fit(self, bows: Array) -> Array:
+        """Scaled varied parameters (n, P) of motions nearest to those bowed by `bows` (n,)."""
         model = self.model
         b = np.repeat(self.durations[:, None], model.nb, axis=1)
         zero = model.pack(b, np.zeros((len(b), 2, model.nf)))
         base = model.unpack(zero).position
         nodes, weights = np.polynomial.legendre.leggauss(model.order + 3)
-        curvature = powers((nodes + 1) / 2, 2, model.order)
-        shape = ((coefficients - base) @ curvature.T * weights / 2) @ (
-            curvature @ model.basis.free
-        )
+        s = (nodes + 1) / 2
+        curvature = model.values(s, 2)
+        wanted = self.bowed(bows[:, None], np.broadcast_to(s, (len(b), s.size)), 2)[:, 0]
+        shape = ((wanted - base @ curvature.T) * weights / 2) @ (curvature @ model.basis.free)
         return model.pack(b, shape)
 
     def __iter__(self) -> Iterator[Array]:
         """Screened guesses, best first, on distinct sides; then random bows without end."""
         choices = self._screened()
         for choice in choices:
-            yield self._guess(BOWS[list(choice)])
+            yield self.fit(BOWS[list(choice)])
         while True:
-            yield self._guess(self.rng.uniform(-0.35, 0.35, self.model.task.n))
-
-    def _guess(self, bows: Array) -> Array:
-        return self.fit(self.bowed(bows[:, None])[:, 0])
+            yield self.fit(self.rng.uniform(-0.35, 0.35, self.model.task.n))
 
     def _screened(self) -> list[tuple[int, ...]]:
         single, pair = self._tables()
@@ -114,13 +112,11 @@ class BowSeeds:
 
     def _tables(self) -> tuple[Array, Array]:
         """Badness of every robot's bow (n, c) and of every two robots' bows (n, n, c, c)."""
-        task, model = self.model.task, self.model
+        task = self.model.task
         n, c = task.n, len(BOWS)
-        coefficients = self.bowed(np.broadcast_to(BOWS, (n, c)))
         t = np.linspace(0.0, (self.durations + task.coast).max(), _INSTANTS)
         s = np.clip((t - task.coast[:, None]) / self.durations[:, None], 0.0, 1.0)
-        monomials = s[..., None] ** np.arange(model.order + 1)
-        path = np.einsum('ncdm,nkm->ncdk', coefficients, monomials)
+        path = self.bowed(np.broadcast_to(BOWS, (n, c)), s)
         reach = task.separation / 2
         outside = np.maximum(reach - path, path - task.sides[:, None] + reach).max(axis=(2, 3))
         single = 0.75 * np.abs(BOWS) * task.separation + 3 * np.maximum(outside, 0.0)

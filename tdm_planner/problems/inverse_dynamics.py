@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 
 Array = NDArray[np.float64]
 
@@ -61,8 +61,8 @@ class InverseDynamics:
 
     def __init__(self, model: ReferenceMotion, s: Array) -> None:
         self.model, self.nodes = model, s
-        self.basis = [powers(s, d, model.order) for d in range(3)]
-        self.yaw_basis = [powers(s, d, model.yaw_order) for d in range(3)]
+        self.basis = [model.values(s, d) for d in range(3)]
+        self.yaw_basis = [model.yaw_values(s, d) for d in range(3)]
         self.speed = [model.speed_basis(s, d) for d in range(2)]
         self.mu_jacobian = self._of_rates(self.speed[0])
         self.mu_slope_jacobian = self._of_rates(self.speed[1])
@@ -88,7 +88,7 @@ class InverseDynamics:
             slope[2, :, end:] = yaw
         return slope
 
-    def at(self, motion: Motion) -> NodeValues:
+    def at(self, motion: FormationMotion) -> NodeValues:
         """Motions at the nodes."""
         mu = motion.rates @ self.speed[0].T
         mu_slope = motion.rates @ self.speed[1].T
@@ -102,7 +102,7 @@ class InverseDynamics:
         y = (second - first * (mu_slope / mu)[:, None]) / mu[:, None]
         return NodeValues(mu, mu_slope, first, second, y, np.hypot(y[:, 0], y[:, 1]))
 
-    def slopes(self, motion: Motion, values: NodeValues) -> NodeSlopes:
+    def slopes(self, motion: FormationMotion, values: NodeValues) -> NodeSlopes:
         """Differentiate the motions at the nodes."""
         model, nb = self.model, self.model.nb
         first, second = (self._coordinate_slope(motion, d) for d in (1, 2))
@@ -118,7 +118,7 @@ class InverseDynamics:
         y[..., :nb] += (by_mu / values.mu[:, None])[..., None] * self.mu_jacobian[:, :nb]
         return NodeSlopes(first, second, y)
 
-    def _coordinate_slope(self, motion: Motion, derivative: int) -> Array:
+    def _coordinate_slope(self, motion: FormationMotion, derivative: int) -> Array:
         model = self.model
         slope = np.tile(self._shapes[derivative], (model.task.n, 1, 1, 1))
         if model.moving_start:
@@ -154,7 +154,7 @@ class InverseDynamics:
         model = self.model
         bend = np.broadcast_to(self.basis[2], (model.task.n, *self.basis[2].shape))
         bend = bend - self.basis[1] * (values.mu_slope / values.mu)[..., None]
-        given = bend @ model.basis.given[:, 2] / values.mu
+        given = bend[..., 2] / values.mu
         twice = 2 * model.task.acceleration[..., None] * given[:, None]
         return np.asarray(model.time_scale**2 * (pull * twice).sum(axis=(1, 2)))
 

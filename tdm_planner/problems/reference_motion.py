@@ -5,7 +5,8 @@
 On the unit arc s in [0, 1] a robot's coordinates are X(s) = X_b(s) + sum_k q_k phi_k(s): X_b takes
 the boundary conditions that are given, phi_k span the polynomials that change none of them, which
 are those of the end derivatives that are varied. They are orthonormal in the inner product of
-their second derivatives, for the sake of conditioning.
+their second derivatives, for the sake of conditioning. A polynomial is kept as all of its end
+derivatives, those at s = 0 first, so that `PolynomialBasis` evaluates it.
 
 Time runs along the arc as dt/ds = mu(s) = sum_k b_k B_k(s) > 0, a polynomial in Bernstein's form:
 with the virtual arc's length tau_f the speed factor of section 2 is lambda = tau_f / mu. Degree 0
@@ -20,70 +21,54 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.output_basis import OrthonormalBasis, VariedPolynomials
+from tdm_planner.direct_method.polynomial import PolynomialBasis
+from tdm_planner.direct_method.speed_factor import invert_time
 from tdm_planner.problems.formation_task import FormationTask
 
 Array = NDArray[np.float64]
 
 
-def powers(s: Array, derivative: int, order: int) -> Array:
-    """Return derivatives of the monomials 1, s, ..., s^order at s (...), as (..., order + 1)."""
-    s = np.asarray(s, dtype=float)
-    values = np.zeros((*s.shape, order + 1))
-    for p in range(derivative, order + 1):
-        values[..., p] = math.perm(p, derivative) * s ** (p - derivative)
-    return values
+@dataclass(frozen=True, eq=False)
+class EndDerivatives:
+    """The polynomials of one coordinate, determined by as many derivatives at either end.
 
-
-class HermiteBasis(NamedTuple):
-    """Monomial coefficients of the functions of one coordinate.
-
-    `given` (order + 1, 6): the functions that take X, X_s, X_ss at s = 0 and at s = 1;
-    `free` (order + 1, nf): the phi_k.
+    `basis` evaluates them; `free` (order + 1, nf) holds the end derivatives of the phi_k.
     """
 
-    given: Array
+    basis: PolynomialBasis
     free: Array
+
+    @property
+    def goal(self) -> int:
+        """Where the value at s = 1 is among the end derivatives."""
+        return len(self.basis.start)
 
 
 @lru_cache(maxsize=32)
-def hermite_basis(order: int, vary_curvature: bool) -> HermiteBasis:
-    """Make the functions of odd order >= 5; `vary_curvature`: X_ss is varied at both ends."""
-    half = (order + 1) // 2
-    rows = [powers(np.array(end), d, order) for end in (0.0, 1.0) for d in range(half)]
-    functions = np.linalg.inv(np.array(rows))
-    given = functions[:, [0, 1, 2, half, half + 1, half + 2]]
-    lowest = 2 if vary_curvature else 3
-    free = functions[:, [*range(lowest, half), *range(half + lowest, 2 * half)]]
-    nodes, weights = np.polynomial.legendre.leggauss(order + 1)
-    curvature = powers((nodes + 1) / 2, 2, order) @ free
-    if free.shape[1]:
-        gram = curvature.T @ (weights[:, None] / 2 * curvature)
-        free = free @ np.linalg.inv(np.linalg.cholesky(gram)).T
-    given.flags.writeable = free.flags.writeable = False
-    return HermiteBasis(given, free)
-
-
-@lru_cache(maxsize=8)
-def _bernstein(degree: int) -> Array:
-    """Monomial coefficients of the Bernstein polynomials, (degree + 1, degree + 1) by column."""
-    matrix = np.zeros((degree + 1, degree + 1))
-    for k in range(degree + 1):
-        for p in range(k, degree + 1):
-            matrix[p, k] = math.comb(degree, p) * math.comb(p, k) * (-1) ** (p - k)
-    matrix.flags.writeable = False
-    return matrix
+def end_derivatives(order: int, vary_curvature: bool) -> EndDerivatives:
+    """Make the polynomials of odd order >= 5; `vary_curvature`: X_ss is varied at both ends."""
+    given = (0, 1) if vary_curvature else (0, 1, 2)
+    polynomials = VariedPolynomials.of(given, given, order + 1 - 2 * len(given))
+    basis = polynomials.basis
+    varied = [k not in given for k in (*basis.start, *basis.end)]
+    free = np.zeros((order + 1, sum(varied)))
+    orthonormal = OrthonormalBasis.of(polynomials, (2,)).transformation
+    free[varied] = orthonormal * np.sign(np.diag(orthonormal))  # whichever signs LAPACK chose
+    free.flags.writeable = False
+    return EndDerivatives(basis, free)
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class FormationMotion:
     """The motions of all robots at one set of varied parameters.
 
     `rates` (n, q + 1): the coefficients b of mu [s]; `position` (n, 2, order + 1) and `yaw`
-    (n, yaw order + 1): monomial coefficients; `position_slope` (n, 2, q + 1, order + 1) and
+    (n, yaw order + 1): end derivatives by s; `position_slope` (n, 2, q + 1, order + 1) and
     `yaw_slope` (n, q + 1, yaw order + 1): their derivatives with respect to b.
     """
 
@@ -118,9 +103,10 @@ class ReferenceMotion:
         self.task = task
         self.order, self.yaw_order, self.degree = order, yaw_order, speed_factor_order
         self.vary_ends = vary_ends
-        self.basis = hermite_basis(order, vary_ends)
-        self.yaw_basis = hermite_basis(yaw_order, False)
-        self.bernstein = _bernstein(self.degree)
+        self.basis = end_derivatives(order, vary_ends)
+        self.yaw_basis = end_derivatives(yaw_order, False)
+        # mu and mu_s at the start, by the coefficients b.
+        self.departing = [bernstein_basis(self.degree, 0.0, d) for d in range(2)]
         self.nb, self.nf = self.degree + 1, self.basis.free.shape[1]
         self.ny = self.yaw_basis.free.shape[1]
         self.size = self.nb + 2 * self.nf + self.ny
@@ -130,108 +116,108 @@ class ReferenceMotion:
             task.velocity.any() or (task.acceleration.any() and not vary_ends)
         )
 
-    def unpack(self, z: Array) -> Motion:
+    def unpack(self, z: Array) -> FormationMotion:
         """Motions at the scaled varied parameters z (n, P)."""
         task, n = self.task, self.task.n
         b = z[:, : self.nb] * self.time_scale
         begin, end = self.nb, self.nb + 2 * self.nf
         shape = z[:, begin:end].reshape(n, 2, self.nf)
-        given = self.basis.given
-        position = (
-            task.departure[..., None] * given[:, 0]
-            + task.goal[..., None] * given[:, 3]
-            + (shape * self.length_scale) @ self.basis.free.T
-        )
+        position = (shape * self.length_scale) @ self.basis.free.T
+        position[..., 0], position[..., self.basis.goal] = task.departure, task.goal
         slope = np.zeros((n, 2, self.nb, self.order + 1))
         if self.moving_start:
-            acceleration = np.zeros_like(task.velocity) if self.vary_ends else task.acceleration
-            added, slope = self._departing(b, task.velocity, acceleration, given)
-            position = position + added
-        given = self.yaw_basis.given
-        yaw = task.departure_yaw[:, None] * given[:, 0] + task.goal_yaw[:, None] * given[:, 3]
-        added, yaw_slope = self._departing(
-            b, task.yaw_rate[:, None], task.yaw_acceleration[:, None], given, curved=True
-        )
-        yaw = yaw + added[:, 0]
+            given = [task.velocity] if self.vary_ends else [task.velocity, task.acceleration]
+            self._depart(b, given, position, slope)
+        yaw = np.zeros((n, 1, self.yaw_order + 1))
         if self.ny:
-            free = z[:, end:] * self.yaw_scale
-            yaw = yaw + free @ self.yaw_basis.free.T
-        return Motion(b, position, yaw, slope, yaw_slope[:, 0])
+            yaw[:, 0] = (z[:, end:] * self.yaw_scale) @ self.yaw_basis.free.T
+        yaw[:, 0, 0], yaw[:, 0, self.yaw_basis.goal] = task.departure_yaw, task.goal_yaw
+        yaw_slope = np.zeros((n, 1, self.nb, self.yaw_order + 1))
+        given = [task.yaw_rate[:, None], task.yaw_acceleration[:, None]]
+        self._depart(b, given, yaw, yaw_slope)
+        return FormationMotion(b, position, yaw[:, 0], slope, yaw_slope[:, 0])
 
-    def _departing(
-        self, b: Array, v: Array, a: Array, given: Array, curved: bool | None = None
-    ) -> tuple[Array, Array]:
-        """Contribution of the initial rates v and accelerations a (n, d), and d/db."""
-        q, b0 = self.degree, b[:, 0, None, None]
-        slope = np.zeros((*v.shape, self.nb, given.shape[0]))
-        value = b0 * v[..., None] * given[:, 1]
-        slope[:, :, 0] = v[..., None] * given[:, 1]
-        if not self.vary_ends if curved is None else curved:
-            value = value + b0**2 * a[..., None] * given[:, 2]
-            slope[:, :, 0] += 2 * b0 * a[..., None] * given[:, 2]
-            if q:
-                value = value + q * (b[:, 1, None, None] - b0) * v[..., None] * given[:, 2]
-                slope[:, :, 0] -= q * v[..., None] * given[:, 2]
-                slope[:, :, 1] += q * v[..., None] * given[:, 2]
-        return value, slope
+    def _depart(self, b: Array, given: list[Array], ends: Array, slope: Array) -> None:
+        """Enter the initial velocity, and acceleration, (n, d) into end derivatives, and d/db.
+
+        As `arc_derivatives` does; written out here for the derivative by b.
+        """
+        mu, by_rates = (b @ self.departing[0])[:, None], self.departing
+        velocity = given[0]
+        ends[..., 1] = mu * velocity
+        slope[..., 1] = velocity[..., None] * by_rates[0]
+        if len(given) > 1:
+            acceleration = given[1]
+            ends[..., 2] = mu**2 * acceleration + (b @ by_rates[1])[:, None] * velocity
+            slope[..., 2] = (2 * mu * acceleration)[..., None] * by_rates[0]
+            slope[..., 2] += velocity[..., None] * by_rates[1]
+
+    def values(self, s: Array, derivative: int = 0) -> Array:
+        """Polynomials of x and y by their end derivatives, at s (...), (..., order + 1)."""
+        return self.basis.basis.values(s, derivative)
+
+    def yaw_values(self, s: Array, derivative: int = 0) -> Array:
+        """Polynomials of the attitude by their end derivatives, (..., yaw order + 1)."""
+        return self.yaw_basis.basis.values(s, derivative)
 
     def speed_basis(self, s: Array, derivative: int) -> Array:
         """Bernstein polynomials or a derivative of them at s (...); -1 is the integral from 0."""
-        if derivative >= 0:
-            return powers(s, derivative, self.degree) @ self.bernstein
-        exponents = np.arange(1, self.nb + 1)
-        return (np.asarray(s)[..., None] ** exponents / exponents) @ self.bernstein
+        if derivative < 0:
+            return bernstein_integral(self.degree, s)
+        return bernstein_basis(self.degree, s, derivative)
 
-    def arc_at(self, motion: Motion, t: Array) -> Array:
+    def arc_at(self, motion: FormationMotion, t: Array) -> Array:
         """Arc s in [0, 1] of every robot at the common instants t (K,) s, (n, K)."""
         since = t - self.task.coast[:, None]
-        duration = motion.durations[:, None]
-        s = np.clip(since / duration, 0.0, 1.0)
-        if self.degree == 0:
-            return s
-        target = np.clip(since, 0.0, duration)
-        for _ in range(60):
-            mu = np.einsum('nkb,nb->nk', self.speed_basis(s, 0), motion.rates)
-            time = np.einsum('nkb,nb->nk', self.speed_basis(s, -1), motion.rates)
-            step = np.clip((target - time) / mu, -0.2, 0.2)
-            s = np.clip(s + step, 0.0, 1.0)
-            if np.abs(step).max(initial=0.0) < 1e-10:
-                break
-        return s
+        return self._arcs(motion.rates[:, None], since)
 
-    def position_at(self, motion: Motion, t: Array) -> Array:
+    def arcs(self, motion: FormationMotion, robots: NDArray[np.intp], t: Array) -> Array:
+        """Arcs s in [0, 1] of `robots` (r,) at the instants t (r,) s, (r,)."""
+        return self._arcs(motion.rates[robots], t - self.task.coast[robots])
+
+    def _arcs(self, rates: Array, since: Array) -> Array:
+        """Invert the time since the manoeuvre began (...) s, with rates (..., q + 1)."""
+        if self.degree == 0:
+            return np.asarray(np.clip(since / rates[..., 0], 0.0, 1.0))
+
+        def time(s: Array) -> Array:
+            return np.asarray((bernstein_integral(self.degree, s) * rates).sum(axis=-1))
+
+        def speed(s: Array) -> Array:
+            return np.asarray(1.0 / (bernstein_basis(self.degree, s) * rates).sum(axis=-1))
+
+        return invert_time(time, speed, since, rates.mean(axis=-1))
+
+    def position_at(self, motion: FormationMotion, t: Array) -> Array:
         """Positions at the common instants t (K,), coasting before and parked after, (n, 2, K)."""
-        s = self.arc_at(motion, t)[:, None, :]
-        value = np.broadcast_to(motion.position[:, :, -1:], (*motion.position.shape[:2], t.size))
-        for k in range(self.order - 1, -1, -1):
-            value = value * s + motion.position[:, :, k, None]
+        values = self.values(self.arc_at(motion, t))
+        value: Array = motion.position @ np.swapaxes(values, 1, 2)
         if self.task.coast.any():
             early = np.minimum(t - self.task.coast[:, None], 0.0)
             value = value + self.task.velocity[..., None] * early[:, None, :]
         return value
 
     def points(
-        self, motion: Motion, robots: NDArray[np.intp], s: Array, at_fixed_time: bool
+        self, motion: FormationMotion, robots: NDArray[np.intp], s: Array, at_fixed_time: bool
     ) -> tuple[Array, Array]:
         """Positions (r, 2) of `robots` (r,) at the arcs s (r,), and d/dz (r, 2, P).
 
         The derivative is taken at a fixed instant of time, or at a fixed arc.
         """
-        monomials = s[:, None] ** np.arange(self.order + 1)
-        coefficients = motion.position[robots]
-        value = (coefficients @ monomials[..., None])[..., 0]
+        values = self.values(s)
+        ends = motion.position[robots]
+        value = (ends @ values[..., None])[..., 0]
         jacobian = np.zeros((s.size, 2, self.size))
-        shapes = monomials @ self.basis.free * self.length_scale
+        shapes = values @ self.basis.free * self.length_scale
         for axis in range(2):
             first = self.nb + axis * self.nf
             last = first + self.nf
             jacobian[:, axis, first:last] = shapes
         if self.moving_start:
-            slope = np.einsum('rdbm,rm->rdb', motion.position_slope[robots], monomials)
+            slope = np.einsum('rdbm,rm->rdb', motion.position_slope[robots], values)
             jacobian[:, :, : self.nb] = slope * self.time_scale
         if at_fixed_time:
-            lower = np.arange(1, self.order + 1) * monomials[:, :-1]
-            speed = (coefficients[..., 1:] @ lower[..., None])[..., 0]
+            speed = (ends @ self.values(s, 1)[..., None])[..., 0]
             mu = np.einsum('rb,rb->r', self.speed_basis(s, 0), motion.rates[robots])
             under_way = (s > 0.0) & (s < 1.0)
             shift = self.speed_basis(s, -1) * (under_way * self.time_scale / mu)[:, None]

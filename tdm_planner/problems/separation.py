@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.reference_motion import Motion, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -59,7 +59,7 @@ class PairSeparation:
         self.first, self.second = moving[first], moving[second]
         self.clearances = model.task.pair_clearances(self.first, self.second)
 
-    def nearest(self, motion: Motion) -> PairApproaches:
+    def nearest(self, motion: FormationMotion) -> PairApproaches:
         """Find the near approaches."""
         if not self.first.size:
             return self.at(motion, np.zeros(0, dtype=np.intp), np.zeros(0))
@@ -72,10 +72,11 @@ class PairSeparation:
         pair, k = np.nonzero(distance < (1.0 + self.near) * self.clearances[:, None])
         return self.at(motion, pair, (k + share[pair, k]) * interval)
 
-    def at(self, motion: Motion, pair: Indices, t: Array) -> PairApproaches:
+    def at(self, motion: FormationMotion, pair: Indices, t: Array) -> PairApproaches:
         """Distances of the pairs (r,) at the instants t (r,) s."""
-        apart = self._positions(motion, self.first[pair], t)
-        apart = apart - self._positions(motion, self.second[pair], t)
+        both = np.concatenate([self.first[pair], self.second[pair]])
+        positions = self._positions(motion, both, np.tile(t, 2))
+        apart = positions[: t.size] - positions[t.size :]
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
         margins = distance / self.clearances[pair] - 1.0
         return PairApproaches(pair, t, margins, apart / distance[:, None])
@@ -84,28 +85,24 @@ class PairSeparation:
         """Return both robots of every approach."""
         return self.first[near.pair], self.second[near.pair]
 
-    def _arcs(self, motion: Motion, robots: Indices, t: Array) -> Array:
-        if self.model.degree:
-            return np.asarray(self.model.arc_at(motion, t)[robots, np.arange(t.size)])
-        since = t - self.model.task.coast[robots]
-        return np.asarray(np.clip(since / motion.rates[robots, 0], 0.0, 1.0))
-
-    def _positions(self, motion: Motion, robots: Indices, t: Array) -> Array:
-        s = self._arcs(motion, robots, t)
-        monomials = s[:, None] ** np.arange(self.model.order + 1)
-        value = (motion.position[robots] @ monomials[..., None])[..., 0]
+    def _positions(self, motion: FormationMotion, robots: Indices, t: Array) -> Array:
+        values = self.model.values(self.model.arcs(motion, robots, t))
+        value = (motion.position[robots] @ values[..., None])[..., 0]
         early = np.minimum(t - self.model.task.coast[robots], 0.0)
         return np.asarray(value + self.model.task.velocity[robots] * early[:, None])
 
-    def rows(self, motion: Motion, near: PairApproaches) -> Array:
+    def rows(self, motion: FormationMotion, near: PairApproaches) -> Array:
         """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
         count = np.arange(near.pair.size)
         jacobian = np.zeros((near.pair.size, self.model.task.n, self.model.size))
         direction = near.unit / self.clearances[near.pair, None]
-        for sign, robots in zip((1.0, -1.0), self.robots(near), strict=True):
-            s = self._arcs(motion, robots, near.time)
-            _, slope = self.model.points(motion, robots, s, at_fixed_time=True)
-            jacobian[count, robots] = sign * np.einsum('rd,rdp->rp', direction, slope)
+        robots = self.robots(near)
+        both = np.concatenate(robots)
+        s = self.model.arcs(motion, both, np.tile(near.time, 2))
+        _, slopes = self.model.points(motion, both, s, at_fixed_time=True)
+        first, second = slopes[: count.size], slopes[count.size :]
+        jacobian[count, robots[0]] = np.einsum('rd,rdp->rp', direction, first)
+        jacobian[count, robots[1]] = -np.einsum('rd,rdp->rp', direction, second)
         return jacobian
 
 
@@ -117,14 +114,14 @@ class CircleSeparation:
         self.centres, self.clearances = model.task.circles()
         self.moving = np.flatnonzero(~model.task.staying)
         self.arcs = np.linspace(0.0, 1.0, segments + 1)
-        self.monomials = self.arcs[:, None] ** np.arange(model.order + 1)
+        self.values = model.values(self.arcs)
 
-    def nearest(self, motion: Motion) -> CircleApproaches:
+    def nearest(self, motion: FormationMotion) -> CircleApproaches:
         """Find the near approaches."""
         if not self.centres.size or not self.moving.size:
             none = np.zeros(0, dtype=np.intp)
             return CircleApproaches(none, none, np.zeros(0), np.zeros(0), np.zeros((0, 2)))
-        position = motion.position[self.moving] @ self.monomials.T
+        position = motion.position[self.moving] @ self.values.T
         apart = position[:, None] - self.centres[None, :, :, None]
         flat = apart.reshape(-1, 2, self.arcs.size)
         share, distance = _nearest_on_chords(flat)
@@ -134,16 +131,17 @@ class CircleSeparation:
         s = (k + share.reshape(shape)[robot, circle, k]) / (self.arcs.size - 1)
         return self.at(motion, self.moving[robot], circle, s)
 
-    def at(self, motion: Motion, robot: Indices, circle: Indices, s: Array) -> CircleApproaches:
+    def at(
+        self, motion: FormationMotion, robot: Indices, circle: Indices, s: Array
+    ) -> CircleApproaches:
         """Distances of robots (r,) from circles (r,) at the arcs s (r,)."""
-        monomials = s[:, None] ** np.arange(self.model.order + 1)
-        position = (motion.position[robot] @ monomials[..., None])[..., 0]
+        position = (motion.position[robot] @ self.model.values(s)[..., None])[..., 0]
         apart = position - self.centres[circle]
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
         margins = distance / self.clearances[robot, circle] - 1.0
         return CircleApproaches(robot, circle, s, margins, apart / distance[:, None])
 
-    def rows(self, motion: Motion, near: CircleApproaches) -> Array:
+    def rows(self, motion: FormationMotion, near: CircleApproaches) -> Array:
         """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
         jacobian = np.zeros((near.robot.size, self.model.task.n, self.model.size))
         direction = near.unit / self.clearances[near.robot, near.circle, None]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.reference_motion import Motion, powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 
 Array = NDArray[np.float64]
 
@@ -39,10 +39,10 @@ class ThrusterRows:
 
     def __init__(self, model: ReferenceMotion, nodes: Array) -> None:
         self.model, self.nodes = model, nodes
-        self.basis = [powers(nodes, d, model.order) for d in range(3)]
+        self.basis = [model.values(nodes, d) for d in range(3)]
         self.speed = [model.speed_basis(nodes, d) for d in range(2)]
 
-    def values(self, motion: Motion) -> HodographValues:
+    def values(self, motion: FormationMotion) -> HodographValues:
         """Margins at the nearest approaches of all robots that move."""
         model = self.model
         n, count = model.task.n, self.nodes.size - 1
@@ -60,7 +60,7 @@ class ThrusterRows:
         shaped[model.task.staying] = 1.0
         return HodographValues(arcs, shaped)
 
-    def rows(self, motion: Motion, values: HodographValues) -> tuple[Array, Array]:
+    def rows(self, motion: FormationMotion, values: HodographValues) -> tuple[Array, Array]:
         """Margins near active (r,) and their derivatives with respect to Z (r, n, P)."""
         model = self.model
         near = values.margins.min(axis=1) < _ACTIVE
@@ -71,7 +71,7 @@ class ThrusterRows:
         return margins.ravel(), jacobian.reshape(-1, model.task.n, model.size)
 
     def margins(
-        self, motion: Motion, robots: NDArray[np.intp], s: Array, linearise: bool
+        self, motion: FormationMotion, robots: NDArray[np.intp], s: Array, linearise: bool
     ) -> tuple[Array, Array]:
         """Margins of delta >= -limit and delta <= limit (2, r), and slopes (2, r, P)."""
         model, task = self.model, self.model.task
@@ -115,11 +115,11 @@ class _Local:
     """Coordinates, their derivatives in s and the speed of some robots at an arc each."""
 
     def __init__(
-        self, model: ReferenceMotion, motion: Motion, robots: NDArray[np.intp], s: Array
+        self, model: ReferenceMotion, motion: FormationMotion, robots: NDArray[np.intp], s: Array
     ) -> None:
         self.model, self.motion, self.robots = model, motion, robots
-        self.basis = [powers(s, d, model.order) for d in (1, 2, 3)]
-        self.yaw_basis = powers(s, 1, model.yaw_order)
+        self.basis = [model.values(s, d) for d in (1, 2, 3)]
+        self.yaw_basis = model.yaw_values(s, 1)
         self.speed_basis = [model.speed_basis(s, d) for d in range(3)]
         position = motion.position[robots]
         self.coordinates = [np.einsum('rdm,rm->dr', position, basis) for basis in self.basis]

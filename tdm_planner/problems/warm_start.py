@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_seeds import BowSeeds
-from tdm_planner.problems.reference_motion import powers, ReferenceMotion
+from tdm_planner.problems.reference_motion import ReferenceMotion
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def _project(
     zero = model.pack(
         np.full((model.task.n, model.nb), rest), np.zeros((model.task.n, 2, model.nf))
     )
-    curvature = powers(s, 2, model.order)
+    curvature = model.values(s, 2)
     base = model.unpack(zero).position[robot] @ curvature.T
     fit, *_ = np.linalg.lstsq(curvature @ model.basis.free, (wanted - base).T, rcond=None)
     return np.asarray(fit.T)

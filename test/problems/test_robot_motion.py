@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from tdm_planner.direct_method import arc_derivatives, time_derivatives, TimeFactor
+from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.reference_motion import hermite_basis, powers, ReferenceMotion
+from tdm_planner.problems.inverse_dynamics import InverseDynamics
+from tdm_planner.problems.reference_motion import end_derivatives, ReferenceMotion
 
 TASK = RobotFormation().task
 FORMS = [(5, 5, 0, True), (7, 7, 0, False), (9, 5, 0, True), (7, 5, 2, False), (7, 7, 3, True)]
@@ -34,19 +37,14 @@ def random_parameters(model, seed):
 
 def in_time(model, motion, s, derivative):
     """Positions and attitudes (n, 3) at arc s, differentiated with respect to time."""
-    mu = motion.rates @ model.speed_basis(np.array(s), 0)
-    mu_slope = motion.rates @ model.speed_basis(np.array(s), 1)
+    speed = reciprocal([(motion.rates @ model.speed_basis(s, d))[:, None] for d in range(2)])
 
     def along(d):
-        position = motion.position @ powers(np.array(s), d, model.order)
-        yaw = motion.yaw @ powers(np.array(s), d, model.yaw_order)
+        position = motion.position @ model.values(s, d)
+        yaw = motion.yaw @ model.yaw_values(s, d)
         return np.concatenate([position, yaw[:, None]], axis=1)
 
-    if derivative == 0:
-        return along(0)
-    if derivative == 1:
-        return along(1) / mu[:, None]
-    return (along(2) - along(1) * (mu_slope / mu)[:, None]) / mu[:, None] ** 2
+    return time_derivatives([along(d) for d in range(derivative + 1)], speed)[derivative]
 
 
 @given(form=st.sampled_from(FORMS), seed=st.integers(0, 1000))
@@ -70,6 +68,45 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     assert in_time(model, motion, 1.0, 2)[:, given_axes] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize('form', FORMS)
+def test_initial_rates_become_derivatives_along_the_arc_as_everywhere(form):
+    task = moving_task(11)
+    model = ReferenceMotion(task, *form)
+    motion = model.unpack(random_parameters(model, 11))
+    speed = reciprocal([(motion.rates @ model.speed_basis(0.0, d))[:, None] for d in range(2)])
+    expected = arc_derivatives([task.departure, task.velocity, task.acceleration], speed)
+    given = 2 if model.vary_ends else 3
+    assert np.moveaxis(motion.position, -1, 0)[:given] == pytest.approx(np.array(expected[:given]))
+    yaw = [task.departure_yaw, task.yaw_rate, task.yaw_acceleration]
+    expected = arc_derivatives([value[:, None] for value in yaw], speed)
+    assert motion.yaw.T[:3] == pytest.approx(np.array(expected)[..., 0])
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_inverse_dynamics_are_those_of_the_virtual_domain(form):
+    model = ReferenceMotion(moving_task(13), *form)
+    motion = model.unpack(random_parameters(model, 13))
+    nodes = np.linspace(0.0, 1.0, 7)
+    values = InverseDynamics(model, nodes).at(motion)
+    expected = [in_time(model, motion, s, 2) for s in nodes]
+    found = values.y / values.mu[:, None]
+    assert found == pytest.approx(np.moveaxis(np.array(expected), 0, -1))
+
+
+def test_time_along_the_arc_is_that_of_a_time_factor():
+    model = ReferenceMotion(moving_task(17), 7, 5, 2)
+    motion = model.unpack(random_parameters(model, 17))
+    t = np.linspace(0.0, 40.0, 41)
+    expected = [
+        TimeFactor(rates, 1.0).arc_at(t - coast)
+        for rates, coast in zip(motion.rates, model.task.coast, strict=True)
+    ]
+    assert model.arc_at(motion, t) == pytest.approx(np.array(expected), abs=1e-12)
+    robots = np.arange(t.size) % 3
+    chosen = np.array(expected)[robots, np.arange(t.size)]
+    assert model.arcs(motion, robots, t) == pytest.approx(chosen, abs=1e-12)
+
+
 def test_the_papers_variant_has_21_varied_parameters():
     model = ReferenceMotion(TASK, 7, 7, 0, vary_ends=False)
     assert 3 * model.size == 21
@@ -78,11 +115,11 @@ def test_the_papers_variant_has_21_varied_parameters():
 @pytest.mark.parametrize('order', [7, 9, 11])
 @pytest.mark.parametrize('vary', [True, False])
 def test_free_shapes_are_orthonormal_in_their_curvature(order, vary):
-    free = hermite_basis(order, vary).free
+    polynomials = end_derivatives(order, vary)
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    curvature = powers((nodes + 1) / 2, 2, order) @ free
+    curvature = polynomials.basis.values((nodes + 1) / 2, 2) @ polynomials.free
     gram = curvature.T @ (weights[:, None] / 2 * curvature)
-    assert gram == pytest.approx(np.eye(free.shape[1]), abs=1e-8)
+    assert gram == pytest.approx(np.eye(len(gram)), abs=1e-8)
 
 
 @pytest.mark.parametrize('form', FORMS)
