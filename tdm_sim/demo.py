@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -74,7 +75,7 @@ def run_demo(
     progress.line(f'recorded to {output}/bag' + f', report in {output}/report.html' * (not fault))
     if fault:
         print(f'tdm demo: no report: {fault}', file=sys.stderr)
-    for reason in verdict.reasons:
+    for reason in filter(None, (*verdict.reasons, verdict.undecided)):
         print(f'tdm demo: {reason}', file=sys.stderr)
     return verdict.reached
 
@@ -162,7 +163,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
         rclpy.shutdown(context=context)
     verdict = scene.judge()
     unclean = [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
-    return Verdict((*verdict.reasons, *unclean), verdict.rows)
+    return replace(verdict, reasons=(*verdict.reasons, *unclean))
 
 
 def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
@@ -182,7 +183,8 @@ def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict
 
 
 def _table(verdict: Verdict) -> Table:
-    table = Table(title='goal reached and held' if verdict.reached else 'goal missed')
+    title = 'not known' if verdict.undecided else 'goal missed'
+    table = Table(title='goal reached and held' if verdict.reached else title)
     for heading in ('', 'planned', 'achieved'):
         table.add_column(heading, justify='right' if heading else 'left')
     for row in verdict.rows:

@@ -32,15 +32,28 @@ class MeasuredPendulum:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The judgement: `reached` only if `reasons` is empty; `rows` name, planned, achieved."""
+    """The judgement: `reasons` why the goal was missed; `rows` name, planned, achieved.
+
+    `undecided` says why it cannot be told whether the goal would have been reached and held: what
+    was measured ends too early, all being well until then; '' if it can be told.
+    """
 
     reasons: tuple[str, ...]
     rows: tuple[tuple[str, str, str], ...]
+    undecided: str = ''
 
     @property
     def reached(self) -> bool:
         """Whether the goal was reached and held within all limits."""
-        return not self.reasons
+        return not self.reasons and not self.undecided
+
+
+def ends_early(end: float) -> str:
+    """Say that what was measured ends `end` s after the start of the motion, too early."""
+    return (
+        f'the recording ends at {end:.1f} s, before the goal could be reached and held for '
+        f'{HOLD_TIME:g} s'
+    )
 
 
 def held_from(times: Array, error: Array, tolerance: float) -> float:
@@ -64,18 +77,18 @@ def judge_pendulum(
     error = measured.theta - turns
     since = held_from(measured.times, error, UPRIGHT_TOLERANCE)
     last = measured.times > measured.times[-1] - HOLD_TIME
-    held = float(measured.times[-1]) - since
+    held = float(measured.times[-1]) - max(since, 0.0)
     landing = int(np.argmin(np.abs(measured.times - plan.duration)))
     disk, torque = float(np.abs(measured.psi).max()), float(np.abs(measured.torque).max())
     planned_torque = float(np.abs(plan.control('torque')).max())
     planned_disk = float(np.abs(plan.state('psi')).max())
-    reasons = []
-    if not since <= plan.duration + LONGEST_CATCH:
+    end, reasons = float(measured.times[-1]), []
+    late = not since <= plan.duration + LONGEST_CATCH
+    if late and end > plan.duration + LONGEST_CATCH:
         reasons.append(
             f'the pendulum was not upright within {LONGEST_CATCH:g} s of the planned end'
         )
-    elif held < HOLD_TIME:
-        reasons.append(f'the pendulum was held for {held:.1f} s only, not {HOLD_TIME:g} s')
+    undecided = not reasons and (late or held < HOLD_TIME)
     if not disk < disk_limit:
         reasons.append(f'the disk reached {disk:.3f} rad, its limit is {disk_limit:g} rad')
     if not torque <= torque_limit * (1 + 1e-9):
@@ -95,4 +108,4 @@ def judge_pendulum(
         ('worst angle at the end [rad]', f'< {UPRIGHT_TOLERANCE:g}', f'{worst_hold:.4f}'),
         ('time to solve [ms]', f'{1e3 * solve_time:.0f}', ''),
     )  # fmt: skip
-    return Verdict(tuple(reasons), rows)
+    return Verdict(tuple(reasons), rows, ends_early(end) if undecided and not reasons else '')

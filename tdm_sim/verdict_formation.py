@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.verdict import held_from, HOLD_TIME, Verdict
+from tdm_sim.verdict import ends_early, held_from, HOLD_TIME, Verdict
 
 Array = NDArray[np.float64]
 
@@ -63,18 +63,19 @@ def judge_formation(
     """Judge robots' motions: in place soon after the plan's end, held, and never too close."""
     reasons: list[str] = []
     rows: list[tuple[str, str, str]] = []
+    ends: list[float] = []
     for name, plan in plans.items():
         robot, goal = measured[name], goals[name]
-        since = arrived_since(robot, goal)
-        held = float(robot.times[-1]) - since
+        since, end = arrived_since(robot, goal), float(robot.times[-1])
+        late = not since <= plan.duration + LONGEST_SETTLING
         distance, turn = place_errors(robot, goal)
         last = robot.times > robot.times[-1] - HOLD_TIME
-        if not since <= plan.duration + LONGEST_SETTLING:
+        if late and end > plan.duration + LONGEST_SETTLING:
             reasons.append(
                 f'{name} was not in its place within {LONGEST_SETTLING:g} s of the planned arrival'
             )
-        elif held < HOLD_TIME:
-            reasons.append(f'{name} held its place for {held:.1f} s only, not {HOLD_TIME:g} s')
+        elif late or end - max(since, 0.0) < HOLD_TIME:
+            ends.append(end)
         rows += [
             (f'{name}: arrival [s]', f'{plan.duration:.2f}', f'{max(since, 0.0):.2f}'),
             (f'{name}: error at the end [mm]', f'< {1e3 * POSITION_TOLERANCE:g}',
@@ -87,7 +88,8 @@ def judge_formation(
         reasons += found
         rows += row
     rows.append(('time to solve [ms]', f'{1e3 * solve_time:.0f}', ''))
-    return Verdict(tuple(reasons), tuple(rows))
+    undecided = ends_early(min(ends)) if ends and not reasons else ''
+    return Verdict(tuple(reasons), tuple(rows), undecided)
 
 
 def _distances(

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from tdm_sim.report.entries import Entry
 from tdm_sim.report.margins import Limits
 from tdm_sim.report.mission import Mission, Vehicle
-from tdm_sim.report.outcome import landing_errors
+from tdm_sim.report.outcome import could_arrive, landing_errors
 
 
 def _several(mission: Mission) -> str:
@@ -44,9 +44,8 @@ def _duration(vehicle: Vehicle, reached: float | None, note: str) -> Entry:
     first = vehicle.plans[0]
     known = reached is not None and math.isfinite(reached)
     if reached == math.inf:
-        assert vehicle.states is not None
-        over = vehicle.states.times[-1] >= vehicle.plans[-1].end
-        note = 'the goal was not held to the end' if over else 'the recording ends before'
+        early = could_arrive(vehicle)
+        note = 'the recording ends before' if early else 'the goal was not held to the end'
     return Entry(
         kind='duration',
         name='time to the goal',

@@ -15,11 +15,12 @@ from tdm_sim.report.mission import Mission, Signals, Vehicle
 from tdm_sim.verdict import (
     held_from,
     judge_pendulum,
+    LONGEST_CATCH,
     MeasuredPendulum,
     UPRIGHT_TOLERANCE,
     Verdict,
 )
-from tdm_sim.verdict_formation import arrived_since, judge_formation
+from tdm_sim.verdict_formation import arrived_since, judge_formation, LONGEST_SETTLING
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,15 @@ def arrival(vehicle: Vehicle) -> float | None:
     if vehicle.plant == 'robot':
         return arrived_since(_as_robot(after), goal_of(vehicle))
     return None
+
+
+def could_arrive(vehicle: Vehicle) -> bool:
+    """Whether the goal could still be reached in time when the recording ends."""
+    longest = {'pendulum': LONGEST_CATCH, 'robot': LONGEST_SETTLING}.get(vehicle.plant, 0.0)
+    states = _complete(vehicle)
+    if states is None or vehicle.plan is None:
+        return True
+    return bool(states.times[-1] <= vehicle.plan.end + longest)
 
 
 def goal_of(robot: Vehicle) -> Array:
@@ -153,13 +163,13 @@ def _robots(mission: Mission) -> Mapping[str, MeasuredRobot]:
 
 
 def _judged(vehicle: Vehicle) -> Signals | None:
-    """Complete samples from half a second before the motion on, that reach beyond its end."""
+    """Complete samples from half a second before the motion on; None if it was not begun."""
     states = _complete(vehicle)
     if states is None or not vehicle.plans:
         return None
     during = states.between(vehicle.plans[0].start - 0.5, math.inf)
-    beyond = during.times.size and during.times[-1] > vehicle.plans[-1].end
-    return during if beyond else None
+    begun = during.times.size and during.times[-1] > vehicle.plans[-1].start
+    return during if begun else None
 
 
 def _complete(vehicle: Vehicle) -> Signals | None:

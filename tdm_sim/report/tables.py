@@ -45,6 +45,8 @@ def _verdict(comparison: Comparison) -> str:
         return ''
     if verdict.reached:
         return '<p class="verdict good">Goal reached and held</p>'
+    if not verdict.reasons:
+        return f'<p class="verdict">Not known: {escape(verdict.undecided)}</p>'
     reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
     return f'<p class="verdict bad">Goal missed</p><ul class="reasons">{reasons}</ul>'
 

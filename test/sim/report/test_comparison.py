@@ -130,7 +130,42 @@ def test_a_recording_that_ends_before_the_motion_does():
     comparison = compare(replace(mission, vehicles=(cut,)))
     duration = entry(comparison, 'time to the goal', 'pendulum')
     assert (duration.achieved, duration.note) == (None, 'the recording ends before')
-    assert comparison.verdict is None
+    assert comparison.verdict is not None
+    assert comparison.verdict.reasons == ()
+    assert comparison.verdict.undecided.startswith('the recording ends at 1.0 s')
+
+
+@pytest.mark.parametrize('end', [2.05, 2.2, 5.4, 7.0])
+def test_a_recording_that_ends_before_the_goal_was_held_long_enough(end):
+    mission = swing_up()
+    (vehicle,) = mission.vehicles
+    assert vehicle.states is not None
+    cut = replace(vehicle, states=vehicle.states.between(-1.0, end))
+    comparison = compare(replace(mission, vehicles=(cut,)))
+    assert comparison.verdict is not None
+    assert comparison.verdict.reasons == ()
+    assert f'ends at {end:.1f} s' in comparison.verdict.undecided
+    duration = entry(comparison, 'time to the goal', 'pendulum')
+    assert (duration.achieved is None) == (end < 2.1)
+    assert duration.note == ('the recording ends before' if end < 2.1 else '')
+
+
+def test_robots_whose_recording_ends_before_they_held_their_places():
+    mission = formation()
+    cut = tuple(
+        replace(robot, states=robot.states.between(-1.0, end))
+        for robot, end in zip(mission.vehicles, (4.5, 5.5), strict=True)
+    )
+    verdict = compare(replace(mission, vehicles=cut)).verdict
+    assert verdict is not None
+    assert (verdict.reasons, verdict.reached) == ((), False)
+    assert verdict.undecided.startswith('the recording ends at 4.5 s')
+    near = np.concatenate([cut[0].states.values[:-1], cut[0].states.values[-1:] + 5.0])
+    out = replace(cut[0], states=replace(cut[0].states, values=near))
+    missed = compare(replace(mission, vehicles=(out, cut[1]))).verdict
+    assert missed is not None
+    assert 'of a wall' in missed.reasons[0]
+    assert missed.undecided == ''
 
 
 def test_only_what_was_measured_after_the_start_counts():

@@ -73,6 +73,9 @@ def test_the_verdict_is_said_first():
     missed = summary_table(pendulum_mission(), Comparison((), verdict=Verdict(('fell <b>',), ())))
     assert 'Goal missed' in missed
     assert 'fell &lt;b&gt;' in missed
+    early = Comparison((), verdict=Verdict((), (), 'the recording ends at 5.2 s'))
+    undecided = summary_table(pendulum_mission(), early)
+    assert undecided.startswith('<p class="verdict">Not known: the recording ends at 5.2 s</p>')
 
 
 def test_a_plan_alone_has_no_column_for_what_was_achieved():
