@@ -169,5 +169,13 @@ def _label_turns(axis: Axes, trajectory: Trajectory, name: str) -> None:
     if name == 'theta':
         upright = 2 * math.pi * round(float(trajectory.states[-1, 0]) / (2 * math.pi))
         axis.axhline(upright, color='0.5', lw=1)
-        below = 'top' if trajectory.states[0, 0] < upright else 'bottom'
-        axis.annotate('upright', (0.005, upright), xycoords=('axes fraction', 'data'), va=below)
+        rising = bool(trajectory.states[0, 0] < upright)
+        axis.annotate(
+            'upright',
+            (0.005, upright),
+            xycoords=('axes fraction', 'data'),
+            xytext=(0, -3 if rising else 3),
+            textcoords='offset points',
+            va='top' if rising else 'bottom',
+            fontsize='small',
+        )

@@ -17,6 +17,8 @@ HOLD_TIME = 5.0
 UPRIGHT_TOLERANCE = 0.05
 LONGEST_CATCH = 3.0
 
+_STEP, _MOST_STEPS = 0.001, 50_000
+
 
 @dataclass(frozen=True)
 class MeasuredPendulum:
@@ -65,6 +67,16 @@ def held_from(times: Array, error: Array, tolerance: float) -> float:
     return float(times[last + 1]) if last + 1 < times.size else math.inf
 
 
+def planned_instants(plan: Trajectory) -> Array:
+    """Return instants (n,) s, from 0 on, at which a plan is judged like what was measured."""
+    return np.linspace(0.0, plan.duration, min(int(plan.duration / _STEP) + 2, _MOST_STEPS))
+
+
+def _from_upright(theta: Array) -> Array:
+    """Return angles (n,) from the upright position that they end near."""
+    return np.asarray(theta - 2 * math.pi * np.round(theta[-1] / (2 * math.pi)))
+
+
 def judge_pendulum(
     plan: Trajectory,
     measured: MeasuredPendulum,
@@ -73,8 +85,10 @@ def judge_pendulum(
     solve_time: float,
 ) -> Verdict:
     """Judge a swing-up: upright within `LONGEST_CATCH` s of the planned end and held after it."""
-    turns = 2 * math.pi * np.round(measured.theta[-1] / (2 * math.pi))
-    error = measured.theta - turns
+    error = _from_upright(measured.theta)
+    instants = planned_instants(plan)
+    theta = plan.sample(instants).state[:, plan.state_names.index('theta')]
+    due = held_from(instants, _from_upright(theta), UPRIGHT_TOLERANCE)
     since = held_from(measured.times, error, UPRIGHT_TOLERANCE)
     last = measured.times > measured.times[-1] - HOLD_TIME
     held = float(measured.times[-1]) - max(since, 0.0)
@@ -95,7 +109,9 @@ def judge_pendulum(
         reasons.append(f'the torque reached {torque:.4g} N m, its limit is {torque_limit:g} N m')
     worst_hold = float(np.abs(error[last]).max())
     rows = (
-        ('time to upright [s]', f'{plan.duration:.3f}', f'{max(since, 0.0):.3f}'),
+        ('duration of the plan [s]', f'{plan.duration:.3f}', ''),
+        (f'upright within {UPRIGHT_TOLERANCE:g} rad from [s]', f'{due:.3f}',
+         f'{max(since, 0.0):.3f}'),
         ('peak torque [N m]', f'{planned_torque:.4f}', f'{torque:.4f}'),
         ('torque margin [N m]', f'{torque_limit - planned_torque:.4f}',
          f'{torque_limit - torque:.4f}'),

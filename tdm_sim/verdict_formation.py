@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.measured_robot import MeasuredRobot, pair_distance
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.verdict import ends_early, held_from, HOLD_TIME, Verdict
+from tdm_sim.verdict import ends_early, held_from, HOLD_TIME, planned_instants, Verdict
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,14 @@ def arrived_since(robot: MeasuredRobot, goal: Array) -> float:
     return held_from(robot.times, worst, 1.0)
 
 
+def _due(plan: Trajectory, goal: Array) -> float:
+    """Return the instant [s] from which the plan itself stays within the tolerances."""
+    instants = planned_instants(plan)
+    states = plan.sample(instants).state
+    columns = dict(zip(plan.state_names, states.T, strict=True))
+    return arrived_since(MeasuredRobot(instants, columns), goal)
+
+
 def judge_formation(
     view: Arena,
     plans: Mapping[str, Trajectory],
@@ -77,7 +85,9 @@ def judge_formation(
         elif late or end - max(since, 0.0) < HOLD_TIME:
             ends.append(end)
         rows += [
-            (f'{name}: arrival [s]', f'{plan.duration:.2f}', f'{max(since, 0.0):.2f}'),
+            (f'{name}: duration of the plan [s]', f'{plan.duration:.2f}', ''),
+            (f'{name}: in its place from [s]', f'{_due(plan, goal):.2f}',
+             f'{max(since, 0.0):.2f}'),
             (f'{name}: error at the end [mm]', f'< {1e3 * POSITION_TOLERANCE:g}',
              f'{1e3 * distance[last].max():.1f}'),
             (f'{name}: yaw error at the end [rad]', f'< {YAW_TOLERANCE:g}',

@@ -248,11 +248,19 @@ def _problem(topics: RecordedTopics, sites: Sequence[Site]) -> str:
 
 
 def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
-    """Return how many requests the planner had, and how many failed, while it was recorded."""
+    """Return how many requests the planner had, and how many failed, since its first plan.
+
+    While there is no plan, the planner may be asked before the plants are there. Without any plan
+    it is since the recording started.
+    """
     first: dict[str, int] = {}
+    planned = False
     last: dict[str, int] = {}
     for status in statuses(topics):
         if namespace_of(status.source) == planner and 'plan id' in status.values:
+            if not planned and status.values['plan id'] != '0':
+                planned = True
+                first.clear()
             for name in ('requests', 'failures'):
                 count = status.values.get(name, '')
                 if re.fullmatch(r'\d{1,9}', count):

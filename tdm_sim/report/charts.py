@@ -129,6 +129,8 @@ def _curve_trace(curve: Curve) -> dict[str, Any]:
     if curve.kind == 'measured':
         line['width'] = 3.5
         trace['opacity'] = 0.5
+    elif curve.kind == 'error':
+        line['width'] = 1  # of a broad line, ripple would make a band
     elif curve.kind == 'commanded':
         line |= {'width': 1, 'dash': 'dot'}
     return trace

@@ -9,14 +9,15 @@ from typing import Literal
 
 Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 'planner']
 
-_ROUNDING = 1e-6  # of a margin, in its unit
+ROUNDING = 1e-6  # of a margin, in its unit
 
 
 @dataclass(frozen=True)
 class Entry:
     """A figure, planned and achieved; None: there is none. '' as vehicle: of all together.
 
-    `planned_at` and `achieved_at` are instants since the mission's origin [s].
+    `planned_at` and `achieved_at` are instants since the mission's origin [s]. `mark` is a word on
+    the achieved value.
     """
 
     kind: Kind
@@ -28,9 +29,10 @@ class Entry:
     achieved_at: float | None = None
     vehicle: str = ''
     note: str = ''
+    mark: str = ''
 
     @property
     def violated(self) -> bool:
         """Whether this is a margin that was not kept, as planned or as achieved."""
         known = [value for value in (self.planned, self.achieved) if value is not None]
-        return self.kind == 'margin' and any(value < -_ROUNDING for value in known)
+        return self.kind == 'margin' and any(value < -ROUNDING for value in known)

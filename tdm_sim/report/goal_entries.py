@@ -5,14 +5,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
 
 import numpy as np
 from scipy.integrate import trapezoid
 from tdm_sim.report.entries import Entry
 from tdm_sim.report.margins import Limits
-from tdm_sim.report.mission import Mission, Vehicle
-from tdm_sim.report.outcome import could_arrive, landing_errors
+from tdm_sim.report.mission import Mission, Signals, Vehicle
+from tdm_sim.report.outcome import arrival, could_arrive, landing_errors
+from tdm_sim.verdict import planned_instants
 
 
 def _several(mission: Mission) -> str:
@@ -21,27 +23,62 @@ def _several(mission: Mission) -> str:
 
 
 def duration_entries(mission: Mission, arrivals: Mapping[str, float | None]) -> Iterator[Entry]:
-    """When the goal was reached for good, counted from the start of the first plan."""
+    """How long plans are, and when the goal is reached for good, from the start of the first plan.
+
+    A plan ends at rest in the goal. The goal counts as reached within the tolerances of the
+    verdict, before that: planned and measured states are judged alike.
+    """
+    planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
+    lengths = [_length(vehicle, _several(mission)) for vehicle in planned]
+    if len(lengths) > 1:
+        longest = max(row.planned for row in lengths if row.planned is not None)
+        yield Entry('duration', 'duration of all plans', 's', longest, note=_several(mission))
+    yield from lengths
     rows = [
         _duration(vehicle, arrivals[vehicle.name], _several(mission))
-        for vehicle in mission.vehicles
-        if vehicle.plans
+        for vehicle in planned
+        if vehicle.states is not None
     ]
     if len(rows) > 1:
+        due = [row.planned for row in rows if row.planned is not None]
         done = [row.achieved for row in rows if row.achieved is not None]
         yield Entry(
             kind='duration',
             name='time until all are at the goal',
             unit='s',
-            planned=max(row.planned for row in rows if row.planned is not None),
+            planned=max(due) if len(due) == len(rows) else None,
             achieved=max(done) if len(done) == len(rows) else None,
             note=_several(mission),
         )
     yield from rows
 
 
+def _length(vehicle: Vehicle, note: str) -> Entry:
+    first = vehicle.plans[0]
+    return Entry(
+        kind='duration',
+        name='duration of the plan',
+        unit='s',
+        planned=first.trajectory.duration,
+        planned_at=first.end,
+        vehicle=vehicle.name,
+        note=note,
+    )
+
+
+def _planned_arrival(vehicle: Vehicle) -> float | None:
+    """Return when the first plan's own states are within the tolerances for good [s]."""
+    first = vehicle.plans[0]
+    times = first.start + planned_instants(first.trajectory)
+    names = first.trajectory.state_names
+    states = Signals(times, first.states(times), names, ('',) * len(names))
+    reached = arrival(replace(vehicle, plans=(first,), states=states))
+    return reached if reached is not None and math.isfinite(reached) else None
+
+
 def _duration(vehicle: Vehicle, reached: float | None, note: str) -> Entry:
     first = vehicle.plans[0]
+    due = _planned_arrival(vehicle)
     known = reached is not None and math.isfinite(reached)
     if reached == math.inf:
         early = could_arrive(vehicle)
@@ -50,9 +87,9 @@ def _duration(vehicle: Vehicle, reached: float | None, note: str) -> Entry:
         kind='duration',
         name='time to the goal',
         unit='s',
-        planned=first.trajectory.duration,
+        planned=None if due is None else due - first.start,
         achieved=max(reached - first.start, 0.0) if known and reached is not None else None,
-        planned_at=first.end,
+        planned_at=due,
         achieved_at=reached if known else None,
         vehicle=vehicle.name,
         note=note,
@@ -79,13 +116,20 @@ def cost_entries(
 def _achieved_terms(
     mission: Mission, limits: Limits, arrivals: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """Terms of J for the measured motion until the goal was held; empty where not known."""
+    """Terms of J for the measured motion; empty where not known.
+
+    All terms span the same time of every vehicle: until the planned end, where the plan is at
+    rest, or, if the goal was reached later, until then.
+    """
     times = {}
     for vehicle in mission.vehicles:
         reached = arrivals[vehicle.name]
         if reached is None or math.isinf(reached):
             return {}
-        times[vehicle.name] = max(reached - vehicle.plans[0].start, 0.0)
+        until = max(reached, vehicle.plans[-1].end)
+        if vehicle.states is None or vehicle.states.times[-1] < until:
+            return {}
+        times[vehicle.name] = until - vehicle.plans[0].start
     if mission.problem == 'pendulum_swing_up' and len(times) == 1:
         return {'time': next(iter(times.values()))}
     task = limits.formation
@@ -100,11 +144,11 @@ def _achieved_terms(
 
 
 def _gas(robot: Vehicle, duration: float) -> float | None:
-    """Return the integral of the thrust [N s] until the goal is reached, or was to be."""
+    """Return the integral of the thrust [N s] from the first plan's start on for `duration` s."""
     if robot.controls is None or 'thrust' not in robot.controls:
         return None
     start = robot.plans[0].start
-    during = robot.controls.between(start, max(start + duration, robot.plans[-1].end))
+    during = robot.controls.between(start, start + duration)
     thrust = during.column('thrust')
     known = np.isfinite(thrust)
     return float(trapezoid(thrust[known], during.times[known])) if known.any() else None

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
 import re
 
 import numpy as np
-from tdm_sim.report.entries import Entry
-from tdm_sim.report.margins import History, smallest
-from tdm_sim.report.mission import Margin, Mission, Severity, Signals
+from tdm_sim.report.entries import Entry, ROUNDING
+from tdm_sim.report.margins import History, smallest, THRUST
+from tdm_sim.report.mission import Margin, Mission, Severity, Signals, Vehicle
 
 
 def margin_entries(mission: Mission, histories: Mapping[str, History]) -> Iterator[Entry]:
@@ -28,10 +29,33 @@ def margin_entries(mission: Mission, histories: Mapping[str, History]) -> Iterat
         }
         used |= {n for n in said if n in own or n.startswith(f'{vehicle.name}.')}
         for name in dict.fromkeys([*own, *drawn, *measured]):
-            yield _margin(name, own.get(name) or drawn.get(name), measured.get(name), vehicle.name)
+            planned = _planned_margin(vehicle, name, own.get(name), drawn.get(name))
+            row = _margin(name, planned, measured.get(name), vehicle.name)
+            if row.planned is not None or row.achieved is not None:
+                yield replace(row, mark=_mark(row, vehicle, name))
     for name, margin in said.items():
         if name not in used and not name.startswith('separation '):
             yield _margin(name, margin, None, '')
+
+
+def _planned_margin(
+    vehicle: Vehicle, name: str, said: Margin | None, drawn: Margin | None
+) -> Margin | None:
+    """Return what the planner's check found or, where it said nothing, that of the plan as drawn.
+
+    The check takes both limits of a thrust together: the margin is 0 whenever a robot coasts.
+    """
+    if vehicle.plant != 'robot' or name != THRUST:
+        return said or drawn
+    violated = said is not None and said.worst < -ROUNDING
+    return said if drawn is None and violated else drawn
+
+
+def _mark(row: Entry, vehicle: Vehicle, name: str) -> str:
+    """Say of a control that it was at its limit: the plant could not do more."""
+    if row.achieved is None or abs(row.achieved) > ROUNDING or vehicle.plan is None:
+        return ''
+    return 'saturated' if name in vehicle.plan.trajectory.control_names else ''
 
 
 def _margin(name: str, planned: Margin | None, achieved: Margin | None, vehicle: str) -> Entry:
@@ -112,7 +136,10 @@ def tracking_entries(errors: Mapping[str, Signals]) -> Iterator[Entry]:
 
 
 def planner_entries(mission: Mission) -> Iterator[Entry]:
-    """Solving times, and how often plans were made anew, refused or late."""
+    """Solving times, and how often plans were made anew, refused or late.
+
+    Errors count from the start of the first plan's motion on: before, nodes wait for each other.
+    """
     times = [f.solve_time for f in mission.figures if f.solve_time is not None]
     deadline = mission.number('solver.deadline')
     if times:
@@ -126,8 +153,19 @@ def planner_entries(mission: Mission) -> Iterator[Entry]:
     if refused is not None:
         yield Entry('planner', 'requests without a plan', '', None, float(refused))
     yield Entry('planner', 'missed deadlines', '', 0.0, float(missed_deadlines(mission)))
-    grave = sum(event.level >= Severity.ERROR for event in mission.events)
-    yield Entry('planner', 'errors reported by nodes', '', 0.0, float(grave))
+    yield Entry('planner', 'errors reported by nodes', '', 0.0, float(_errors(mission)))
+
+
+def _errors(mission: Mission) -> int:
+    """Count errors since the motion started, those that a node had not got over by then too."""
+    said_last: dict[str, Severity] = {}
+    count = 0
+    for event in mission.events:
+        if mission.is_early(event):
+            said_last[event.source] = event.level
+        else:
+            count += event.level >= Severity.ERROR
+    return count + sum(level >= Severity.ERROR for level in said_last.values())
 
 
 def missed_deadlines(mission: Mission) -> int:

@@ -8,7 +8,7 @@ The limits are those that the planner checks a plan against, for the parameters 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import itertools
 
 import numpy as np
@@ -18,11 +18,13 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.verification import Constraint
+from tdm_sim.report.entries import ROUNDING
 from tdm_sim.report.mission import Margin, Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]
 
 MOST_PAIRS = 200
+THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
 _PLANNED_STEP = 0.01  # s, between instants at which planned distances are computed
 
 
@@ -56,7 +58,7 @@ def limits_of(mission: Mission) -> Limits:
             return Limits({'pendulum': task.constraints})
         if mission.problem == RobotFormation.name:
             formation = RobotFormation.from_parameters(mission.parameters).task
-            return Limits({'robot': robot_constraints(formation)}, formation)
+            return Limits({'robot': _robot_limits(formation)}, formation)
     except TdmError as error:
         return Limits(
             fault=f'Limits are not known: the recorded parameters are invalid ({error}).'
@@ -64,8 +66,29 @@ def limits_of(mission: Mission) -> Limits:
     return Limits()
 
 
+def _robot_limits(task: FormationTask) -> list[Constraint]:
+    """Limits of one robot, those of its thrust apart.
+
+    A robot that coasts is at the lower one all the time: together with it, the margin of the upper
+    one would never be seen.
+    """
+    most = task.thrust * task.plant.mass
+    found = []
+    for constraint in robot_constraints(task):
+        if constraint.name != THRUST:
+            found.append(constraint)
+            continue
+        upper = replace(constraint, margin=lambda t, x, u: most - u[:, 0])
+        lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
+        found += [upper, lower]
+    return found
+
+
 def margin_history(vehicle: Vehicle, limits: Limits) -> History:
-    """Return the margin of every constraint over time; negative values are violations."""
+    """Return the margin of every constraint over time; negative values are violations.
+
+    Of the thrust it is that of the upper limit; the lower one is there only if it is violated.
+    """
     constraints = limits.by_plant.get(vehicle.plant, ())
     if not constraints:
         return History()
@@ -122,8 +145,13 @@ def _margins(
 
 
 def _signals(times: Array, values: Array, constraints: Sequence[Constraint]) -> Signals:
-    names = tuple(constraint.name for constraint in constraints)
-    return Signals(times, values, names, tuple(constraint.unit for constraint in constraints))
+    shown = [
+        k
+        for k, constraint in enumerate(constraints)
+        if constraint.name != LOWER_THRUST or (values[:, k] < -ROUNDING).any()
+    ]
+    names = tuple(constraints[k].name for k in shown)
+    return Signals(times, values[:, shown], names, tuple(constraints[k].unit for k in shown))
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:

@@ -226,8 +226,9 @@ class Mission:
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
     follows from it; `counters` are the planner's own (requests,
-    failures); `source` is the file or folder it was read from; `recorded_at` is the
-    origin's wall-clock time [s since the epoch], None for a plan that was not carried out.
+    failures), from the first plan on if there is one; `source` is the file or folder it was read
+    from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a plan that
+    was not carried out.
     """
 
     title: str
@@ -257,6 +258,10 @@ class Mission:
                 if signals is not None and signals.times.size:
                     instants += [float(signals.times[0]), float(signals.times[-1])]
         return min(instants), max(instants)
+
+    def is_early(self, event: Event) -> bool:
+        """Whether an event came before the motion: while the nodes were starting."""
+        return event.time < 0.0 and any(vehicle.plans for vehicle in self.vehicles)
 
     def number(self, name: str) -> float | None:
         """Return a parameter's value if it is a finite number."""

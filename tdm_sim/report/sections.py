@@ -64,8 +64,10 @@ def details(mission: Mission) -> str:
     """Return events and parameters."""
     parts = []
     if mission.events:
-        grave = sum(event.level != Severity.OK for event in mission.events)
-        count = f'{len(mission.events)} events, {grave} of them warnings or errors'
+        grave = [event for event in mission.events if event.level != Severity.OK]
+        early = sum(map(mission.is_early, grave))
+        count = f'{len(mission.events)} events, {len(grave)} of them warnings or errors'
+        count += f' ({early} before the motion)' if early else ''
         parts.append(
             '<section class="card" id="events"><h2>Events</h2>'
             f'<p class="note">{count}</p>'

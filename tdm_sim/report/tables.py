@@ -9,6 +9,8 @@ from dataclasses import replace
 from html import escape
 
 from tdm_sim.report.comparison import Comparison, Entry, Kind
+from tdm_sim.report.criteria import criteria, verdict_criterion
+from tdm_sim.report.entries import ROUNDING
 from tdm_sim.report.mission import Event, Mission
 
 MOST_EVENTS = 300
@@ -24,7 +26,6 @@ _HEADINGS: dict[Kind, str] = {
     'planner': 'Planner',
 }
 _NOTHING = 1e-12  # below this a figure is shown as 0
-_ROUNDING = 1e-6  # of a margin that is kept exactly
 
 
 def summary_table(mission: Mission, comparison: Comparison) -> str:
@@ -32,19 +33,21 @@ def summary_table(mission: Mission, comparison: Comparison) -> str:
     several = len(mission.vehicles) > 1
     entries = comparison.entries
     worst = _worst(entries) if several else [e for e in entries if not _is_detail(e)]
-    parts = [_verdict(comparison), _table(mission, worst, several)]
+    parts = [_verdict(mission, comparison), _table(mission, worst, several, criteria(mission))]
     if len(worst) < len(entries):
-        table = _table(mission, entries, several)
+        table = _table(mission, entries, several, {})
         parts.append(f'<details><summary>Every figure</summary>{table}</details>')
     return ''.join(parts)
 
 
-def _verdict(comparison: Comparison) -> str:
+def _verdict(mission: Mission, comparison: Comparison) -> str:
     verdict = comparison.verdict
     if verdict is None:
         return ''
     if verdict.reached:
-        return '<p class="verdict good">Goal reached and held</p>'
+        criterion = verdict_criterion(mission)
+        asked = f'<p class="note">{escape(criterion)}</p>' if criterion else ''
+        return f'<p class="verdict good">Goal reached and held</p>{asked}'
     if not verdict.reasons:
         return f'<p class="verdict">Not known: {escape(verdict.undecided)}</p>'
     reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
@@ -89,11 +92,15 @@ def _worst_of(group: Sequence[Entry]) -> Entry:
         planned_at=None if planned is None else planned.planned_at,
         achieved=None if achieved is None else achieved.achieved,
         achieved_at=None if achieved is None else achieved.achieved_at,
+        mark='' if achieved is None else achieved.mark,
         vehicle=(achieved or planned or group[0]).vehicle,
     )
 
 
-def _table(mission: Mission, entries: Sequence[Entry], several: bool) -> str:
+def _table(
+    mission: Mission, entries: Sequence[Entry], several: bool, notes: Mapping[Kind, str]
+) -> str:
+    """Return a table; `notes` say what the figures of a kind mean."""
     carried_out = mission.was_carried_out
     heads = '<th scope="col">planned</th>'
     heads += '<th scope="col">achieved</th>' if carried_out else ''
@@ -106,6 +113,9 @@ def _table(mission: Mission, entries: Sequence[Entry], several: bool) -> str:
                 f'<tr class="group"><th colspan="{columns}" scope="colgroup">{heading}</th></tr>'
             )
             rows += [_row(entry, several, carried_out) for entry in group]
+            if kind in notes:
+                note = f'<td colspan="{columns}">{escape(notes[kind])}</td>'
+                rows.append(f'<tr class="criterion">{note}</tr>')
     return (
         f'<table class="figures"><thead><tr><td></td>{heads}</tr></thead>'
         f'<tbody>{"".join(rows)}</tbody></table>'
@@ -130,17 +140,21 @@ def _row(entry: Entry, several: bool, carried_out: bool) -> str:
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
         cells = _cell(planned, entry.planned_at, entry.kind)
-        bad = entry.kind == 'margin' and achieved is not None and achieved < -_ROUNDING
-        cells += _cell(achieved, entry.achieved_at, entry.kind, bad) if carried_out else ''
+        bad = entry.kind == 'margin' and achieved is not None and achieved < -ROUNDING
+        if carried_out:
+            cells += _cell(achieved, entry.achieved_at, entry.kind, bad, entry.mark)
     return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
 
 
-def _cell(value: float | None, instant: float | None, kind: Kind, bad: bool = False) -> str:
+def _cell(
+    value: float | None, instant: float | None, kind: Kind, bad: bool = False, mark: str = ''
+) -> str:
     if value is None:
         return '<td></td>'
     at = ''
     if instant is not None and kind in ('margin', 'distance', 'tracking'):
         at = f' <small>at {instant_button(instant)}</small>'
+    at += f' <small class="mark">{escape(mark)}</small>' if mark else ''
     style = ' class="bad"' if bad else ''
     return f'<td{style}>{number(value)}{at}</td>'
 
@@ -158,18 +172,22 @@ def number(value: float | None) -> str:
 
 
 def events_table(mission: Mission) -> str:
-    """Return what nodes said of themselves, in order; the instants lead the cursor there."""
+    """Return what nodes said of themselves, in order; the instants lead the cursor there.
+
+    What came before the motion is dimmed.
+    """
     events = mission.events[:MOST_EVENTS]
-    rows = ''.join(map(_event_row, events))
+    rows = ''.join(_event_row(event, mission.is_early(event)) for event in events)
     if len(mission.events) > len(events):
         left = len(mission.events) - len(events)
         rows += f'<tr><td colspan="3">and {left} more</td></tr>'
     return f'<table class="events"><tbody>{rows}</tbody></table>'
 
 
-def _event_row(event: Event) -> str:
+def _event_row(event: Event, early: bool) -> str:
+    style = f'{event.level.name} early' if early else event.level.name
     return (
-        f'<tr class="{event.level.name}"><td>{instant_button(event.time)}</td>'
+        f'<tr class="{style}"><td>{instant_button(event.time)}</td>'
         f'<td>{escape(event.source)}</td><td>{escape(event.text)}</td></tr>'
     )
 

@@ -204,6 +204,8 @@ function chartView(chart, clock) {
     const axis = panel ? `y${panel + 1}` : 'y';
     const title = node.layout.annotations[panel].text.replace(/<[^>]*>/g, '');
     const room = Math.floor((width - 7.5 * title.length - 12) / 66);
+    const [low, high] = node.layout[`yaxis${panel ? panel + 1 : ''}`].range.map(Number);
+    const scale = Math.abs(high - low);
     let values = [];
     for (const trace of node.data) {
       const { kind } = trace.meta;
@@ -222,7 +224,7 @@ function chartView(chart, clock) {
       const span = element.children[k];
       span.className = kind;
       span.style.setProperty('--colour', colour);
-      span.textContent = brief(value);
+      span.textContent = brief(value, scale);
     });
   }
 
@@ -248,8 +250,10 @@ function panelTitle(annotation, [, description, unit], narrow) {
   return annotation.text + escaped(words + (unit ? ` [${unit}]` : ''));
 }
 
-function brief(value) {
+// A value as briefly as its axis can tell it: what cannot be seen on the axis' scale is 0.
+function brief(value, scale) {
   const size = Math.abs(value);
+  if (size < scale / 5000) return '0';
   const digits = size >= 100 ? 0 : size >= 10 ? 2 : size >= 0.1 || size === 0 ? 3 : 4;
   const text = size !== 0 && size < 1e-4 ? size.toExponential(1) : size.toFixed(digits);
   return (value < 0 && Number(text) !== 0 ? '−' : '') + text;

@@ -46,7 +46,8 @@ function pendulumScene(scene, holder) {
     readings.textContent = [['theta', 'θ', 'rad', 3], ['psi', 'ψ', 'rad', 3],
       ['torque', 'T', 'N m', 4]].map(([name, symbol, unit, digits]) => {
       const value = valueAt(times, now[name], t);
-      return Number.isFinite(value) ? `${symbol} = ${signed(value, digits)} ${unit}` : `${symbol} –`;
+      const said = Number.isFinite(value) ? `= ${signed(value, digits)} ${unit}` : '–';
+      return `${symbol} ${said}`.replace(/ /g, '\u00a0');  // lines break between readings only
     }).join('   ');
   }
 

@@ -57,7 +57,12 @@ def test_a_plan_of_robots(tmp_path: Path):
         planned = comparison.margins[vehicle.name].planned
         assert planned is not None
         assert set(planned.names) == {'thrust', 'thruster_rate', 'torque', 'walls'}
-        for name in planned.names:
+        # of the thrust the upper limit alone: robots that coast are at the lower one
+        most = mission.number('limits.thrust')
+        assert most is not None
+        strongest = vehicle.plans[0].trajectory.control('thrust').max()
+        assert planned.column('thrust').min() == pytest.approx(most - strongest)
+        for name in planned.names[1:]:
             expected = check.worst[f'{vehicle.name}.{name}']
             assert planned.column(name).min() == pytest.approx(expected, abs=1e-4)
     (smallest,) = [e for e in comparison.entries if e.name == 'smallest distance of two robots']

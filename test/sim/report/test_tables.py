@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The summary: the worst of several vehicles, figures as people write them."""
 
+from dataclasses import replace
 from html.parser import HTMLParser
+import re
 
 from page_missions import pendulum_mission, robots_mission
 import pytest
 from tdm_sim.report.comparison import Comparison, Entry
-from tdm_sim.report.tables import number, parameters_table, summary_table
+from tdm_sim.report.mission import Event, Severity
+from tdm_sim.report.tables import events_table, number, parameters_table, summary_table
 from tdm_sim.verdict import Verdict
 
 
@@ -65,6 +68,30 @@ def test_a_violation_stands_out():
     table = summary_table(pendulum_mission(), Comparison(entries))
     assert '<td class="bad">\N{MINUS SIGN}0.02' in table
     assert table.count('class="bad"') == 1
+
+
+def test_figures_are_said_to_mean():
+    mission = pendulum_mission()
+    entries = (
+        Entry('duration', 'time to the goal', 's', 1.9, 2.0),
+        Entry('margin', 'margin of torque', 'N m', 0.1, 0.0, 1.0, 1.5, mark='saturated'),
+        Entry('planner', 'requests without a plan', '', None, 0.0),
+    )
+    table = summary_table(mission, Comparison(entries, verdict=Verdict((), ())))
+    assert 'theta stays within 0.05 rad of upright, planned and measured alike' in table
+    assert 'Requests count from the first plan on' in table
+    assert 'At the latest 3 s after the planned end' in table
+    assert ['torque [N m]', '0.1 at 1.00 s', '0 at 1.50 s saturated'] in Rows(table).rows
+    assert 'State at the planned end' not in table  # there is no figure of it
+
+
+def test_what_came_before_the_motion_is_dimmed():
+    events = (
+        Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
+        Event(1.0, Severity.WARN, '/p/tracker', 'late'),
+    )
+    table = events_table(replace(pendulum_mission(), events=events))
+    assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
 
 
 def test_the_verdict_is_said_first():
