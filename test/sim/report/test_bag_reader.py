@@ -268,6 +268,23 @@ def test_figures_from_diagnostics_where_there_is_no_summary(tmp_path: Path):
     assert mission.vehicles[0].plans[0].plan_id == '3'
 
 
+def test_requests_count_from_the_first_plan_on(tmp_path: Path):
+    def said(seconds: float, plan: int, requests: int, failures: int) -> Item:
+        at = START + round(seconds * 1e9)
+        values = {'plan_id': plan, 'requests': requests, 'failures': failures}
+        text = {name: str(value) for name, value in values.items()}
+        message = status(at, '/pendulum/planner', 0, 'ready', **text)
+        return Item('/diagnostics', STANDARD['DiagnosticArray'], at, message)
+
+    # asked twice before the pendulum was there, and once in vain after the plan
+    early = [said(-0.4, 0, 0, 0), said(-0.3, 0, 2, 2)]
+    late = [said(-0.2, 1, 3, 2), said(0.5, 1, 4, 3)]
+    mission = read_mission(write(tmp_path / 'a', [*pendulum_recording(), *early, *late]))
+    assert mission.counters == {'requests': 1, 'failures': 1}
+    mission = read_mission(write(tmp_path / 'b', [*pendulum_recording(), *early]))
+    assert mission.counters == {'requests': 2, 'failures': 2}
+
+
 def test_replans_are_in_force_one_after_the_other(tmp_path: Path):
     second = START + 5 * 10**8
     items = pendulum_recording()

@@ -236,13 +236,14 @@ def test_terms_of_the_cost_span_the_same_time():
 
 
 def coasting(thrust: float) -> Mission:
-    """The formation, its first robot with `thrust` for a moment and coasting otherwise."""
+    """Return the formation, its first robot with `thrust` for a moment, coasting otherwise."""
     mission = formation()
     first, *others = mission.vehicles
     assert first.controls is not None
     values = np.zeros_like(first.controls.values)
     k = int(np.searchsorted(first.controls.times, 0.8))
-    values[k : k + 10, first.controls.names.index('thrust')] = thrust
+    moment = slice(k, k + 10)
+    values[moment, first.controls.names.index('thrust')] = thrust
     controls = replace(first.controls, values=values)
     return replace(mission, vehicles=(replace(first, applied=controls), *others))
 
