@@ -10,12 +10,19 @@ import io
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory
+
+
+class UnusableFile(InvalidProblem):
+    """A file or folder cannot be used as asked to; the message names it and says why."""
+
+    code: ClassVar[str] = 'FILE'
+
 
 _VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
@@ -106,15 +113,15 @@ def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
 
     Raises
     ------
-    InvalidProblem
+    UnusableFile
         If the ending is unknown or the folder does not exist.
     """
     if path.suffix.lower() not in endings:
-        raise InvalidProblem(f"the file '{path}' must end in one of {', '.join(endings)}")
+        raise UnusableFile(f"the file '{path}' must end in one of {', '.join(endings)}")
     if not path.parent.is_dir():
-        raise InvalidProblem(f"the folder '{path.parent}' does not exist")
+        raise UnusableFile(f"the folder '{path.parent}' does not exist")
     if path.is_dir():
-        raise InvalidProblem(f"'{path}' is a folder, not a file")
+        raise UnusableFile(f"'{path}' is a folder, not a file")
 
 
 def save_plan(plan: Mapping[str, Any], path: Path) -> None:
@@ -122,7 +129,7 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
 
     Raises
     ------
-    InvalidProblem
+    UnusableFile
         If the path is not one that can be written.
     """
     check_path(path)
@@ -130,7 +137,7 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
     try:
         path.write_bytes(data)
     except OSError as error:
-        raise InvalidProblem(f"the file '{path}' cannot be written: {error.strerror}") from None
+        raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
 
 
 def load_plan(path: Path) -> dict[str, Any]:
@@ -138,17 +145,17 @@ def load_plan(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    InvalidProblem
+    UnusableFile
         If the file cannot be read or is not a plan.
     """
     try:
         plan = json.loads(path.read_text())
     except OSError as error:
-        raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
+        raise UnusableFile(f"the file '{path}' cannot be read: {error.strerror}") from None
     except ValueError:
-        raise InvalidProblem(f"the file '{path}' is not JSON") from None
+        raise UnusableFile(f"the file '{path}' is not JSON") from None
     if not isinstance(plan, dict) or 'problem' not in plan:
-        raise InvalidProblem(f"the file '{path}' is not a plan written by tdm")
+        raise UnusableFile(f"the file '{path}' is not a plan written by tdm")
     for part in vehicles(plan).values():
         Trajectory.from_dict(dict(part))
     return plan

@@ -21,10 +21,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import InvalidProblem, NoState, TdmError
+from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameter_files import read_parameters
-from tdm_planner.plan_files import save_plan
+from tdm_planner.plan_files import save_plan, UnusableFile
 from tdm_planner.resources import config_file
 from tdm_sim.demo_pendulum import PendulumScene
 from tdm_sim.demo_robots import RobotsScene
@@ -96,11 +96,11 @@ def _report(folder: Path, namespace: str, progress: Progress) -> str:
 def _prepare_folder(folder: Path) -> None:
     """Clear what an earlier demo left; refuse a folder that holds anything else."""
     if folder.exists() and not folder.is_dir():
-        raise InvalidProblem(f"'{folder}' is a file, not a folder for the demo")
+        raise UnusableFile(f"'{folder}' is a file, not a folder for the demo")
     folder.mkdir(parents=True, exist_ok=True)
     foreign = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
     if foreign:
-        raise InvalidProblem(
+        raise UnusableFile(
             f"the folder '{folder}' holds '{foreign[0]}', which no demo has written: "
             'name another one with -o'
         )

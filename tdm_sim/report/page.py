@@ -17,7 +17,7 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plan_files import UnusableFile
 from tdm_sim.report import animation
 from tdm_sim.report.charts import Chart, plotly_figure, plotly_json
 from tdm_sim.report.comparison import compare, Comparison
@@ -40,14 +40,14 @@ def write_report(mission: Mission, path: Path) -> int:
 
     Raises
     ------
-    InvalidProblem
+    UnusableFile
         If the file cannot be written.
     """
     page = report_page(mission).encode()
     try:
         path.write_bytes(page)
     except OSError as error:
-        raise InvalidProblem(f"the file '{path}' cannot be written: {error.strerror}") from None
+        raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
     return len(page)
 
 

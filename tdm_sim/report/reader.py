@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.bag_reader import read_bag
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.plan_reader import read_plan
@@ -25,4 +26,8 @@ def read_mission(path: Path | str, namespace: str | None = None) -> Mission:
     path = Path(path)
     if path.name == 'metadata.yaml' and path.is_file():
         path = path.parent
-    return read_plan(path) if path.suffix.lower() == '.json' else read_bag(path, namespace)
+    if path.suffix.lower() != '.json':
+        return read_bag(path, namespace)
+    if namespace is not None:
+        raise UnreadableRecording(f"'{path}' is a plan, which has no namespaces to choose from")
+    return read_plan(path)

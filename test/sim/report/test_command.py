@@ -56,6 +56,7 @@ def test_quiet(plan, tmp_path):
         (['absent'], ["'absent'"]),
         (['.'], ["'.'", 'no recording']),
         (['text.json'], ['text.json', 'not JSON']),
+        (['PLAN', '--namespace', 'x'], ['plan.json', 'has no namespaces']),
         (['PLAN', '-o', 'page.pdf'], ['page.pdf', '.html']),
         (['PLAN', '-o', 'missing/page.html'], ['missing', 'does not exist']),
     ],
@@ -66,6 +67,7 @@ def test_mistakes_get_one_sentence(plan, tmp_path, arguments, words):
     done = tdm('report', *[plan if a == 'PLAN' else a for a in arguments], cwd=tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
+    assert 'INVALID_PROBLEM' not in done.stderr
     assert all(word in done.stderr for word in words), done.stderr
     assert sorted(tmp_path.iterdir()) == before
 
