@@ -87,7 +87,7 @@ function chartView(chart, clock) {
 
   function layout(range) {
     const narrow = document.documentElement.clientWidth < NARROW;
-    margin = { l: narrow ? 56 : 60, r: 10, t: 4, b: 44 };
+    margin = { l: 54, r: 10, t: 4, b: 44 };
     height = margin.t + margin.b + panels.length * (narrow ? 132 : 150);
     const axis = { gridcolor: theme.grid, linecolor: theme.faint, tickcolor: theme.faint,
       tickfont: { size: 11 }, automargin: false };
