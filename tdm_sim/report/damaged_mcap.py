@@ -90,12 +90,12 @@ def _cut_block(file: BinaryIO) -> Iterator[Any]:
     head = file.read(_RECORD.size + _CHUNK.size)
     if len(head) < _RECORD.size + _CHUNK.size or head[0] != _CHUNK_OPCODE:
         return
-    first, last, size, _, letters = _CHUNK.unpack(head[_RECORD.size :])
+    first, last, size, _, letters = _CHUNK.unpack_from(head, _RECORD.size)
     rest = file.read(LARGEST_RECORD)
     if letters > len(rest):
         return
-    content = rest[letters + 8 :]
-    data = _decompressed(content, rest[:letters], size)
+    begin = letters + 8
+    data = _decompressed(rest[begin:], rest[:letters], size)
     end = _whole(data)
     yield Chunk(
         compression='',
