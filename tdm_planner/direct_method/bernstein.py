@@ -38,7 +38,7 @@ def _products(degree: int, s: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _derivatives(degree: int, derivative: int) -> Array:
-    """Derivatives of B_0..B_degree, one a column, in the products of the reduced degree."""
+    """Return derivatives of B_0..B_degree, one a column, in the reduced degree's products."""
     steps = np.diff(np.eye(degree + 1), n=derivative, axis=0)
     return _constant(math.perm(degree, derivative) * _binomials(degree - derivative) * steps)
 

@@ -79,7 +79,8 @@ class PolynomialBasis:
         np.multiply.accumulate(powers, axis=0, out=powers)
         count = coefficients.shape[1] // 2
         block = max(1, _BLOCK // coefficients.size) if coefficients.size else at.size + 1
-        rows = [powers[:, i : i + block].T @ coefficients for i in range(0, at.size, block)]
+        starts = range(block, at.size, block)
+        rows = [part.T @ coefficients for part in np.split(powers, starts, axis=1)]
         table = rows[0] if len(rows) == 1 else np.concatenate([np.zeros((0, 2 * count)), *rows])
         both = table.reshape(*at.shape, 2 * count)
         return np.asarray(np.where(near_start[..., None], both[..., :count], both[..., count:]))

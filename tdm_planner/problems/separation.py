@@ -76,7 +76,8 @@ class PairSeparation:
         """Distances of the pairs (r,) at the instants t (r,) s."""
         both = np.concatenate([self.first[pair], self.second[pair]])
         positions = self._positions(motion, both, np.tile(t, 2))
-        apart = positions[: t.size] - positions[t.size :]
+        first, second = np.split(positions, [t.size])
+        apart = first - second
         distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
         margins = distance / self.clearances[pair] - 1.0
         return PairApproaches(pair, t, margins, apart / distance[:, None])
@@ -100,7 +101,7 @@ class PairSeparation:
         both = np.concatenate(robots)
         s = self.model.arcs(motion, both, np.tile(near.time, 2))
         _, slopes = self.model.points(motion, both, s, at_fixed_time=True)
-        first, second = slopes[: count.size], slopes[count.size :]
+        first, second = np.split(slopes, [count.size])
         jacobian[count, robots[0]] = np.einsum('rd,rdp->rp', direction, first)
         jacobian[count, robots[1]] = -np.einsum('rd,rdp->rp', direction, second)
         return jacobian
