@@ -156,13 +156,17 @@ def test_a_state_without_thruster_is_not_used(ros: Ros, rig: Rig) -> None:
     tracker = ros.start('tdm_planner.nodes.tracker', {'plant': 'robot'}, namespace='/lonely')
     publisher = ros.publisher('/lonely/odom', Odometry)
     commands = ros.subscribe('/lonely/joint_command', JointState)
-    for _ in range(20):
+
+    def publish() -> None:
         odometry = Odometry()
         odometry.header.stamp = to_stamp(time.time_ns())
         odometry.pose.pose.orientation.w = 1.0
         publisher.publish(odometry)
         ros.spin_for(0.01)
-    assert commands
+
+    assert ros.spin_until(lambda: (publish(), bool(commands))[1])
+    for _ in range(20):
+        publish()
     assert not any(command.effort[0] for command in commands)
     assert 'no state has been received' in tracker.output
     tracker.end_cleanly()
