@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -262,31 +263,40 @@ def _named_controls(
     return _signals(command, origin, columns, plan.units)
 
 
+# What a tracker's joints say, by the names of the states; and their units.
+_ERRORS: Mapping[str, tuple[Mapping[str, str], Mapping[str, str]]] = MappingProxyType(
+    {
+        'pendulum': (
+            {
+                'theta': 'pendulum.position',
+                'psi': 'disk.position',
+                'theta_dot': 'pendulum.velocity',
+                'psi_dot': 'disk.velocity',
+            },
+            _PENDULUM_UNITS,
+        ),
+        'robot': (
+            {
+                'x': 'x.position',
+                'y': 'y.position',
+                'u': 'x.velocity',
+                'v': 'y.velocity',
+                'yaw': 'yaw.position',
+                'omega': 'yaw.velocity',
+                'alpha': 'thruster.position',
+            },
+            _ROBOT_UNITS,
+        ),
+    }
+)
+
+
 def _errors(stream: Stream, plant: Plant, origin: int) -> Signals | None:
     """Return what the tracker says of its errors, by the names of the states."""
-    if plant == 'pendulum':
-        sources = {
-            'theta': 'pendulum.position',
-            'psi': 'disk.position',
-            'theta_dot': 'pendulum.velocity',
-            'psi_dot': 'disk.velocity',
-        }
-        return _signals(
-            stream, origin, {n: stream.column(c) for n, c in sources.items()}, _PENDULUM_UNITS
-        )
-    if plant == 'robot':
-        sources = {
-            'x': 'x.position',
-            'y': 'y.position',
-            'u': 'x.velocity',
-            'v': 'y.velocity',
-            'yaw': 'yaw.position',
-            'omega': 'yaw.velocity',
-            'alpha': 'thruster.position',
-        }
-        return _signals(
-            stream, origin, {n: stream.column(c) for n, c in sources.items()}, _ROBOT_UNITS
-        )
+    if plant in _ERRORS:
+        sources, units = _ERRORS[plant]
+        columns = {name: stream.column(source) for name, source in sources.items()}
+        return _signals(stream, origin, columns, units)
     columns = {
         joint: stream.column(f'{joint}.position')
         for joint in stream.joints
