@@ -31,9 +31,8 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-def spin(node: Node) -> None:
+def spin(node: Node, executor: Executor) -> None:
     """Serve the node's callbacks until the process is asked to end."""
-    executor = make_executor()
     executor.add_node(node)
     # EventsExecutor.spin() does not return on a signal, spin_once() does.
     while rclpy.ok():
@@ -48,7 +47,8 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     """
     code = 0
     node: Node | None = None
-    started = False
+    executor: Executor | None = None
+    started = interrupted = False
     try:
         # Until rclpy handles signals, and before it afterwards, these are called.
         for number in _SIGNALS:
@@ -56,12 +56,16 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         rclpy.init(args=None if args is None else list(args))
         started = True
         node = make_node()
-        spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        executor = make_executor()
+        spin(node, executor)
+    except ExternalShutdownException:
         pass
+    except KeyboardInterrupt:
+        interrupted = True
     except Exception as error:  # noqa: B902
         # A signal that shuts the context down while the node is made, or takes a message, makes
         # rclpy raise errors of its own: the process is ending as it was asked to.
+        interrupted = True
         if rclpy.ok() or not started:
             code = 1
             sentence = ' '.join(str(error).split())
@@ -73,16 +77,15 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    _end_without_waiting(code)
-    return code
-
-
-def _end_without_waiting(code: int) -> None:
-    """End the process now where a daemon thread (a solve) still computes.
-
-    The interpreter would tear down under the running thread, which can crash it.
-    """
-    if any(thread.daemon for thread in threading.enumerate() if thread.is_alive()):
+    # An EventsExecutor that was left while it took up a subscription or a publisher aborts the
+    # process when it is freed; and the interpreter would tear down under a running solve.
+    if (interrupted and executor is not None) or _computes():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+    return code
+
+
+def _computes() -> bool:
+    """Whether a daemon thread (a solve) is still running."""
+    return any(thread.daemon for thread in threading.enumerate() if thread.is_alive())
