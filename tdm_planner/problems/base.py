@@ -17,7 +17,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -232,14 +232,41 @@ class Problem(ABC):
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
         with _computed():
             plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
+        return self._solution(plan, budget.evaluations, budget.elapsed)
+
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan | None:
+        """Return motions planned before, by vehicle, with their cost and their check made anew.
+
+        None where the problem cannot tell, as by default.
+        """
+        del trajectories
+        return None
+
+    def recognised(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+        """Return motions planned before, by vehicle, as the plan of this problem they are.
+
+        Raises
+        ------
+        VerificationFailed
+            If they do not pass the check of this problem, or it cannot assess them.
+        """
+        with _computed():
+            plan = self.assess(trajectories)
+        if plan is None:
+            raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
+        if not plan.verification.ok:
+            raise VerificationFailed('; '.join(plan.verification.reasons))
+        return self._solution(plan, 0, 0.0)
+
+    def _solution(self, plan: Plan, evaluations: int, solve_time: float) -> Solution:
         return Solution(
             problem=self.name,
             trajectories=plan.trajectories,
             cost=plan.cost,
             penalty=plan.penalty,
             parameters=plan.parameters,
-            evaluations=budget.evaluations,
-            solve_time=budget.elapsed,
+            evaluations=evaluations,
+            solve_time=solve_time,
             verification=plan.verification,
             verifications=plan.verifications,
             cost_terms=plan.cost_terms,

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,6 +76,29 @@ class Candidate:
 def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
     """Integral of thrust per mass along a robot's trajectory [m/s]."""
     return float(trapezoid(trajectory.control('thrust'), trajectory.times)) / plant.mass
+
+
+def assessed(
+    task: FormationTask,
+    motions: Mapping[str, Trajectory],
+    penalty_weights: Array,
+    parameters: Array,
+) -> Plan:
+    """Return the robots' motions with their check and cost; `parameters` are Xi (m,)."""
+    check = verify_formation(task, motions, penalty_weights)
+    terms = task.cost_terms(
+        np.array([motions[name].duration for name in task.names]),
+        np.array([gas_used(task.plant, motions[name]) for name in task.names]),
+    )
+    return Plan(
+        trajectories=motions,
+        verification=check.overall,
+        cost=sum(terms.values()),
+        parameters=parameters,
+        penalty=check.penalty,
+        cost_terms=terms,
+        verifications=check.robots,
+    )
 
 
 class FormationSearch(Search[Candidate]):
@@ -163,20 +186,7 @@ class FormationSearch(Search[Candidate]):
             name: trajectory(model, motion, i, self.budget, self._enough)
             for i, name in enumerate(task.names)
         }
-        check = verify_formation(task, motions, self._penalty_weights)
-        terms = task.cost_terms(
-            np.array([motions[name].duration for name in task.names]),
-            np.array([gas_used(task.plant, motions[name]) for name in task.names]),
-        )
-        yield Plan(
-            trajectories=motions,
-            verification=check.overall,
-            cost=sum(terms.values()),
-            parameters=candidate.point.xi,
-            penalty=check.penalty,
-            cost_terms=terms,
-            verifications=check.robots,
-        )
+        yield assessed(task, motions, self._penalty_weights, candidate.point.xi)
 
     def satisfied_with(self, plan: Plan) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""

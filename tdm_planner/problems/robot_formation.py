@@ -30,7 +30,7 @@ from tdm_planner.problems.formation_parameters import (
     robot_names,
     RobotStart,
 )
-from tdm_planner.problems.formation_search import Form, FormationSearch, gas_used
+from tdm_planner.problems.formation_search import assessed, Form, FormationSearch, gas_used
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.problems.search import Plan
@@ -199,6 +199,10 @@ class RobotFormation(FormationParameters, Problem):
         """Tabulate the reference functions."""
         self.form.model(self.task)
         compile_following()
+
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
+        """Return a manoeuvre planned before, with its check and cost made anew."""
+        return assessed(self.task, trajectories, np.array(self.weights.penalty), np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

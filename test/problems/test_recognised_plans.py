@@ -1,0 +1,55 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans taken for what they are from their trajectories alone: check and cost are made anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tdm_planner.exceptions import VerificationFailed
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem
+
+PATIENT = {'solver.deadline': 30.0}
+
+
+@pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])
+def planned(request):
+    problem = request.param.from_parameters(PATIENT)
+    return problem, problem.solve()
+
+
+def test_a_plan_is_recognised_with_its_cost(planned):
+    problem, solution = planned
+    found = problem.recognised(solution.trajectories)
+    assert found.cost == solution.cost
+    assert found.cost_terms == solution.cost_terms
+    assert found.summary == solution.summary
+    assert found.verification.worst == solution.verification.worst
+    assert set(found.verifications) == set(solution.verifications)
+
+
+def test_what_does_not_reach_the_goal_is_not_recognised(planned):
+    problem, solution = planned
+    spoilt = {
+        name: replace(motion, controls=0.9 * motion.controls)
+        for name, motion in solution.trajectories.items()
+    }
+    with pytest.raises(VerificationFailed):
+        problem.recognised(spoilt)
+
+
+def test_a_plan_of_other_limits_is_not_recognised():
+    solution = PendulumSwingUp.from_parameters(PATIENT).solve()
+    largest = np.abs(solution.trajectory.controls).max()
+    weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
+    with pytest.raises(VerificationFailed, match='torque'):
+        weaker.recognised(solution.trajectories)
+
+
+def test_a_problem_that_cannot_assess_plans_says_so(planned):
+    class Silent(type(planned[0])):
+        assess = Problem.assess
+
+    with pytest.raises(VerificationFailed, match='cannot assess'):
+        Silent.from_parameters({}).recognised(planned[1].trajectories)
