@@ -63,6 +63,7 @@ setup(
             'catkin-pkg',
             'colcon-core',
             'colcon-ros',
+            'cyclonedds; python_version < "3.14"',
             'hypothesis',
             'mcap',
             'mcap-ros2-support',
