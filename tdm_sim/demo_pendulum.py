@@ -48,10 +48,19 @@ class PendulumScene(Scene):
     def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
         super().__init__(parameters, file)
         self.problem = PendulumSwingUp.from_parameters(self.parameters)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was measured and planned: another mission begins."""
         self.trajectory: Trajectory | None = None
         self.starts_at = math.inf
         self._states: list[tuple[float, ...]] = []
         self._upright_since = math.inf
+
+    @property
+    def plants(self) -> tuple[str, ...]:
+        """The one plant's namespace."""
+        return (self.namespace,)
 
     def nodes(self) -> list[NodeCommand]:
         """Plant, tracker, planner."""

@@ -51,6 +51,10 @@ class _Robot:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything heard."""
         self.poses: list[list[float]] = []
         self.actuators: list[list[float]] = []
         self.motion: MultiDOFJointTrajectory | None = None
@@ -91,6 +95,16 @@ class RobotsScene(Scene):
         }
         self.view = FormationView.of(self.problem)
         self.robots = {name: _Robot(name) for name in task.names}
+
+    def clear(self) -> None:
+        """Forget what was measured and planned: another mission begins."""
+        for robot in self.robots.values():
+            robot.clear()
+
+    @property
+    def plants(self) -> tuple[str, ...]:
+        """Every robot's namespace."""
+        return tuple(f'{self.namespace}/{name}' for name in self.robots)
 
     def nodes(self) -> list[NodeCommand]:
         """Plants, trackers, planner."""
@@ -210,7 +224,7 @@ class RobotsScene(Scene):
     @property
     def over(self) -> bool:
         """Whether all hold their places long enough, or it is too late for it."""
-        if not self.planned:
+        if not self.planned or self._silent_plants():
             return False
         now = min(robot.poses[-1][0] for robot in self.robots.values())
         end = self.starts_at + max(plan.duration for plan in self.plans.values())

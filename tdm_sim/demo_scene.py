@@ -41,6 +41,15 @@ class Scene(ABC):
     def nodes(self) -> list[NodeCommand]:
         """Name, module and arguments of every node to start."""
 
+    @property
+    @abstractmethod
+    def plants(self) -> tuple[str, ...]:
+        """Namespace of every plant."""
+
+    @abstractmethod
+    def clear(self) -> None:
+        """Forget what was measured and planned: another mission begins."""
+
     @abstractmethod
     def listen(self, node: Node) -> None:
         """Subscribe to everything that is judged."""

@@ -35,18 +35,25 @@ class NodeProcesses:
         self.environment = {**os.environ, **(environment or {})}
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, name: str, module: str, arguments: Sequence[str] = ()) -> None:
-        """Run ``python -m MODULE ARGUMENTS`` under a name."""
+    def start(
+        self, name: str, module: str, arguments: Sequence[str] = (), within: Sequence[str] = ()
+    ) -> None:
+        """Run ``python -m MODULE ARGUMENTS`` under a name; `within` is put before the command."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with self._log(name).open('wb') as output:
             self._processes[name] = subprocess.Popen(
-                [sys.executable, '-m', module, *arguments],
+                [*within, sys.executable, '-m', module, *arguments],
                 env=self.environment,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
+
+    @property
+    def identifiers(self) -> dict[str, int]:
+        """Process identifier by name."""
+        return {name: process.pid for name, process in self._processes.items()}
 
     def check(self) -> None:
         """Raise if a process has ended by itself.

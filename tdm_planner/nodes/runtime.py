@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+from types import FrameType
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
@@ -48,11 +49,17 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     code = 0
     node: Node | None = None
     executor: Executor | None = None
-    started = interrupted = False
+    started = interrupted = asked_to_end = False
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        nonlocal asked_to_end
+        asked_to_end = True
+        signal.default_int_handler(number, frame)
+
     try:
-        # Until rclpy handles signals, and before it afterwards, these are called.
+        # Until rclpy handles signals, and before it afterwards, this is called.
         for number in _SIGNALS:
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, on_signal)
         rclpy.init(args=None if args is None else list(args))
         started = True
         node = make_node()
@@ -64,9 +71,10 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         interrupted = True
     except Exception as error:  # noqa: B902
         # A signal that shuts the context down while the node is made, or takes a message, makes
-        # rclpy raise errors of its own: the process is ending as it was asked to.
+        # rclpy raise errors of its own, some of them before the context is down: the process is
+        # ending as it was asked to.
         interrupted = True
-        if rclpy.ok() or not started:
+        if not asked_to_end and (rclpy.ok() or not started):
             code = 1
             sentence = ' '.join(str(error).split())
             print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)

@@ -94,6 +94,39 @@ sys.exit(run(Failing))
     assert ('fatal' in done.stderr) == (code == 1)
 
 
+def test_a_signal_that_rclpy_turns_into_an_error_of_its_own(ros: Ros) -> None:
+    """Seen on a busy machine: an interrupted conversion raises before the context is down."""
+    program = """
+import os, rclpy, signal, sys
+from rclpy.node import Node
+from tdm_planner.nodes.runtime import run
+
+class Converting(Node):
+    def __init__(self):
+        super().__init__('converting')
+        self.create_timer(0.01, self.convert)
+
+    def convert(self):
+        rclpy.ok = lambda: True
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        raise RuntimeError("Unable to convert call argument '0' to Python object")
+
+sys.exit(run(Converting))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'fatal' not in done.stderr
+
+
 @pytest.mark.parametrize(
     ('ending', 'code'),
     [
