@@ -15,8 +15,8 @@ from tdm_planner.problems.inverse_dynamics import (
 
 Array = NDArray[np.float64]
 
-_GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
-_THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
+GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
+THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
 
 
 class GasAndThrust:
@@ -25,8 +25,8 @@ class GasAndThrust:
     def __init__(self, dynamics: InverseDynamics, weights: Array) -> None:
         self.dynamics, self.weights = dynamics, weights
         thrust = dynamics.model.task.thrust
-        self.rest = _GAS_SMOOTHING * thrust
-        self.limit = _THRUST_SHARE * thrust
+        self.rest = GAS_SMOOTHING * thrust
+        self.limit = THRUST_SHARE * thrust
 
     def _rounded(self, values: NodeValues) -> Array:
         """|Y_xy| rounded off at zero (n, K)."""

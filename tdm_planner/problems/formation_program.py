@@ -18,39 +18,22 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.problems.formation_cost import GasAndThrust
-from tdm_planner.problems.inverse_dynamics import clenshaw_curtis, InverseDynamics, NodeValues
+from tdm_planner.problems.formation_compiled import terms_on
+from tdm_planner.problems.formation_terms import ACTIVE_THRUST, FormationValues, NodeGrid
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
-from tdm_planner.problems.separation import (
-    CircleApproaches,
-    CircleSeparation,
-    PairApproaches,
-    PairSeparation,
-)
 from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _CURVATURE_FLOOR = 1e-3  # smallest eigenvalue of a robot's Hessian, relative to its largest
-_NEAR = 0.6  # approaches within this share beyond the clearance become rows
-_ACTIVE_THRUST, _ACTIVE_TORQUE, _ACTIVE_WALL = 0.35, 0.5, 1.0
 
 
-@dataclass(frozen=True)
-class FormationValues:
-    """What is known at one Xi; margins are relative to their limits, negative if violated.
+@dataclass(frozen=True, eq=False)
+class FormationPoint:
+    """What is known at one Xi: values and margins, and those of the thruster's rate."""
 
-    `thrust`, `torque` (n, K) at the nodes, `walls` (n, 2, 2, W) [robot, side, axis, arc].
-    """
-
-    motion: FormationMotion
-    nodes: NodeValues
-    thrust: Array
-    torque: Array
-    walls: Array
-    pairs: PairApproaches
-    circles: CircleApproaches
+    values: FormationValues
+    motion: FormationMotion | None
     hodograph: HodographValues | None
 
 
@@ -70,21 +53,21 @@ class FormationProgram(NonlinearProgram):
         limit_thruster_rate: bool = False,
     ) -> None:
         self.model = model
-        s, weights = clenshaw_curtis(nodes or max(21, 5 * model.order - 14))
-        self.dynamics = InverseDynamics(model, s)
-        self.gas = GasAndThrust(self.dynamics, weights)
-        wall_count = 2 * model.order - 1
-        self.wall_arcs = np.arange(1, wall_count + 1) / (wall_count + 1)
-        self.wall_basis = model.values(self.wall_arcs)
-        self.wall_clearances = model.task.wall_clearances()
-        interval = 1.5 * model.time_scale / common_instants
-        self.pairs = PairSeparation(model, interval, _NEAR)
-        self.circles = CircleSeparation(model, common_instants, _NEAR)
-        self.thruster = ThrusterRows(model, s) if limit_thruster_rate else None
+        self.grid = NodeGrid(
+            model=model,
+            nodes=nodes or max(21, 5 * model.order - 14),
+            interval=1.5 * model.time_scale / common_instants,
+            segments=common_instants,
+        )
+        self.terms = terms_on(self.grid)
+        self.thruster = None
+        if limit_thruster_rate:
+            self.thruster = ThrusterRows(model, self.grid.quadrature[0])
         self.groups = 2 if limit_thruster_rate else 1
         self.evaluations = 0
         self.scale = self._typical_cost()
         self._set_bounds()
+        self._set_arrivals()
 
     def _typical_cost(self) -> float:
         task, time = self.model.task, 1.5 * self.model.time_scale
@@ -99,6 +82,7 @@ class FormationProgram(NonlinearProgram):
         free = np.ones(shape, dtype=bool)
         free[task.staying, slice(nb, nb + 2 * model.nf)] = False
         self.free = np.flatnonzero(free.ravel())
+        self.all_free = bool(free.all())
         lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
         # The speed factor's coefficients must stay positive, and well so.
         lower[:, :nb] = 0.05 if model.degree == 0 else 0.4
@@ -108,6 +92,16 @@ class FormationProgram(NonlinearProgram):
         upper[task.staying & (task.arrived > 0.0), :nb] = 0.03  # they are there already
         lower = np.minimum(lower, 0.9 * upper)
         self.lower, self.upper = lower.ravel()[self.free], upper.ravel()[self.free]
+
+    def _set_arrivals(self) -> None:
+        """Make the slopes of the first arrival's cost, and of the intervals between arrivals."""
+        model, n = self.model, self.model.task.n
+        durations = np.zeros((n, n, model.size))
+        durations[np.arange(n), np.arange(n), : model.nb] = 1.0 / model.nb
+        durations = durations.reshape(n, -1)[:, self.free]
+        first = model.task.weights[0] / self.scale * model.time_scale
+        self._first_arrival = first * durations[0]
+        self._intervals = np.diff(durations, axis=0)
 
     def full(self, xi: Array) -> Array:
         """Scaled varied parameters of every robot (n, P), those not varied being zero."""
@@ -128,115 +122,60 @@ class FormationProgram(NonlinearProgram):
         task = self.model.task
         self.evaluations += 1
         values = self.values(xi)
-        gas = self.gas.gas(values.nodes)
-        terms = task.cost_terms(task.coast + values.motion.durations, gas)
-        worst = min(
-            values.thrust.min(),
-            values.torque.min(),
-            values.walls.min(),
-            values.pairs.margins.min(initial=0.0),
-            values.circles.margins.min(initial=0.0),
-        )
-        violations = [max(0.0, -worst)]
-        if values.hodograph is not None:
-            violations.append(max(0.0, -values.hodograph.margins.min()))
+        terms = task.cost_terms(task.coast + values.durations, values.gas)
+        violations = [max(0.0, -values.worst)]
+        motion = hodograph = None
+        if self.thruster is not None:
+            motion = self.motion(xi)
+            hodograph = self.thruster.values(motion)
+            violations.append(max(0.0, -hodograph.margins.min()))
         return Point(
-            np.asarray(xi), sum(terms.values()) / self.scale, np.array(violations), values
+            np.asarray(xi),
+            sum(terms.values()) / self.scale,
+            np.array(violations),
+            FormationPoint(values, motion, hodograph),
         )
 
     def values(self, xi: Array) -> FormationValues:
-        """Motions and margins at Xi."""
-        task, motion = self.model.task, self.motion(xi)
-        nodes = self.dynamics.at(motion)
-        places = motion.position @ self.wall_basis.T
-        low = places - self.wall_clearances[:, :, 0, None]
-        high = task.sides[:, None] - self.wall_clearances[:, :, 1, None] - places
-        return FormationValues(
-            motion=motion,
-            nodes=nodes,
-            thrust=self.gas.margins(nodes),
-            torque=1.0 - np.abs(nodes.y[:, 2]) / (task.torque * nodes.mu),
-            walls=np.stack([low, high], axis=1) / task.separation,
-            pairs=self.pairs.nearest(motion),
-            circles=self.circles.nearest(motion),
-            hodograph=None if self.thruster is None else self.thruster.values(motion),
-        )
+        """Gas and margins at Xi."""
+        return self.terms.values(self.full(xi))
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of gas and thrust rows, see the base class."""
-        values: FormationValues = point.cache
-        task, model = self.model.task, self.model
-        n, size = task.n, model.size
-        slopes = self.dynamics.slopes(values.motion, values.nodes)
-        gradient, hessian = self.gas.derivatives(
-            values.nodes, slopes, task.weights[2] / self.scale, self._thrust_dual(multipliers)
+        cache: FormationPoint = point.cache
+        values, task, model = cache.values, self.model.task, self.model
+        gradient, hessian = self.terms.derivatives(
+            values, task.weights[2] / self.scale, self._thrust_dual(multipliers)
         )
-        durations = np.zeros((n, n, size))
-        durations[np.arange(n), np.arange(n), : model.nb] = model.time_scale / model.nb
-        durations = durations.reshape(n, -1)[:, self.free]
-        first = task.weights[0] / self.scale * durations[0]
-        arrivals = task.coast + values.motion.durations - task.arrived
+        margins, rows = self.terms.rows(values)
+        groups = np.zeros(margins.size, dtype=np.intp)
+        if self.thruster is not None and cache.hodograph is not None and cache.motion is not None:
+            rates, more = self.thruster.rows(cache.motion, cache.hodograph)
+            margins = np.concatenate([margins, rates])
+            rows = np.concatenate([rows, more.reshape(rates.size, -1)])
+            groups = np.concatenate([groups, np.ones(rates.size, dtype=np.intp)])
+        arrivals = task.coast + values.durations - task.arrived
         late = np.diff(arrivals) - task.interval
-        numbers, rows = self._rows(values, slopes.y)
-        groups = [np.zeros(len(number), dtype=np.intp) for number in numbers]
-        if self.thruster is not None and values.hodograph is not None:
-            margins, jacobian = self.thruster.rows(values.motion, values.hodograph)
-            numbers.append(margins)
-            rows.append(jacobian)
-            groups.append(np.ones(margins.size, dtype=np.intp))
         return Linearisation(
-            gradient=gradient.ravel()[self.free] + first,
+            gradient=gradient.ravel()[self.free] + self._first_arrival,
             hessian=self.definite(hessian),
             equalities=np.zeros(0),
             equality_jacobian=np.zeros((0, self.free.size)),
-            inequalities=np.concatenate(numbers),
-            inequality_jacobian=np.concatenate(rows).reshape(-1, n * size)[:, self.free],
-            inequality_groups=np.concatenate(groups),
+            inequalities=margins,
+            inequality_jacobian=rows if self.all_free else rows[:, self.free],
+            inequality_groups=groups,
             terms=late / model.time_scale,
-            terms_jacobian=np.diff(durations, axis=0) / model.time_scale,
-            term_weights=np.full(n - 1, task.weights[1] * model.time_scale / self.scale),
-            tags=np.nonzero(values.thrust < _ACTIVE_THRUST),
+            terms_jacobian=self._intervals,
+            term_weights=np.full(task.n - 1, task.weights[1] * model.time_scale / self.scale),
+            tags=np.nonzero(values.thrust < ACTIVE_THRUST),
         )
-
-    def _rows(self, values: FormationValues, y_slope: Array) -> tuple[list[Array], list[Array]]:
-        """Margins near active and their slopes (r, n, P), thrust first."""
-        task, model, nodes = self.model.task, self.model, values.nodes
-        numbers, rows = [], []
-
-        def add(robots: Indices, margins: Array, slopes: Array) -> None:
-            row = np.zeros((robots.size, task.n, model.size))
-            row[np.arange(robots.size), robots] = slopes
-            numbers.append(margins)
-            rows.append(row)
-
-        i, k = np.nonzero(values.thrust < _ACTIVE_THRUST)
-        add(i, values.thrust[i, k], self.gas.margin_rows(nodes, y_slope, i, k))
-
-        i, k = np.nonzero(values.torque < _ACTIVE_TORQUE)
-        sign = np.sign(nodes.y[i, 2, k]) / (task.torque * nodes.mu[i, k])
-        share = (1.0 - values.torque[i, k]) / nodes.mu[i, k]
-        slopes = share[:, None] * self.dynamics.mu_jacobian[k] - sign[:, None] * y_slope[i, 2, k]
-        add(i, values.torque[i, k], slopes)
-
-        i, side, axis, k = np.nonzero(values.walls < _ACTIVE_WALL)
-        sign = np.where(side == 0, 1.0, -1.0) / task.separation
-        _, places = model.points(values.motion, i, self.wall_arcs[k], at_fixed_time=False)
-        slopes = sign[:, None] * places[np.arange(i.size), axis]
-        add(i, values.walls[i, side, axis, k], slopes)
-
-        numbers += [values.pairs.margins, values.circles.margins]
-        rows += [
-            self.pairs.rows(values.motion, values.pairs),
-            self.circles.rows(values.motion, values.circles),
-        ]
-        return numbers, rows
 
     def _thrust_dual(self, multipliers: Multipliers | None) -> Array | None:
         """Multipliers of the thrust rows at every node (n, K)."""
         if multipliers is None:
             return None
         robots, nodes = multipliers.tags
-        dual = np.zeros((self.model.task.n, self.dynamics.nodes.size))
+        dual = np.zeros((self.model.task.n, self.grid.nodes))
         dual[robots, nodes] = multipliers.inequalities[: robots.size]
         return dual if dual.any() else None
 
@@ -258,7 +197,7 @@ class FormationProgram(NonlinearProgram):
 
     def binding(self, point: Point) -> str:
         """Name the constraint that is violated most at `point`, in words."""
-        values: FormationValues = point.cache
+        values: FormationValues = point.cache.values
         names = self.model.task.names
 
         def worst(margins: Array) -> str:
@@ -270,7 +209,7 @@ class FormationProgram(NonlinearProgram):
             f'the distance of {worst(values.walls)} from the walls': values.walls.min(),
         }
         if values.pairs.margins.size:
-            first, second = self.pairs.robots(values.pairs)
+            first, second = self.grid.pairs.robots(values.pairs)
             k = int(np.argmin(values.pairs.margins))
             label = f"arena.minimum_separation of '{names[first[k]]}' and '{names[second[k]]}'"
             found[label] = values.pairs.margins[k]

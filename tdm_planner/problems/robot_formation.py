@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 import math
 from typing import Any, ClassVar
 
@@ -22,6 +22,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_checks import check_task
+from tdm_planner.problems.formation_compiled import compile_terms
 from tdm_planner.problems.formation_parameters import (
     default_offset,
     default_start,
@@ -39,6 +40,13 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def _compile() -> None:
+    """Compile the kernels, once in a process: they take arrays of all sizes."""
+    compile_terms(Form().model(RobotFormation().task))
+    compile_following()
 
 
 @dataclass(frozen=True)
@@ -198,7 +206,7 @@ class RobotFormation(FormationParameters, Problem):
     def prepare(self) -> None:
         """Tabulate the reference functions."""
         self.form.model(self.task)
-        compile_following()
+        _compile()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
         """Return a manoeuvre planned before, with its check and cost made anew."""

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation_compiled import CompiledTerms
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
+from tdm_planner.problems.formation_terms import ArrayTerms
 from tdm_planner.problems.inverse_dynamics import clenshaw_curtis
 from tdm_planner.problems.reference_motion import ReferenceMotion
 
@@ -71,7 +74,7 @@ def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
     program, xi = program_and_point(form, moving)
     point = program.evaluate(xi)
     at = program.linearise(point, None)
-    values = point.cache
+    values = point.cache.values
     near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
     assert all(mask.any() for mask in near[::2])
 
@@ -89,7 +92,7 @@ def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
 @pytest.mark.parametrize('form', FORMS)
 def test_derivatives_of_separations_at_fixed_instants(form, moving):
     program, xi = program_and_point(form, moving)
-    pairs, circles = program.pairs, program.circles
+    pairs, circles = program.grid.pairs, program.grid.circles
     pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
     robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
     motion = program.motion(xi)
@@ -107,11 +110,11 @@ def test_derivatives_of_separations_at_fixed_instants(form, moving):
 def test_nearest_approaches_are_those_of_a_dense_sampling(form):
     program, xi = program_and_point(form)
     motion = program.motion(xi)
-    near = program.pairs.nearest(motion)
+    near = program.grid.pairs.nearest(motion)
     dense = program.model.position_at(motion, np.linspace(0.0, 60.0, 6001))
     for k, (i, j) in enumerate(itertools.combinations(range(3), 2)):
         distance = np.linalg.norm(dense[i] - dense[j], axis=0).min()
-        margin = distance / program.pairs.clearances[k] - 1.0
+        margin = distance / program.grid.pairs.clearances[k] - 1.0
         if margin < 0.5:
             assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
 
@@ -153,8 +156,10 @@ def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
     def gradient(x):
         """Of the smooth part of J less the multipliers times the thrust rows."""
         here = program.evaluate(x)
-        slopes = program.dynamics.slopes(here.cache.motion, here.cache.nodes)
-        own = program.gas.margin_rows(here.cache.nodes, slopes.y, robots, nodes)
+        motion = program.motion(x)
+        values = program.grid.dynamics.at(motion)
+        slopes = program.grid.dynamics.slopes(motion, values)
+        own = program.grid.gas.margin_rows(values, slopes.y, robots, nodes)
         rows = np.zeros((robots.size, 3, program.model.size))
         rows[np.arange(robots.size), robots] = own
         rows = rows.reshape(robots.size, -1)[:, program.free]
@@ -171,6 +176,35 @@ def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
     assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
 
 
+@pytest.mark.skipif(not COMPILED, reason='there is no compiler')
+@pytest.mark.parametrize('stays', [False, True])
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', ['default', 'paper'])
+def test_compiled_terms_are_those_of_the_arrays(form, moving, stays):
+    task = crowded_task(moving)
+    if stays:
+        still = np.concatenate([np.zeros((1, 2)), task.velocity[1:]])
+        goal = np.concatenate([task.start[:1], task.goal[1:]])
+        task = replace(task, goal=goal, velocity=still)
+    program, xi = program_and_point(form, task=task)
+    arrays, compiled = ArrayTerms(program.grid), CompiledTerms(program.grid)
+    here, there = (terms.values(program.full(xi)) for terms in (arrays, compiled))
+    for name in ('durations', 'gas', 'thrust', 'torque', 'walls'):
+        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-9, abs=1e-9)
+    for one, other in ((here.pairs, there.pairs), (here.circles, there.circles)):
+        assert one.margins.size > 0
+        for expected, found in zip(one, other, strict=True):
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    dual = np.random.default_rng(0).uniform(0, 1, here.thrust.shape) * (here.thrust < 0.3)
+    for multipliers in (None, dual):
+        one = arrays.derivatives(here, 0.7, multipliers)
+        other = compiled.derivatives(there, 0.7, multipliers)
+        for expected, found in zip(one, other, strict=True):
+            assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    for expected, found in zip(arrays.rows(here), compiled.rows(there), strict=True):
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
 def test_quadrature_is_exact_for_polynomials():
     nodes, weights = clenshaw_curtis(9)
     for power in range(9):
@@ -180,7 +214,7 @@ def test_quadrature_is_exact_for_polynomials():
 def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
     dense = FormationProgram(program.model, nodes=401)
-    gas, exact = (p.gas.gas(p.values(xi).nodes) for p in (program, dense))
+    gas, exact = (p.values(xi).gas for p in (program, dense))
     assert gas == pytest.approx(exact, rel=2e-2)
 
 
