@@ -5,15 +5,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import math
 import os
 import signal
 import sys
 import threading
+import time
 from types import FrameType
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
@@ -32,11 +35,45 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-def spin(node: Node, executor: Executor) -> None:
+class EndRequest:
+    """SIGINT and SIGTERM, noted: `asked` says that one has come.
+
+    While `interrupts` they also raise KeyboardInterrupt, as is right while nothing is served. An
+    executor must not be interrupted: half of its callbacks would be gone, errors of its own come
+    up, and it aborts when it is freed. It is asked to end, and interrupted only by a signal that
+    comes `GRACE` s after the first.
+    """
+
+    GRACE = 2.0
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.interrupts = True
+        self._first = math.inf
+
+    def catch(self) -> None:
+        """Begin to note signals."""
+        for number in _SIGNALS:
+            signal.signal(number, self._on_signal)
+
+    def ignore(self) -> None:
+        """Let further signals pass: under `ros2 launch` Ctrl-C arrives twice."""
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
+        self.asked, self._first = True, min(self._first, now)
+        if self.interrupts or now - self._first > self.GRACE:
+            raise KeyboardInterrupt
+
+
+def spin(node: Node, executor: Executor, end: EndRequest) -> None:
     """Serve the node's callbacks until the process is asked to end."""
     executor.add_node(node)
+    end.interrupts = False
     # EventsExecutor.spin() does not return on a signal, spin_once() does.
-    while rclpy.ok():
+    while rclpy.ok() and not end.asked:
         executor.spin_once(timeout_sec=LONGEST_WAIT)
 
 
@@ -49,45 +86,41 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     code = 0
     node: Node | None = None
     executor: Executor | None = None
-    started = interrupted = asked_to_end = False
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        nonlocal asked_to_end
-        asked_to_end = True
-        signal.default_int_handler(number, frame)
-
+    started = broken = False
+    end = EndRequest()
     try:
-        # Until rclpy handles signals, and before it afterwards, this is called.
-        for number in _SIGNALS:
-            signal.signal(number, on_signal)
-        rclpy.init(args=None if args is None else list(args))
+        end.catch()
+        rclpy.init(
+            args=None if args is None else list(args),
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
         started = True
         node = make_node()
         executor = make_executor()
-        spin(node, executor)
+        spin(node, executor, end)
     except ExternalShutdownException:
         pass
     except KeyboardInterrupt:
-        interrupted = True
+        broken = True
     except Exception as error:  # noqa: B902
-        # A signal that shuts the context down while the node is made, or takes a message, makes
-        # rclpy raise errors of its own, some of them before the context is down: the process is
+        # Errors that a signal, or the end of the context, brings about in rclpy: the process is
         # ending as it was asked to.
-        interrupted = True
-        if not asked_to_end and (rclpy.ok() or not started):
+        broken = True
+        if not end.asked and (rclpy.ok() or not started):
             code = 1
             sentence = ' '.join(str(error).split())
             print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)
     finally:
-        # Under `ros2 launch` Ctrl-C arrives twice; the second must not interrupt the clean-up.
-        for number in _SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+        end.ignore()
+        # Freed before the process ends, or others would believe for 20 s that the node is there.
+        if executor is not None and not broken:
+            executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     # An EventsExecutor that was left while it took up a subscription or a publisher aborts the
     # process when it is freed; and the interpreter would tear down under a running solve.
-    if (interrupted and executor is not None) or _computes():
+    if (broken and executor is not None) or _computes():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

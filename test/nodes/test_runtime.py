@@ -31,6 +31,15 @@ def test_a_signal_ends_the_process_with_code_0(ros: Ros, number: signal.Signals)
     assert 'fatal' not in process.output
 
 
+def test_others_see_at_once_that_it_has_gone(ros: Ros) -> None:
+    """Not when the middleware gives it up, 20 s later."""
+    process = start(ros, 'gone')
+    ros.call('gone/values', Trigger)
+    assert ros.node.count_services(ros.node.resolve_service_name('gone/values')) == 1
+    process.end_cleanly()
+    assert ros.spin_until(lambda: not ros.node.count_services('/gone/values'), 10.0)
+
+
 def test_two_interrupts_in_a_row_end_it_as_cleanly(ros: Ros) -> None:
     process = start(ros, 'twice')
     ros.call('twice/values', Trigger)
