@@ -6,7 +6,7 @@
 # make fuzz       over 10,000 cases of bad input, 1,000 plans of sabotaged solvers (15 minutes)
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
-# make benchmark  measure and tabulate
+# make benchmark  measure everything and write docs/benchmarks.md (25 minutes); OPTIONS=--quick to try it
 # make config     bring what is generated from the code up to date: parameter files, tables
 # make clean      remove all that was made
 # Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;
@@ -106,7 +106,7 @@ docs: $(READY)-docs
 	@$(BIN)/python -m tools.links docs/_build
 
 benchmark: $(READY)-benchmark
-	@$(BIN)/python -m benchmark --docs
+	@$(BIN)/python -m benchmark --docs $(OPTIONS)
 
 # Parameter files, tables and pictures of the documentation, from the code.
 config: $(READY)

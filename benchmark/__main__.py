@@ -1,92 +1,99 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the package: ``python -m benchmark [PART ...]``.
+"""Measure the package and write docs/benchmarks.md: ``python -m benchmark [SECTION ...]``.
 
-Prints every part's table as it is done and leaves the figures in ``benchmark.json`` in the working
-directory; with --docs writes docs/benchmarks.md and its pictures from them. Timings are of one run
-on this machine: compare ratios.
+Every section runs in a process of its own; one that fails is said to on the page, and the exit
+code is then 1. With sections named only these are run, and the page is brought up to date with
+them. Timings are of one run on this machine: compare ratios.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from datetime import datetime, timezone
-import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+import sys
 import time
 from typing import Any
 
-from benchmark import (
-    closed_loop,
-    latency,
-    library,
-    nodes,
-    page,
-    peers,
-    pendulum,
-    profiling,
-    replanning,
-    robots,
-)
+from benchmark import figures, page
+from benchmark.runner import run
+from benchmark.sections import Section, SECTIONS
+from tdm_sim.progress import make_progress, Progress
 
-PARTS: dict[str, tuple[Callable[..., dict[str, Any]], Callable[[dict[str, Any]], str]]] = {
-    'peers': (peers.run, peers.table),
-    'pendulum': (pendulum.run, pendulum.table),
-    'robots': (robots.run, robots.table),
-    'closed_loop': (closed_loop.run, closed_loop.table),
-    'replanning': (replanning.run, replanning.table),
-    'latency': (latency.run, latency.table),
-    'nodes': (nodes.run, nodes.table),
-    'library': (library.run, library.table),
-    'profile': (profiling.run, profiling.table),
-}
-FIGURES = Path('benchmark.json')
+QUICK_FOLDER = Path('build') / 'benchmark'
 
 
-def main() -> None:
-    """Run the parts named on the command line, or all."""
-    arguments = _arguments()
-    figures: dict[str, Any] = {}
-    if arguments.figures is not None:
-        figures = json.loads(arguments.figures.read_text())
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the sections named on the command line, or all; returns the exit code."""
+    options = _options(arguments)
+    folder: Path = options.output or (QUICK_FOLDER if options.quick else page.DOCS)
+    records = figures.read(folder)
+    failed = []
+    with make_progress() as progress:
+        began = time.monotonic()
+        for number, name in enumerate(options.sections, 1):
+            section, title = SECTIONS[name], f'[{number}/{len(options.sections)}] {name}'
+            progress.phase(title)
+            records[name] = _measured(section, options.quick, folder, title, progress)
+            if records[name]['figures'] is None:
+                failed.append(name)
+            if options.docs:  # after each, so that none are lost
+                figures.write(folder, _in_order(records))
+        if options.docs:
+            written = page.write(_in_order(records), folder, options.quick)
+            progress.line(f'{written} written after {(time.monotonic() - began) / 60:.1f} min')
+    if failed:
+        print(f'failed: {", ".join(failed)}', file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _measured(
+    section: Section, quick: bool, folder: Path, title: str, progress: Progress
+) -> dict[str, Any]:
+    """Run a section, print its table or why there is none; returns its record."""
+    settings = dict(section.quick if quick else section.full)
+    if section.pictures:
+        settings['folder'] = str((folder / page.PICTURES).resolve())
+    outcome = run(section, settings, lambda text: progress.update(f'{title}: {text}'))
+    if outcome.figures is None:
+        progress.line('\n'.join(outcome.log))
+        progress.line(f'{section.name} failed: {outcome.failure}')
     else:
-        measure(arguments.parts or list(PARTS), arguments.cases, figures)
-    if arguments.docs:
-        written = page.write(figures, {name: table for name, (_, table) in PARTS.items()})
-        print(f'written to {written}')
+        progress.line(f'{section.table(outcome.figures)}\n({outcome.seconds:.0f} s)')
+    return figures.record(outcome)
 
 
-def measure(parts: list[str], cases: int | None, figures: dict[str, Any]) -> None:
-    """Run parts and write their figures after each, so that none are lost."""
-    figures |= {
-        'machine': page.machine(),
-        'when': datetime.now(timezone.utc).date().isoformat(),
-    }
-    for name in parts:
-        run, table = PARTS[name]
-        print(f'== {name} ...', flush=True)
-        began = time.perf_counter()
-        figures[name] = run(cases) if name == 'peers' and cases else run()
-        text = table(figures[name])
-        print(f'{text}\n== {name}: {time.perf_counter() - began:.0f} s', flush=True)
-        FIGURES.write_text(json.dumps(figures, indent=1, default=str) + '\n')
-    print(f'figures written to {FIGURES}')
+def _in_order(records: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: records[name] for name in SECTIONS if name in records}
 
 
-def _arguments() -> argparse.Namespace:
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='python -m benchmark', description=__doc__)
-    parser.add_argument('parts', nargs='*', choices=[*PARTS, []], help='default: all')
-    parser.add_argument('--cases', type=int, help='random cases of the peers (default 100)')
-    parser.add_argument('--docs', action='store_true', help='write docs/benchmarks.md')
     parser.add_argument(
-        '--figures', type=Path, metavar='FILE', help='take the figures of an earlier run'
+        'sections', nargs='*', metavar='SECTION', help=f'of {", ".join(SECTIONS)}; default: all'
     )
-    arguments = parser.parse_args()
-    if arguments.cases is not None and arguments.cases < 1:
-        parser.error(f'--cases {arguments.cases}: must be at least 1')
-    return arguments
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help=f'a few cases, to see that it works; into {QUICK_FOLDER} unless --output says else',
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='FOLDER', help='of the page, its figures and pictures'
+    )
+    parser.add_argument(
+        '--docs',
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help='write the page and its figures (the default)',
+    )
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.sections if name not in SECTIONS]
+    if unknown:
+        parser.error(f"there is no section '{unknown[0]}': must be of {', '.join(SECTIONS)}")
+    options.sections = options.sections or list(SECTIONS)
+    return options
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

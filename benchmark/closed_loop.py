@@ -17,10 +17,12 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from functools import partial
 import itertools
 import math
 from typing import Any
 
+from benchmark.parallel import each
 from benchmark.scenarios import crossing, MINIMUM_SEPARATION
 import numpy as np
 from numpy.typing import NDArray
@@ -106,8 +108,9 @@ def pendulum(limit: float, reserve: float, interval: float, **options: Any) -> d
     """Return how many swing-ups are caught and held."""
     problem = build(PendulumSwingUp, {'limits.torque': limit, 'torque_reserve': reserve})
     plan = problem.solve(deadline=2.0).trajectory
-    seeds, mismatch = options['seeds'], options['mismatch']
-    runs = [swing_up(plan, limit, interval, seed, mismatch) for seed in range(seeds)]
+    seeds = options['seeds']
+    work = partial(swing_up, plan, limit, interval, mismatch=options['mismatch'])
+    runs = each(work, range(seeds), f'pendulum, {limit:g} N m, {interval * 1e3:g} ms')
     held = [run['angle'] < HELD_ANGLE and run['disk'] < DISK_ANGLE for run in runs]
     return {
         'runs': seeds,
@@ -183,16 +186,19 @@ def formation(
     }
 
 
-def robots(name: str, interval: float, **options: Any) -> dict[str, Any]:
-    """Return how many crossings of three robots end in formation, without a collision."""
+def tracked_crossing(name: str, interval: float, mismatch: float, seed: int) -> dict[str, Any]:
+    """Plan the crossing of a seed for the rig `name` and track it; returns what was reached."""
     rig = RIGS[name]
     limits = dict(zip(('thrust', 'thruster_rate', 'torque'), rig, strict=True))
     changes = {f'limits.{key}': value for key, value in limits.items()}
-    runs = []
-    for seed in range(options['seeds']):
-        problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
-        solution = problem.solve(deadline=2.0)
-        runs.append(formation(solution, rig, interval, seed, options['mismatch']))
+    problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
+    return formation(problem.solve(deadline=2.0), rig, interval, seed, mismatch)
+
+
+def robots(name: str, interval: float, **options: Any) -> dict[str, Any]:
+    """Return how many crossings of three robots end in formation, without a collision."""
+    work = partial(tracked_crossing, name, interval, options['mismatch'])
+    runs = each(work, range(options['seeds']), name)
     path = np.concatenate([error for run in runs for error in run['path']])
     arrived = [run['held'] < ARRIVED and not run['stopped'] for run in runs]
     return {

@@ -17,6 +17,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import gc
+import math
 import os
 from pathlib import Path
 import signal
@@ -29,6 +30,8 @@ from typing import Any
 if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
     os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
+from benchmark.progress import counted, report
+from benchmark.ros_domain import reserved_domain
 from benchmark.scenarios import crossing
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +45,13 @@ from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanIn
 Array = NDArray[np.float64]
 
 DEADLINE, LATE = 0.03, 0.01  # s
+LONGEST = 0.25  # s that a replan may take where times are measured
 REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
 # What tracking leaves, as standard deviations.
 PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
 ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
 FIRST_MEMORY = 100  # replans after which memory is looked at first
-_DOMAIN = 62
-_PUSHED_FOR = 30.0  # s
+_LONGEST = 60.0  # s without an answer
 
 
 @dataclass(frozen=True)
@@ -132,8 +135,9 @@ def timed(cases: Cases, seeds: range, deadline: float) -> Timed:
     return found
 
 
-def latency(cases: Cases, count: int, deadline: float) -> dict[str, Any]:
+def latency(name: str, cases: Cases, count: int, deadline: float) -> dict[str, Any]:
     """Return the times of `count` replans."""
+    report(f'{name}: {count} replans')
     found = timed(cases, range(count), deadline)
     return {
         'replans': count,
@@ -146,18 +150,18 @@ def latency(cases: Cases, count: int, deadline: float) -> dict[str, Any]:
 
 
 def overruns(kinds: dict[str, Cases], count: int) -> dict[str, Any]:
-    """Return how late `count` replans ended after a deadline of 30 ms, and their memory."""
-    share = max(count // len(kinds), 1)
+    """Return how late `count` replans or more ended after a deadline of 30 ms; their memory."""
+    share = math.ceil(count / len(kinds))
     wall: list[float] = []
     processor: list[float] = []
     planned, memory = 0, resident()
-    for k in range(share):
+    for k in counted(range(share), f'rounds of {len(kinds)} replans with a deadline'):
         for cases in kinds.values():
             found = timed(cases, range(k, k + 1), DEADLINE)
             wall += found.wall
             processor += found.processor
             planned += found.planned
-        if k == FIRST_MEMORY // len(kinds):
+        if len(wall) - len(kinds) < FIRST_MEMORY <= len(wall):
             memory = resident()
     late = np.array(wall) - DEADLINE
     return {
@@ -180,18 +184,13 @@ def resident() -> float:
     return float(fields['VmRSS'].split()[0]) / 1024
 
 
-def command_stream(seconds: float = _PUSHED_FOR) -> dict[str, Any]:
+def command_stream(seconds: float) -> dict[str, Any]:
     """Return the periods of the tracker's commands while plans are made at 5 Hz."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ.update(
-            ROS_DOMAIN_ID=str(_DOMAIN),
-            ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST',
-            ROS_LOG_DIR=folder,
-        )
-        return _stream(seconds, Path(folder))
+    with tempfile.TemporaryDirectory() as folder, reserved_domain(Path(folder)) as domain:
+        return _stream(seconds, domain, Path(folder))
 
 
-def _stream(seconds: float, folder: Path) -> dict[str, Any]:
+def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import JointState
@@ -205,7 +204,7 @@ def _stream(seconds: float, folder: Path) -> dict[str, Any]:
         'tdm_planner.nodes.planner': {**weak, 'replan.rate': 5.0},
     }
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=_DOMAIN)
+    rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node('benchmark', context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
@@ -218,12 +217,18 @@ def _stream(seconds: float, folder: Path) -> dict[str, Any]:
     node.create_subscription(JointState, 'joint_command', on_command, 1000)
     node.create_subscription(String, 'plan_summary', plans.append, 10)
     ask, push = node.create_client(Trigger, 'plan'), node.create_client(Trigger, 'push')
+
+    def wait(done: Callable[[], bool]) -> None:
+        end = time.monotonic() + _LONGEST
+        while not done():
+            if time.monotonic() > end:
+                raise RuntimeError('planner, tracker and plant do not answer')
+            executor.spin_once(timeout_sec=0.1)
+
+    report(f'commands, for {seconds:g} s')
     with _Processes(nodes, folder):
-        while not (stamps and ask.service_is_ready() and push.service_is_ready()):
-            executor.spin_once(timeout_sec=0.1)
-        planned = ask.call_async(Trigger.Request())
-        while not planned.done():
-            executor.spin_once(timeout_sec=0.1)
+        wait(lambda: bool(stamps) and ask.service_is_ready() and push.service_is_ready())
+        wait(ask.call_async(Trigger.Request()).done)
         end, next_push = time.monotonic() + seconds, time.monotonic() + 2.0
         first = len(stamps)
         while time.monotonic() < end:
@@ -268,22 +273,27 @@ class _Processes:
             process.wait(10.0)
 
 
-def run(replans: int = 2000, nodes: bool = True) -> dict[str, Any]:
-    """Measure everything."""
+def run(
+    warm_replans: int = 1000,
+    cold_replans: int = 300,
+    replans: int = 10_000,
+    seconds: float = 30.0,
+) -> dict[str, Any]:
+    """Measure everything: `replans` with a deadline, commands for `seconds` (0: without nodes)."""
+    report('the plans that are under way')
     warm = {f'pendulum {name}': pendulum_cases(torque, True) for name, torque in REGIMES.items()}
     warm['three robots'] = robot_cases(True)
     cold = {f'pendulum {name}': pendulum_cases(torque, False) for name, torque in REGIMES.items()}
     gc.freeze()  # as the planner node does once it is ready
-    count = min(replans, 300)
-    figures: dict[str, Any] = {
-        'latency': {
-            **{f'{name}, warm': latency(cases, count, 0.25) for name, cases in warm.items()},
-            **{f'{name}, cold': latency(cases, count // 3, 0.25) for name, cases in cold.items()},
-        },
-        'overruns': overruns(warm, replans),
+    # First, for its memory: after it the process would have done all its growing.
+    figures: dict[str, Any] = {'overruns': overruns(warm, replans)}
+    figures['latency'] = {
+        f'{name}, {how}': latency(f'{name}, {how}', cases, count, LONGEST)
+        for how, kinds, count in (('warm', warm, warm_replans), ('cold', cold, cold_replans))
+        for name, cases in kinds.items()
     }
-    if nodes:
-        figures['stream'] = command_stream()
+    if seconds:
+        figures['stream'] = command_stream(seconds)
     return figures
 
 
@@ -328,7 +338,8 @@ def main() -> None:
     options.add_argument('--replans', type=int, default=2000)
     options.add_argument('--no-nodes', action='store_true')
     chosen = options.parse_args()
-    print(table(run(chosen.replans, not chosen.no_nodes)))
+    seconds = 0.0 if chosen.no_nodes else 30.0
+    print(table(run(replans=chosen.replans, seconds=seconds)))
 
 
 if __name__ == '__main__':

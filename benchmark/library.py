@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import importlib
 import inspect
 from pathlib import Path
@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from benchmark import overhead
+from benchmark.progress import report
 import numpy as np
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
@@ -32,8 +33,17 @@ _BATCH = 200
 _DEADLINE = 10.0  # s, for plans
 
 
-def run() -> dict[str, Any]:
-    """Measure evaluations per second of the landing with 21 parameters, lines, and optimality."""
+def run(
+    states: int = 20,
+    repetitions: int = 3,
+    free: Sequence[int] = (2, 3, 6, 9),
+    intervals: Sequence[int] = (40, 80),
+) -> dict[str, Any]:
+    """Measure evaluations per second of the landing with 21 parameters, lines, and optimality.
+
+    The overhead is measured for swing-ups from `states` states, `repetitions` times each; the
+    landing is planned with `free` parameters an output, and by collocation on `intervals`.
+    """
     sys.path.insert(0, str(FOLDER))
     modules = {module: importlib.import_module(module) for module in PLANTS}
     problems = {module: getattr(modules[module], name) for module, name in PLANTS.items()}
@@ -52,35 +62,38 @@ def run() -> dict[str, Any]:
             module: len([line for line in inspect.getsource(kind).splitlines() if line.strip()])
             for module, kind in problems.items()
         },
-        'overhead': overhead.run(),
+        'overhead': overhead.run(states, repetitions),
         'double_integrator': _double_integrator(modules['double_integrator']),
         'brachistochrone': _brachistochrone(modules['brachistochrone']),
-        'landing': _landing(modules['landing']),
+        'landing': _landing(modules['landing'], free, intervals),
     }
 
 
 def _double_integrator(module: ModuleType) -> dict[int, float]:
     """Time over the optimum of 2 s, by the number of varied parameters."""
+    report('double integrator')
     return {free + 1: t_f / 2.0 for free, t_f in module.table((0, 2, 4, 8, 12, 20)).items()}
 
 
 def _brachistochrone(module: ModuleType) -> float:
     """Time over the cycloid's."""
+    report('brachistochrone')
     problem = module.Brachistochrone(solver=DirectSolverParameters(deadline=_DEADLINE))
     best = module.cycloid_time(problem.across, problem.down, problem.gravity)
     return float(problem.solve().cost / best)
 
 
-def _landing(module: ModuleType) -> dict[str, Any]:
+def _landing(module: ModuleType, free: Sequence[int], intervals: Sequence[int]) -> dict[str, Any]:
     """Return the performance index over that of collocation, by number of parameters."""
-    plans = module.table((2, 3, 6, 9), (0, 2))
+    report('landing')
+    plans = module.table(free, (0, 2))
     costs = {plan.parameters.size: plan.cost for plan in plans.values()}
     try:
         reference = importlib.import_module('landing_reference')
     except ImportError:  # casadi belongs to the extra of the benchmark
         return {'cost': costs}
-    guess = plans[6, 2].trajectory
-    optima = [reference.collocation(module.Landing(), guess, n).cost for n in (40, 80)]
+    guess = plans[6 if 6 in free else free[0], 2].trajectory
+    optima = [reference.collocation(module.Landing(), guess, n).cost for n in intervals]
     ratios = {size: costs[size] / optima[-1] for size in sorted(costs)}
     return {'ratio': ratios, 'reference': optima[-1], 'reference_half_grid': optima[0]}
 

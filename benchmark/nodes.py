@@ -11,10 +11,9 @@ to receiving its answer, for the random states of `pendulum.py` given by the sta
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import json
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -33,9 +32,10 @@ from std_srvs.srv import Trigger
 if __package__ in (None, ''):  # run as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmark.pendulum import REGIMES, start_state  # noqa: I100
+from benchmark.progress import counted  # noqa: I100
+from benchmark.ros_domain import reserved_domain  # noqa: I100
 
-_DOMAIN = 101
-_STARTS_OF_PROCESS = 5
+_LONGEST = 60.0  # s without an answer
 _HOPELESS_TORQUE = 1e-4  # N m
 _DEADLINES = (0.1, 0.3, 0.5, 1.0)  # s
 _NAMES = ('theta', 'psi', 'theta_dot', 'psi_dot')
@@ -44,16 +44,10 @@ _NAMES = ('theta', 'psi', 'theta_dot', 'psi_dot')
 class PlannerProcess:
     """A planner in a process of its own, and a node here that asks it."""
 
-    def __init__(self, parameters: Mapping[str, Any], folder: Path) -> None:
+    def __init__(self, parameters: Mapping[str, Any], domain: int, folder: Path) -> None:
         arguments = [f'{name}:={value}' for name, value in parameters.items()]
-        environment = {
-            'ROS_DOMAIN_ID': str(_DOMAIN),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_LOG_DIR': str(folder),
-        }
-        os.environ.update(environment)
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=_DOMAIN)
+        rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node('benchmark', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -102,20 +96,25 @@ class PlannerProcess:
             raise RuntimeError(f'the planner ended with code {code}')
 
     def _call(self, client: Any, request: Any) -> Any:
-        while not client.service_is_ready():
-            self._executor.spin_once(timeout_sec=0.005)
+        self._wait(client.service_is_ready, 0.005)
         future = client.call_async(request)
-        while not future.done():
-            self._executor.spin_once(timeout_sec=0.1)
+        self._wait(future.done, 0.1)
         return future.result()
+
+    def _wait(self, done: Callable[[], bool], interval: float) -> None:
+        end = time.monotonic() + _LONGEST
+        while not done():
+            if time.monotonic() > end or self._process.poll() is not None:
+                raise RuntimeError('the planner does not answer')
+            self._executor.spin_once(timeout_sec=interval)
 
 
 @contextmanager
 def planner(**parameters: Any) -> Iterator[PlannerProcess]:
     """Yield a planner with parameters (``__`` for the dot) that plans from start.*."""
     named = {name.replace('__', '.'): value for name, value in parameters.items()}
-    with tempfile.TemporaryDirectory() as folder:
-        made = PlannerProcess({'start.source': 'parameters', **named}, Path(folder))
+    with tempfile.TemporaryDirectory() as folder, reserved_domain(Path(folder)) as domain:
+        made = PlannerProcess({'start.source': 'parameters', **named}, domain, Path(folder))
         try:
             yield made
         finally:
@@ -127,7 +126,7 @@ def latencies(torque: float, states: int) -> dict[str, Any]:
     seconds, codes = [], []
     with planner(limits__torque=torque, torque_reserve=0.0) as process:
         process.plan()
-        for seed in range(states):
+        for seed in counted(range(states), f'requests, torque limit {torque:g} N m'):
             state = start_state(seed).tolist()
             process.set({f'start.{name}': x for name, x in zip(_NAMES, state, strict=True)})
             latency, answer = process.plan()
@@ -149,7 +148,7 @@ def latencies(torque: float, states: int) -> dict[str, Any]:
 def first_answers(count: int) -> list[float]:
     """Return the times from starting the process to its first answer [s], discovery included."""
     found = []
-    for _ in range(count):
+    for _ in counted(range(count), 'starts of the process'):
         with planner(limits__torque=REGIMES['strong'], solver__deadline=5.0) as process:
             process.plan()
             found.append(time.perf_counter() - process.started)
@@ -161,18 +160,18 @@ def overruns(deadlines: tuple[float, ...] = _DEADLINES, repetitions: int = 3) ->
     late = {}
     with planner(limits__torque=_HOPELESS_TORQUE) as process:
         process.plan()
-        for deadline in deadlines:
+        for deadline in counted(deadlines, 'deadlines'):
             process.set({'solver.deadline': deadline})
             worst = max(process.plan()[0] for _ in range(repetitions))
             late[f'{deadline:g}'] = 1e3 * (worst - deadline)
     return late
 
 
-def run(states: int = 100) -> dict[str, Any]:
+def run(states: int = 100, starts: int = 5, repetitions: int = 3) -> dict[str, Any]:
     """Measure everything."""
     return {
-        'first_answer_s': first_answers(_STARTS_OF_PROCESS),
-        'overrun_ms': overruns(),
+        'first_answer_s': first_answers(starts),
+        'overrun_ms': overruns(repetitions=repetitions),
         **{regime: latencies(torque, states) for regime, torque in REGIMES.items()},
     }
 

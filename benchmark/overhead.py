@@ -14,6 +14,7 @@ from typing import Any
 
 from benchmark import by_hand
 from benchmark.pendulum import problem, REGIMES, start_state
+from benchmark.progress import counted
 import numpy as np
 from tdm_planner.direct_method import Budget
 from tdm_planner.problems import PendulumSwingUp, Solution
@@ -26,7 +27,7 @@ def run(states: int = 20, repetitions: int = 3) -> dict[str, Any]:
     """Solve from random states in both regimes both ways; medians of the ratios of times."""
     problems = [problem(t, start_state(s)) for t in REGIMES.values() for s in range(states)]
     whole, part = [], []
-    for made in problems:
+    for made in counted(problems, 'overhead'):
         # The first arrivals of the search, to compare the minimiser alone.
         found = by_hand.arrivals(made, np.random.default_rng(0))[:3]
         ways = (

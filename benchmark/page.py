@@ -1,39 +1,40 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page docs/benchmarks.md and its pictures, from the figures of a run."""
+"""The page benchmarks.md and its pictures, from the records of the sections."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from datetime import datetime, timezone
-import os
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
-import platform
-import shutil
 from typing import Any
 
+from benchmark import aims, explanations
 from benchmark.peers.tables import in_short, sections
+from benchmark.sections import Section, SECTIONS
 
 DOCS = Path(__file__).parents[1] / 'docs'
-Tables = Mapping[str, Callable[[dict[str, Any]], str]]
+PICTURES = 'images'
 
 _INTRODUCTION = """\
 # Benchmarks
 
-Written by `make benchmark` from the figures of its run. {when}, {machine}.
+Written by `make benchmark` from the figures of its run, which are in `benchmarks.json` beside this
+page, on {made_with}.
+Compare ratios: absolute times are those of a machine that may have had other work.
+"""
 
-{versions}
+_QUICK = """\
+**A quick run of a few cases: it shows that the benchmark works. Its figures say nothing.**
+"""
 
-Compare ratios: absolute times are those of this machine while it may have had other work.
+_AIMS = """\
+## Aims and what was reached
+
+{table}
 """
 
 _PEERS = """\
-## Peers
-
-The same problems, solved in one process on one core by this package and by what users would reach
-for otherwise, case by case in turn (`python -m benchmark peers --cases {cases}`). Times are
-processor times.
-
 - **tdm_planner**: `solve()` as the planner node calls it, with its own check of the plan.
   Iterations are evaluations of the dynamics along a candidate.
 - **collocation**: Hermite-Simpson with exact first and second derivatives, CasADi and Ipopt with
@@ -60,81 +61,82 @@ collocation from its result gave (`benchmark/*_reference.py`).
 
 _PROFILE = """\
 Shares are of processor time, of all threads together; a function's share holds all it calls. The
-largest costs, and why they remain:
+three largest costs of every kind of plan that can be told apart, and why they remain:
 
-- *Polishing* (`switching_search.polish`), the largest part of a cold swing-up: up to ten arrivals
-  are minimised, each in some ten steps on four to eight variables. The motions are compiled; what
-  is left is numpy called on tiny arrays. Polishing four instead of ten took 15 % less time, and
-  97 and 91 instead of 99 and 97 of 100 swing-ups came within 1.02 of the best known time.
-- *Steering* (`pendulum_rollout.steer`), the second: 300 random starts in compiled threads. On two
-  free cores it takes half as long by the clock as it counts here. With an earlier plan to start
-  from there is none: that plan is polished and checked first.
-- *Linearising* the robots' rows (`formation_program.linearise`), the largest part of a cold
-  formation, is one pass over precomputed bases for all robots, nodes and pairs, from four first
-  guesses; a warm one has one guess, and mostly pays for the thrusters' directions
-  (`formation_plan.trajectory`) and the check of the plan (`verify_formation`).
+{costs}
 """
 
 
-def write(figures: Mapping[str, Any], tables: Tables, folder: Path = DOCS) -> Path:
-    """Write the page and its pictures; parts that were not run are left out."""
-    parts = [_introduction(figures)]
-    if 'peers' in figures:
-        from benchmark.peers.charts import draw
-        from benchmark.peers.pendulum_cases import DRAKE_CASES
+def write(records: Mapping[str, Any], folder: Path = DOCS, quick: bool = False) -> Path:
+    """Write the page from the records of the sections (`benchmark.figures`), and its charts.
 
-        draw(figures['peers'], folder / 'images')
-        parts.append(
-            _PEERS.format(
-                cases=figures['peers']['cases'],
-                drake=min(DRAKE_CASES, figures['peers']['cases']),
-            )
-        )
-        parts.append(f'### In short\n\n{in_short(figures["peers"])}\n')
-        parts += [f'### {name}\n\n{body}\n' for name, body in sections(figures['peers'])]
-        growth = 'Time over intervals, cost over varied parameters, time over robots'
-        parts.append(f'![{growth}](images/benchmark_growth.png)\n')
-    for name, table in tables.items():
-        if name in figures and name != 'peers':
-            heading = name.replace('_', ' ').capitalize()
-            command = f'`python -m benchmark {name}`'
-            parts.append(f'## {heading}\n\n{command}\n\n```text\n{table(figures[name])}\n```\n')
-        if name in figures and name == 'profile':
-            parts.append(_flames(figures[name], folder / 'images'))
+    Sections that were never run, or failed, say so.
+    """
+    figures = {name: r['figures'] for name, r in records.items() if r['figures'] is not None}
+    made_with = Counter(_made_with(record) for record in records.values()).most_common(1)
+    usual = made_with[0][0] if made_with else 'no machine yet'
+    parts = [_INTRODUCTION.format(made_with=usual)]
+    if quick:
+        parts.append(_QUICK)
+    parts.append(_AIMS.format(table=aims.table(figures)))
+    parts += [
+        _section(section, records.get(name), folder, usual) for name, section in SECTIONS.items()
+    ]
     page = folder / 'benchmarks.md'
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text('\n'.join(parts))
     return page
 
 
-def _flames(figures: Mapping[str, Any], images: Path) -> str:
-    """Return what the profile says, with the flame graphs, which are copied to `images`."""
-    lines = [_PROFILE]
-    for title, found in figures.items():
-        picture = Path(found['picture'])
-        if picture.is_file():
-            images.mkdir(parents=True, exist_ok=True)
-            shutil.copy(picture, images / picture.name)
-            lines.append(f'![Flame graph: {title}](images/{picture.name})\n')
+def _section(section: Section, record: Mapping[str, Any] | None, folder: Path, usual: str) -> str:
+    head = f'## {section.title}\n\n`python -m benchmark {section.name}`'
+    if record is None:
+        return f'{head}: not measured yet.\n'
+    described = section.described({**section.full, **record['settings']})
+    if record['figures'] is None:
+        return f'{head}, {record["when"]}: **failed** - {record["failure"]}\n\n{described}\n'
+    body = _BODIES.get(section.name, _text)(section, record['figures'], folder)
+    return f'{head}, {_how(record, usual)}\n\n{described}\n\n{body}'
+
+
+def _how(record: Mapping[str, Any], usual: str) -> str:
+    """When a section was run, how long, and with what where that is not the usual."""
+    made_with = _made_with(record)
+    other = '' if made_with == usual else f', on {made_with}'
+    return f'{record["when"]}, {record["seconds"]:.0f} s{other}.'
+
+
+def _made_with(record: Mapping[str, Any]) -> str:
+    named = ', '.join(f'{name} {version}' for name, version in record['versions'].items())
+    return f'{record["machine"]}, with {named}'
+
+
+def _text(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
+    return f'```text\n{section.table(figures)}\n```\n'
+
+
+def _profile(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
+    lines = [_text(section, figures, folder), _PROFILE.format(costs=explanations.text(figures))]
+    lines += [
+        f'![Flame graph: {title}]({PICTURES}/{found["picture"]})\n'
+        for title, found in figures.items()
+        if (folder / PICTURES / found['picture']).is_file()
+    ]
     return '\n'.join(lines)
 
 
-def _introduction(figures: Mapping[str, Any]) -> str:
-    versions = figures.get('peers', {}).get('versions', {})
-    named = ', '.join(f'{name} {version}' for name, version in versions.items())
-    when = figures.get('when') or datetime.now(timezone.utc).date().isoformat()
-    return _INTRODUCTION.format(
-        when=when,
-        machine=figures.get('machine') or machine(),
-        versions=f'Versions: {named}.' if named else '',
-    )
+def _peers(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
+    from benchmark.peers.charts import draw
+    from benchmark.peers.pendulum_cases import DRAKE_CASES
+
+    draw(figures, folder / PICTURES)
+    growth = 'Time over intervals, cost over varied parameters, time over robots'
+    return '\n'.join([
+        _PEERS.format(drake=min(DRAKE_CASES, figures['cases'])),
+        f'### In short\n\n{in_short(figures)}\n',
+        *(f'### {name}\n\n{body}\n' for name, body in sections(figures)),
+        f'![{growth}]({PICTURES}/benchmark_growth.png)\n',
+    ])  # fmt: skip
 
 
-def machine() -> str:
-    """Processor, cores and Python."""
-    name = platform.processor() or platform.machine()
-    cpu = Path('/proc/cpuinfo')
-    if cpu.is_file():
-        models = [line for line in cpu.read_text().splitlines() if line.startswith('model name')]
-        name = models[0].split(':')[1].strip() if models else name
-    return f'{name}, {os.cpu_count()} cores, Python {platform.python_version()}'
+_BODIES = {'peers': _peers, 'profile': _profile}

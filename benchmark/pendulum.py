@@ -19,6 +19,7 @@ import sys
 import time
 from typing import Any
 
+from benchmark.progress import counted, report
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
@@ -56,7 +57,7 @@ def measure(
     known = json.loads(_BEST_KNOWN.read_text())[regime]
     problem(torque, start_state('hanging'), method).prepare()
     ratios, seconds, failures = [], [], []
-    for seed in range(states):
+    for seed in counted(range(states), f'{method}, {regime}'):
         began = time.perf_counter()
         try:
             solution = problem(torque, start_state(seed), method).solve(deadline, seed=0)
@@ -104,11 +105,12 @@ def _without_numba(regime: str, states: int) -> dict[str, Any]:
         '--states',
         str(states),
     ]
+    report(f'without numba, {regime}')
     done = subprocess.run(
         command,
         env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
         cwd=Path(__file__).parent.parent,
-        capture_output=True,
+        stdout=subprocess.PIPE,
         text=True,
         check=True,
     )

@@ -18,6 +18,7 @@ from typing import Any
 from benchmark import flame
 from benchmark.pendulum import problem as swing_up
 from benchmark.pendulum import start_state
+from benchmark.progress import report
 from benchmark.robots import MARGIN
 from benchmark.scenarios import crossing
 import numpy as np
@@ -26,12 +27,10 @@ from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.base import Problem
 
 FOLDER = Path('profile')
-_CASES = 20
-_SECONDS = 6.0  # of processor time, a flame graph
 _NEAR = np.array([0.05, 0.05, 0.25, 0.25])  # rad, rad/s: how far the earlier plan's start is
 _NEAR_ROBOT = 0.03  # m
 _DEADLINE = 8.0
-_SHOWN = 16
+_LEAST, _SHOWN = 0.01, 16  # share of a cost that is noted; how many are printed
 _OWN = {path.stem for path in Path(tdm_planner.__file__).parent.rglob('*.py')}
 
 
@@ -49,39 +48,41 @@ def _robots(case: int, near: bool = False) -> Problem:
 PROBLEMS: dict[str, Callable[..., Problem]] = {'pendulum': _pendulum, 'robots': _robots}
 
 
-def sample(kind: str, warm: bool) -> tuple[Counter[flame.Stack], float]:
+def sample(
+    kind: str, warm: bool, cases: int, seconds: float
+) -> tuple[Counter[flame.Stack], float]:
     """Stacks below `solve`, and milliseconds of processor time a solve."""
-    stated = [PROBLEMS[kind](case) for case in range(_CASES)]
+    stated = [PROBLEMS[kind](case) for case in range(cases)]
     stated[0].solve(_DEADLINE)
     earlier = [
-        PROBLEMS[kind](case, near=True).solve(_DEADLINE) if warm else None
-        for case in range(_CASES)
+        PROBLEMS[kind](case, near=True).solve(_DEADLINE) if warm else None for case in range(cases)
     ]
     solves, began = 0, time.process_time()
     with flame.Sampler() as sampler:
-        while time.process_time() - began < _SECONDS:
+        while time.process_time() - began < seconds:
             for each, plan in zip(stated, earlier, strict=True):
                 each.solve(_DEADLINE, warm_start=plan)
-            solves += _CASES
+            solves += cases
     milliseconds = 1e3 * (time.process_time() - began) / solves
     return flame.below(sampler.stacks, 'base.solve'), milliseconds
 
 
-def run(folder: Path = FOLDER) -> dict[str, Any]:
-    """Profile everything and draw the flame graphs into `folder`."""
+def run(folder: Path | str = FOLDER, cases: int = 20, seconds: float = 6.0) -> dict[str, Any]:
+    """Profile `cases` of everything, `seconds` of processor time each; draw into `folder`."""
     figures: dict[str, Any] = {}
     for kind in PROBLEMS:
         for warm in (False, True):
             how = 'warm' if warm else 'cold'
-            stacks, milliseconds = sample(kind, warm)
+            report(f'{kind}, {how}')
+            stacks, milliseconds = sample(kind, warm, cases, seconds)
             title = f'{kind}, {how}: {milliseconds:.1f} ms of processor time a solve'
-            file = folder / f'profile_{kind}_{how}.png'
+            file = Path(folder) / f'profile_{kind}_{how}.png'
             flame.draw(flame.tree(stacks, 'base.solve'), _OWN, title, file)
             own = [cost for cost in flame.costs(stacks) if cost[0].split('.')[0] in _OWN]
             figures[f'{kind}, {how}'] = {
                 'ms': milliseconds,
-                'costs': own[:_SHOWN],
-                'picture': str(file),
+                'costs': [cost for cost in own if cost[1] > _LEAST],
+                'picture': file.name,
             }
     return figures
 
@@ -91,5 +92,5 @@ def table(figures: dict[str, Any]) -> str:
     lines = []
     for name, found in figures.items():
         lines.append(f'{name}: {found["ms"]:.1f} ms of processor time a solve')
-        lines += [f'  {share:6.1%}  {label}' for label, share in found['costs']]
+        lines += [f'  {share:6.1%}  {label}' for label, share in found['costs'][:_SHOWN]]
     return '\n'.join(lines)

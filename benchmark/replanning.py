@@ -38,6 +38,7 @@ from benchmark.closed_loop import (
     RIGS,
     ROBOT_NOISE,
 )
+from benchmark.progress import counted
 from benchmark.scenarios import crossing, MINIMUM_SEPARATION
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +153,11 @@ def pendulum(push: float, seeds: int, replanning: bool) -> dict[str, Any]:
     problem = build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': RESERVE})
     solution = problem.solve(deadline=2.0)
     impulse = push * momentum(problem, solution.trajectory.states)
-    runs = [swing_up(problem, solution, seed, impulse, replanning) for seed in range(seeds)]
+    what = f'pendulum, pushed by {push:.0%}' if push else 'pendulum'
+    runs = [
+        swing_up(problem, solution, seed, impulse, replanning)
+        for seed in counted(range(seeds), what)
+    ]
     return {
         'runs': seeds,
         'at_once': sum(run['at_once'] for run in runs),
@@ -263,7 +268,8 @@ def formation(
 
 def robots(rig: str, pushed: bool, seeds: int, replanning: bool) -> dict[str, Any]:
     """Crossings of three robots, one pushed or the goal moved half-way."""
-    runs = [formation(RIGS[rig], seed, pushed, replanning) for seed in range(seeds)]
+    what = 'robots, one pushed' if pushed else 'robots, the goal moves'
+    runs = [formation(RIGS[rig], seed, pushed, replanning) for seed in counted(range(seeds), what)]
     return {
         'runs': seeds,
         'arrived': sum(run['arrived'] for run in runs),

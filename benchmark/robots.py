@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
     os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
+from benchmark.progress import counted, report
 from benchmark.robots_reference import DATA
 from benchmark.scenarios import crossing
 import numpy as np
@@ -66,7 +67,7 @@ def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
     times, ratios, ends, turns, failures = [], [], [], [], []
     settings = {'solver.deadline': 8.0, 'arena.tracking_margin': MARGIN, **changes}
     seeds = list(seeds)
-    for seed in seeds:
+    for seed in counted(seeds, f'{n} robots'):
         problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**settings))
         began = time.process_time()
         try:
@@ -97,6 +98,7 @@ def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
 
 def measure_starts(scenarios: int, starts: int = 4) -> Figures:
     """Time of the minimiser from one first guess [ms], and how many guesses lead to a minimum."""
+    report('first guesses')
     times, found = [], 0
     for seed in range(scenarios):
         changes = {'arena.tracking_margin': MARGIN}

@@ -21,13 +21,13 @@ from benchmark.peers.tables import text
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 
 
-def run(cases: int = 100) -> dict[str, Any]:
-    """Measure `cases` random cases of every problem; progress goes to the standard output."""
+def run(cases: int = 100, quick: bool = False) -> dict[str, Any]:
+    """Measure `cases` random cases of every problem; `quick`: hardly any nodes, robots, ..."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / 'peers.json'
         command = [sys.executable, '-m', 'benchmark.peers.measure', '--output', str(output)]
         subprocess.run(
-            [*command, '--cases', str(cases)],
+            [*command, '--cases', str(cases), *(['--quick'] if quick else [])],
             cwd=Path(__file__).parents[2],
             env=os.environ | _ONE_THREAD,
             check=True,

@@ -8,7 +8,6 @@ python -m benchmark.peers.measure --cases 100 --output FILE.json
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 import importlib.metadata
 import importlib.util
 import json
@@ -27,45 +26,39 @@ from benchmark.peers.pendulum_cases import (
 )
 from benchmark.peers.robots_cases import BOWS, RobotsCases
 from benchmark.pendulum import REGIMES
+from benchmark.progress import report
 from benchmark.robots import references
 import tdm_planner
-from tdm_sim.progress import make_progress, Progress
 
-Report = Callable[[str], None]
 BEST = 'collocation, best of 3 guesses'
 
 
-def measure(cases: int, progress: Progress) -> dict[str, Any]:
-    """Return everything as JSON holds it."""
+def measure(cases: int, extent: scaling.Extent) -> dict[str, Any]:
+    """Return everything as JSON holds it: `cases` of the problems, the growth to an extent."""
     figures: dict[str, Any] = {'cases': cases, 'versions': versions(), 'problems': {}}
     problems = figures['problems']
     for regime in REGIMES:
-        progress.phase(f'pendulum, {regime} torque: {cases} random states')
         pendulum = PendulumCases(regime)
-        found = alternate(pendulum.methods(), range(cases), {DRAKE: DRAKE_CASES}, progress.update)
+        found = alternate(pendulum.methods(), range(cases), {DRAKE: DRAKE_CASES}, report)
         problems[f'pendulum, {regime} torque'] = _problem(found, list(GUESSES), best_known(regime))
         problems[f'pendulum, {regime} torque']['build_s'] = pendulum.collocation.build_seconds
         problems[f'pendulum, {regime} torque']['variables'] = pendulum.collocation.solver.variables
-    progress.phase(f'3 robots: {cases} random crossings')
     robots = RobotsCases()
-    found = alternate(robots.methods(), range(cases), {}, progress.update)
+    found = alternate(robots.methods(), range(cases), {}, report)
     problems['3 robots'] = _problem(found, list(BOWS), references())
     problems['3 robots']['build_s'] = robots.collocation.build_seconds
     problems['3 robots']['variables'] = robots.collocation.solver.variables
     if importlib.util.find_spec('ruckig') is not None:
         problems['3 robots']['bound'] = _bounds(robots, cases)
-    progress.phase('memory: one process a solver')
+    report('memory: one process a solver')
     figures['memory_mb'] = {
         problem: {solver: memory.peak(solver, problem) for solver in memory.SOLVERS}
         for problem in memory.PROBLEMS
     }
     figures['memory_mb']['robots']['Drake'] = None
-    progress.phase('nodes of the collocation and of the quadrature')
-    figures['nodes'] = scaling.nodes(cases, progress.update)
-    progress.phase('number of varied parameters')
-    figures['parameters'] = scaling.parameters(cases, progress.update)
-    progress.phase('number of robots')
-    figures['teams'] = scaling.teams(cases, progress.update)
+    figures['nodes'] = scaling.nodes(extent)
+    figures['parameters'] = scaling.parameters(extent)
+    figures['teams'] = scaling.teams(extent)
     return figures
 
 
@@ -117,11 +110,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--cases', type=int, default=100, help='random cases of every problem')
     parser.add_argument('--output', type=Path, required=True, help='JSON file to write')
+    parser.add_argument('--quick', action='store_true', help='as little of the growth as shows it')
     arguments = parser.parse_args()
     if hasattr(os, 'sched_setaffinity'):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    with make_progress() as progress:
-        figures = measure(arguments.cases, progress)
+    extent = scaling.QUICK if arguments.quick else scaling.FULL
+    figures = measure(arguments.cases, extent)
     arguments.output.write_text(json.dumps(figures) + '\n')
 
 

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 import time
 from typing import Any
 
@@ -14,22 +14,59 @@ from benchmark.peers.judge import judge_pendulum
 from benchmark.peers.pendulum_cases import best_known, DEADLINE, PendulumCases, SWING
 from benchmark.peers.robots_cases import RobotsCases, STRAIGHT
 from benchmark.pendulum import problem, REGIMES, start_state
+from benchmark.progress import report
 from benchmark.robots import references
 from tdm_planner.exceptions import TdmError
 
-Report = Callable[[str], None]
 Rows = list[dict[str, Any]]
 
-_CASES, _PARAMETER_CASES = 10, 20
-_PENDULUM_NODES = (25, 50, 100, 200)
-_ROBOT_NODES = ((15, 2), (30, 4), (60, 8))
-_QUADRATURE_NODES = (13, 21, 31, 41)
-_SHAPES = (('given', 7), ('varied', 7), ('varied', 9), ('varied', 11), ('varied', 13))
-_ARCS = (4, 5, 6, 7, 8, 10, 12)
-_TEAMS = {2: 10, 3: 10, 5: 5, 8: 5, 12: 3, 20: 2}
-# Collocation of more robots does not end within the time allowed.
-_COLLOCATION_TEAMS = {2: 3, 3: 3, 5: 2, 8: 1}
-_LONGEST = 60.0  # s
+_COLLOCATION_LONGEST = 20.0  # s a case
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What is varied, and for how many cases.
+
+    `pendulum_nodes`, `robot_nodes` are intervals of the collocation, `quadrature_nodes` those of
+    this package; `arcs` the most arcs of constant torque, `shapes` end accelerations and order of
+    the polynomials; `teams` numbers of robots with the cases of this package and of collocation.
+    """
+
+    cases: int = 10
+    dense_cases: int = 3  # of the largest program of `robot_nodes`
+    pendulum_nodes: tuple[int, ...] = (25, 50, 100, 200)
+    robot_nodes: tuple[tuple[int, int], ...] = ((15, 2), (30, 4), (60, 8))
+    quadrature_nodes: tuple[int, ...] = (13, 21, 31, 41)
+    shapes: tuple[tuple[str, int], ...] = (
+        ('given', 7),
+        ('varied', 7),
+        ('varied', 9),
+        ('varied', 11),
+        ('varied', 13),
+    )
+    arcs: tuple[int, ...] = (4, 5, 6, 7, 8, 10, 12)
+    # Collocation of more than 8 robots does not end within the time allowed.
+    teams: tuple[tuple[int, int, int], ...] = (
+        (2, 10, 3),
+        (3, 10, 3),
+        (5, 5, 2),
+        (8, 5, 1),
+        (12, 3, 0),
+        (20, 2, 0),
+    )
+
+
+FULL = Extent()
+QUICK = Extent(
+    cases=1,
+    dense_cases=1,
+    pendulum_nodes=(25,),
+    robot_nodes=((15, 2),),
+    quadrature_nodes=(21,),
+    shapes=(('varied', 7),),
+    arcs=(8,),
+    teams=((2, 1, 1), (5, 1, 0)),
+)
 
 
 def _row(
@@ -40,53 +77,52 @@ def _row(
     return {'section': section, 'solver': solver, 'value': value, 'variables': variables} | figures
 
 
-def nodes(cases: int, report: Report) -> Rows:
+def nodes(extent: Extent) -> Rows:
     """Collocation on more and more intervals; this package's quadrature nodes for the robots."""
     rows: Rows = []
-    cases = min(cases, _CASES)
     for regime in REGIMES:
-        for count in _PENDULUM_NODES:
+        for count in extent.pendulum_nodes:
             report(f'pendulum {regime}, {count} intervals')
             pendulum = PendulumCases(regime, count)
             solve = pendulum.methods()[SWING]
-            attempts = [solve(case) for case in range(cases)]
+            attempts = [solve(case) for case in range(extent.cases)]
             row = _row(
                 f'pendulum, {regime} torque', 'collocation', count,
                 pendulum.collocation.solver.variables, best_known(regime), attempts,
             )  # fmt: skip
             rows.append(row | {'build_s': pendulum.collocation.build_seconds})
     known = references()
-    for intervals in _ROBOT_NODES:
+    for intervals in extent.robot_nodes:
         report(f'3 robots, {intervals[0]} intervals')
         robots = RobotsCases(3, intervals)
-        attempts = [robots.collocate(case, 0.0) for case in range(cases)]
+        count = extent.dense_cases if intervals[0] > 30 else extent.cases
+        attempts = [robots.collocate(case, 0.0) for case in range(count)]
         row = _row(
             '3 robots', 'collocation', intervals[0], robots.collocation.solver.variables,
             known, attempts,
         )  # fmt: skip
         rows.append(row | {'build_s': robots.collocation.build_seconds})
-    for count in _QUADRATURE_NODES:
+    for count in extent.quadrature_nodes:
         report(f'3 robots, {count} nodes of the quadrature')
-        attempts = [robots.ours(case, None, nodes=count) for case in range(cases)]
+        attempts = [robots.ours(case, None, nodes=count) for case in range(extent.cases)]
         rows.append(_row('3 robots', 'tdm_planner', count, None, known, attempts))
     return rows
 
 
-def parameters(cases: int, report: Report) -> Rows:
+def parameters(extent: Extent) -> Rows:
     """More and more varied parameters of this package's two problems."""
     rows: Rows = []
-    cases = min(cases, _PARAMETER_CASES)
     robots, known = RobotsCases(3), references()
-    for ends, order in _SHAPES:
+    for ends, order in extent.shapes:
         report(f'3 robots, order {order}, end accelerations {ends}')
         changes = {'end_accelerations': ends, 'polynomial_order': order}
         size = robots.problem(0, **changes).solve(DEADLINE).parameters.size
-        attempts = [robots.ours(case, None, **changes) for case in range(cases)]
+        attempts = [robots.ours(case, None, **changes) for case in range(extent.cases)]
         rows.append(_row('3 robots', 'tdm_planner', order, size, known, attempts))
     for regime in REGIMES:
-        for arcs in _ARCS:
+        for arcs in extent.arcs:
             report(f'pendulum {regime}, at most {arcs} arcs')
-            attempts = [_arcs(regime, arcs, case) for case in range(cases)]
+            attempts = [_arcs(regime, arcs, case) for case in range(extent.cases)]
             rows.append(
                 _row(
                     f'pendulum, {regime} torque', 'tdm_planner', arcs, arcs,
@@ -108,15 +144,14 @@ def _arcs(regime: str, arcs: int, case: int) -> Attempt:
     return Attempt(case, True, solved, seconds, plan.evaluations, plan.cost)
 
 
-def teams(cases: int, report: Report) -> Rows:
+def teams(extent: Extent) -> Rows:
     """More and more robots, costs relative to this package's."""
     rows: Rows = []
-    for n, count in _TEAMS.items():
+    for n, count, tried in extent.teams:
         report(f'{n} robots')
-        tried = min(_COLLOCATION_TEAMS.get(n, 0), cases)
         intervals = (30, 4) if n <= 3 else (30, 2)
-        robots = RobotsCases(n, intervals if tried else (3, 1), _LONGEST)
-        ours = [robots.ours(case, None) for case in range(min(count, cases))]
+        robots = RobotsCases(n, intervals if tried else (3, 1), _COLLOCATION_LONGEST)
+        ours = [robots.ours(case, None) for case in range(count)]
         known = {a.case: a.cost for a in ours if a.cost is not None}
         size = robots.problem(0).solve(DEADLINE).parameters.size
         rows.append(_row('robots', 'tdm_planner', n, size, known, ours))

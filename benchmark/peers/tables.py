@@ -22,15 +22,15 @@ _NOTES = {
         'arcs of constant torque.'
     ),
     'teams': (
-        'Collocation starts from straight ways, is given 60 s a case, and is not tried for more '
+        'Collocation starts from straight ways, is given 20 s a case, and is not tried for more '
         'than 8 robots.'
     ),
 }
 
 
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table, its first column to the left, the others to the right."""
-    rule = ['---', *['---:'] * (len(head) - 1)]
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], align: str = 'r') -> str:
+    """Return a table, its first column to the left, the others to the right unless told."""
+    rule = ['---', *['---:' if align == 'r' else '---'] * (len(head) - 1)]
     return '\n'.join('| ' + ' | '.join(row) + ' |' for row in (head, rule, *rows))
 
 

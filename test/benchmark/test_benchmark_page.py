@@ -6,14 +6,19 @@ from __future__ import annotations
 
 from collections import Counter
 import json
+import math
 from pathlib import Path
 import time
 from typing import Any
 
-from benchmark import flame, page
+from benchmark import explanations, flame, page
+from benchmark import figures as records_of_runs
 from benchmark.peers import tables
 from benchmark.peers.attempts import Attempt
+from benchmark.runner import Outcome
+from benchmark.sections import SECTIONS
 import pytest
+import tdm_planner
 
 SOLVERS = ('tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing')
 
@@ -40,7 +45,11 @@ def figures(cases: int = 4) -> dict[str, Any]:
     found = {
         'cases': cases,
         'versions': {'casadi': '1.2.3'},
-        'problems': {'pendulum, weak torque': problem, '3 robots': problem},
+        'problems': {
+            'pendulum, strong torque': problem,
+            'pendulum, weak torque': problem,
+            '3 robots': problem,
+        },
         'memory_mb': {'pendulum': {'none': 30.0, 'tdm_planner': 200.0, 'Drake': None}},
         'nodes': [row | {'solver': 'collocation', 'build_s': 0.4}],
         'parameters': [row],
@@ -70,31 +79,72 @@ def test_what_was_not_measured_is_a_dash():
     assert tables.ratio(None) == tables.number(float('nan')) == '-'
 
 
+def a_record(found: dict[str, Any] | None, **changes: Any) -> dict[str, Any]:
+    outcome = Outcome(settings={}, when='today', seconds=12.3, figures=found)
+    versions = {'casadi': '1.2.3'}
+    return {**outcome.to_dict(), 'machine': 'a machine', 'versions': versions, **changes}
+
+
 def test_the_page_is_written_from_the_figures(tmp_path: Path):
     pytest.importorskip('matplotlib')
     pytest.importorskip('casadi')
-    found = {'peers': figures(), 'library': {'rate': 3}, 'machine': 'a machine', 'when': 'today'}
-    page.write(found, {'peers': str, 'library': lambda f: f'rate {f["rate"]}'}, tmp_path)
+    records = {
+        'peers': a_record(figures(), settings={'cases': 4}),
+        'nodes': a_record(None, failure='it broke'),
+        'closed_loop': a_record(None, failure='it hung', machine='another machine'),
+    }
+    page.write(records, tmp_path)
     text = (tmp_path / 'benchmarks.md').read_text()
-    assert 'today, a machine' in text
-    assert 'casadi 1.2.3' in text
-    assert 'rate 3' in text
-    assert '--cases 4' in text
+    assert text.count('a machine, with casadi 1.2.3') == 1
+    assert '`python -m benchmark peers`, today, 12 s.' in text
+    assert '4 cases of each problem' in text
+    assert '`python -m benchmark nodes`, today: **failed** - it broke' in text
+    assert '`python -m benchmark latency`: not measured yet.' in text
     pictures = sorted(path.name for path in (tmp_path / 'images').iterdir())
     assert pictures == ['benchmark_growth.png', 'benchmark_success.png']
     assert all(f'images/{name}' in text for name in pictures)
+    headings = [line for line in text.splitlines() if line.startswith('## ')]
+    titles = [f'## {section.title}' for section in SECTIONS.values()]
+    assert headings == ['## Aims and what was reached', *titles]
 
 
-def test_flame_graphs_come_with_the_page(tmp_path: Path):
-    pytest.importorskip('casadi')
-    picture = tmp_path / 'profile' / 'profile_pendulum_cold.png'
+def test_flame_graphs_come_with_the_page_and_the_largest_costs_are_explained(tmp_path: Path):
+    picture = tmp_path / 'images' / 'profile_pendulum_cold.png'
     picture.parent.mkdir()
     picture.write_bytes(b'a picture')
-    costs = {'ms': 1.0, 'costs': [], 'picture': str(picture)}
-    page.write({'profile': {'pendulum, cold': costs}}, {'profile': str}, tmp_path / 'docs')
-    text = (tmp_path / 'docs' / 'benchmarks.md').read_text()
+    costs = [
+        ['search.run', 0.99],
+        ['pendulum_rollout.steer', 0.3],
+        ['switching_search.polish', 0.6],
+    ]
+    kind = {'ms': 1.0, 'costs': costs, 'picture': picture.name}
+    page.write({'profile': a_record({'pendulum, cold': kind, 'again': kind})}, tmp_path)
+    text = (tmp_path / 'benchmarks.md').read_text()
     assert '(images/profile_pendulum_cold.png)' in text
-    assert (tmp_path / 'docs' / 'images' / picture.name).read_bytes() == b'a picture'
+    polishing = explanations.EXPLANATIONS['switching_search.polish']
+    assert f'`switching_search.polish`, 60%: {polishing}' in text
+    assert text.count(polishing) == 1
+    assert text.index('switching_search.polish`, 60%') < text.index('pendulum_rollout.steer`, 30%')
+
+
+def test_what_is_explained_is_a_function_of_the_package():
+    sources = {
+        path.stem: path.read_text() for path in Path(tdm_planner.__file__).parent.rglob('*.py')
+    }
+    for label, reason in explanations.EXPLANATIONS.items():
+        module, function = label.split('.')
+        assert f'def {function}(' in sources[module], label
+        assert reason
+
+
+def test_records_are_kept_beside_the_page(tmp_path: Path):
+    assert records_of_runs.read(tmp_path) == {}
+    made = {'robots': a_record({'value': 1.23456789e-3, 'list': [float('nan')], 'count': 7})}
+    records_of_runs.write(tmp_path, made)
+    found = records_of_runs.read(tmp_path)['robots']
+    assert found['figures']['value'] == 0.00123457
+    assert found['figures']['count'] == 7
+    assert math.isnan(found['figures']['list'][0])
 
 
 def test_stacks_become_a_tree_below_the_function_asked_for():

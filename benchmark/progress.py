@@ -1,0 +1,34 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a section is at, for those who wait: lines that whoever started it shows, or leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sized
+import sys
+import time
+from typing import Protocol, TypeVar
+
+MARK = '» '
+_SELDOM = 0.5  # s between lines about a loop
+
+Item = TypeVar('Item', covariant=True)
+
+
+class Items(Sized, Iterable[Item], Protocol[Item]):
+    """Things that can be counted and gone through."""
+
+
+def report(text: str) -> None:
+    """Say what is being done now."""
+    print(f'{MARK}{text}', file=sys.stderr, flush=True)
+
+
+def counted(items: Items[Item], what: str) -> Iterator[Item]:
+    """Go through `items` and say, now and then, how many are done."""
+    said = -_SELDOM
+    for count, item in enumerate(items):
+        if time.monotonic() - said > _SELDOM:
+            report(f'{what}: {count} of {len(items)}')
+            said = time.monotonic()
+        yield item

@@ -1,0 +1,116 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sections in processes of their own: one that fails, crashes or hangs takes no other with it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Any
+
+from benchmark.progress import MARK
+from benchmark.sections import Section, Settings
+
+ROOT = Path(__file__).parents[1]
+_KEPT = 200  # lines of what a section says
+_ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a section: `figures`, or else the `failure`, one sentence, and its `log`."""
+
+    settings: Settings
+    when: str
+    seconds: float
+    figures: dict[str, Any] | None = None
+    failure: str = ''
+    log: tuple[str, ...] = field(default=(), repr=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON holds it, without the log."""
+        found = asdict(self)
+        del found['log']
+        return found
+
+
+def run(section: Section, settings: Settings, report: Callable[[str], None]) -> Outcome:
+    """Measure a section; `report` is told what it is at."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / 'figures.json'
+        command = [
+            sys.executable, '-m', 'benchmark.section',
+            section.name, json.dumps(dict(settings), default=str), str(output),
+        ]  # fmt: skip
+        failure, log = _watched(command, section.limit, report)
+        figures = json.loads(output.read_text()) if not failure else None
+    return Outcome(
+        settings={name: value for name, value in settings.items() if name != 'folder'},
+        when=datetime.now(timezone.utc).date().isoformat(),
+        seconds=time.monotonic() - began,
+        figures=figures,
+        failure=failure,
+        log=log,
+    )
+
+
+def _watched(
+    command: list[str], limit: float, report: Callable[[str], None]
+) -> tuple[str, tuple[str, ...]]:
+    """Run a command; returns why it failed, '' if it did not, and what it said."""
+    log: deque[str] = deque(maxlen=_KEPT)
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=os.environ | _ONE_THREAD,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors='replace',
+        start_new_session=True,  # so that all that it starts can be ended with it
+    )
+    reader = threading.Thread(target=_read, args=(process, log, report), daemon=True)
+    reader.start()
+    try:
+        code = process.wait(limit)
+    except subprocess.TimeoutExpired:
+        return f'it took longer than {limit:g} s and was ended', tuple(log)
+    finally:
+        _end(process)
+        reader.join(5.0)
+    if code == 0:
+        return '', tuple(log)
+    if code < 0:
+        return f'it was ended by {signal.Signals(-code).name}', tuple(log)
+    return next((line.strip() for line in reversed(log) if line.strip()), ''), tuple(log)
+
+
+def _read(process: subprocess.Popen[str], log: deque[str], report: Callable[[str], None]) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith(MARK):
+            report(line.removeprefix(MARK).rstrip())
+        else:
+            log.append(line.rstrip())
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End the process and all that it has started."""
+    for number in (signal.SIGINT, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(5.0)

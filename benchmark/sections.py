@@ -1,0 +1,156 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sections of the benchmark: what each measures, how much of it, how long it may take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any
+
+Settings = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A module of the benchmark with `run(**settings)` and `table(figures)`.
+
+    `full` are the settings of the page, `quick` those that only show that everything works;
+    `about` says what is measured, with the settings' values in braces. A section that takes
+    longer than `limit` s is ended. `pictures` says that `run` draws into a `folder`.
+    """
+
+    name: str
+    title: str
+    about: str
+    full: Settings
+    quick: Settings
+    limit: float
+    pictures: bool = False
+
+    @property
+    def module(self) -> str:
+        """Name of the module that measures it."""
+        return f'benchmark.{_MODULES.get(self.name, self.name)}'
+
+    def run(self, **settings: Any) -> dict[str, Any]:
+        """Measure; returns figures that JSON can hold."""
+        found: dict[str, Any] = import_module(self.module).run(**settings)
+        return found
+
+    def table(self, figures: Mapping[str, Any]) -> str:
+        """Return figures as lines of text."""
+        text: str = import_module(self.module).table(figures)
+        return text
+
+    def described(self, settings: Settings) -> str:
+        """Return what was measured with these settings."""
+        return self.about.format(**settings)
+
+
+_MODULES = {'profile': 'profiling'}
+
+_SECTIONS = (
+    Section(
+        'pendulum',
+        'Pendulum',
+        'Swing-ups from {states} random states of either torque limit (any angle, +-1 rad of the '
+        'disk, rates up to 5 rad/s), from {uncompiled_states} of them without numba; times of the '
+        'motion against the best known of a long search (`benchmark/pendulum_reference.py`), wall '
+        'times of solving.',
+        {'states': 100, 'uncompiled_states': 10},
+        {'states': 2, 'uncompiled_states': 1},
+        300.0,
+    ),
+    Section(
+        'robots',
+        'Robots',
+        'Random crossings of robots: {scenarios} of three, up to 50 of other teams, 30 of every '
+        'variant of the method; costs against a long search (`benchmark/robots_reference.py`), '
+        'processor times of solving.',
+        {'scenarios': 100},
+        {'scenarios': 2},
+        300.0,
+    ),
+    Section(
+        'nodes',
+        'Nodes',
+        'The planner as a process of its own, over DDS: {starts} starts, {repetitions} requests '
+        'for every deadline that no plan can meet, {states} cold requests for random states of '
+        'either torque limit, from sending the request to receiving the answer.',
+        {'states': 100, 'starts': 5, 'repetitions': 3},
+        {'states': 2, 'starts': 1, 'repetitions': 1},
+        300.0,
+    ),
+    Section(
+        'closed_loop',
+        'Closed loops',
+        "The trackers' own code on plants that are not their models, {seeds} seeds each: physical "
+        'constants and actuator gains off by up to 5 %, measurements with noise, no plan made '
+        'anew. A pendulum is held when |theta| < .05 rad and |psi| < 2 rad throughout the last '
+        '5 s; robots have arrived when every one is within 2 cm of its goal from its arrival '
+        'on until 5 s after the last.',
+        {'seeds': 40},
+        {'seeds': 1},
+        600.0,
+    ),
+    Section(
+        'replanning',
+        'Replanning',
+        'The replanner and the trackers of the nodes, reviews at 5 Hz, {seeds} seeds each; plants '
+        'off by up to 5 % and noise as above. The pendulum (.02 N m) is pushed half-way by 30 % '
+        "of the swing's largest momentum; of three robots one is pushed half-way by .05 m/s in a "
+        'random direction, or the formation is moved by up to .5 m along each axis and .5 rad. '
+        '*At once*: from the first catch on it is never lost again; *in 10 s*: upright within '
+        '.05 rad from 10 s after the start until 15 s after it. Robots have arrived when all '
+        "stay within 2 cm of their goals over the last 3 of 5 s after the last plan's end.",
+        {'seeds': 40},
+        {'seeds': 1},
+        900.0,
+    ),
+    Section(
+        'latency',
+        'Latency',
+        'Replans from states along a plan under way, off by what tracking leaves: {warm_replans} '
+        'of each kind from the rest of that plan, {cold_replans} without it, wall times. Then '
+        '{replans:,} with a deadline of 30 ms in one process, whose memory is looked at. Last, '
+        'planner, tracker and plant as nodes: the pendulum is pushed twice a second for '
+        '{seconds:g} s, so that plans are made at 5 Hz.',
+        {'warm_replans': 1000, 'cold_replans': 300, 'replans': 10_000, 'seconds': 30.0},
+        {'warm_replans': 4, 'cold_replans': 2, 'replans': 120, 'seconds': 4.0},
+        900.0,
+    ),
+    Section(
+        'peers',
+        'Peers',
+        'The same problems, solved in one process on one core by this package and by what users '
+        'would reach for otherwise, {cases} cases of each problem, in turn. Times are processor '
+        'times.',
+        {'cases': 100, 'quick': False},
+        {'cases': 1, 'quick': True},
+        1200.0,
+    ),
+    Section(
+        'library',
+        'Library',
+        'The direct method as a library: speed of problems that are only stated, their length, '
+        'their optimality, and what its structure costs against a hand-written loop (swing-ups '
+        'from {states} states of either torque limit, the best of {repetitions} times).',
+        {'states': 20, 'repetitions': 3, 'free': (2, 3, 6, 9), 'intervals': (40, 80)},
+        {'states': 1, 'repetitions': 1, 'free': (2,), 'intervals': (20, 40)},
+        300.0,
+    ),
+    Section(
+        'profile',
+        'Profile',
+        'Where the time of a plan goes: {cases} cases of each kind, sampled over {seconds:g} s of '
+        'processor time.',
+        {'cases': 20, 'seconds': 6.0},
+        {'cases': 1, 'seconds': 0.3},
+        300.0,
+        pictures=True,
+    ),
+)
+SECTIONS: Mapping[str, Section] = MappingProxyType({each.name: each for each in _SECTIONS})
