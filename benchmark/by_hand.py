@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 import daqp
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_kernels import roll_arcs, steer_arcs
+from tdm_planner.plants.pendulum_kernels import roll_arcs
 from tdm_planner.plants.pendulum_replay import dormand_prince, replay_steps
+from tdm_planner.plants.pendulum_steering import steer_arcs
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.switching_seeds import starts
 

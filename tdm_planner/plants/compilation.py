@@ -29,8 +29,30 @@ COMPILED = _numba() is not None
 
 def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
-    numba = _numba()
-    if numba is None:
-        return function
-    made: _Function = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
-    return made
+    return compiled_with()(function)
+
+
+def compiled_with(*called: Any) -> Callable[[_Function], _Function]:
+    """Compile a function that calls compiled functions of other modules, `called`.
+
+    What they do becomes part of its machine code. numba's cache on disk takes notice of changes to
+    the function's own file only; theirs are made known to it here.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        numba = _numba()
+        if numba is None:
+            return function
+        made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+        stamps = [_cache_file(other)._source_stamp for other in called if _cache_file(other)]
+        if stamps and _cache_file(made):
+            _cache_file(made)._source_stamp = (_cache_file(made)._source_stamp, *stamps)
+        typed: _Function = made
+        return typed
+
+    return decorate
+
+
+def _cache_file(function: Any) -> Any:
+    """Return what numba's cache knows of a function, None in a version that keeps it elsewhere."""
+    return getattr(getattr(function, '_cache', None), '_cache_file', None)

@@ -1,30 +1,22 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled kernels of the rotary pendulum under arcs of constant torque.
+"""Compiled motion of the rotary pendulum under arcs of constant torque.
 
-`roll_arcs` integrates, `steer_arcs` varies the arcs' durations until the motion ends upright at
-rest. They stand in one module because numba's cache on disk notices changes in this file only.
-`coefficients` are those of `rotary_pendulum.Coefficients`, in order. States are
+Coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. States are
 (theta, psi, theta', psi').
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.pendulum_lanes import sine_and_cosine
 
 Array = NDArray[np.float64]
 
-# Starts whose sum of squares is still this large after so many iterations hardly ever arrive.
-EARLY, EARLY_COST = 9, 0.3
-LATE, LATE_COST = 16, 1e-2
-TRIES = 6  # ever more damped steps tried from one point
 
-
-@compiled
+@compiled_with(sine_and_cosine)
 def _accelerate(
     k: Array,
     theta: float,
@@ -36,7 +28,7 @@ def _accelerate(
     with_slopes: bool,
 ) -> tuple[float, float]:
     """Accelerations theta'', psi''; their slopes by theta, theta', psi' go to slopes[stage]."""
-    sine, cosine = math.sin(theta), math.cos(theta)
+    sine, cosine = sine_and_cosine(theta)
     double_sine = 2.0 * sine * cosine
     b = k[5] * cosine
     j = k[2] + k[3] * sine * sine + k[4] * cosine * cosine
@@ -67,7 +59,7 @@ def _accelerate(
     return theta_ddot, psi_ddot
 
 
-@compiled
+@compiled_with(sine_and_cosine)
 def roll_arcs(
     k: Array,
     start: Array,
@@ -117,7 +109,7 @@ def roll_arcs(
             node += 1
 
 
-@compiled
+@compiled_with(sine_and_cosine)
 def _roll_sensitivities(
     sensitivities: Array,
     node: int,
@@ -159,215 +151,3 @@ def _roll_sensitivities(
                 / 6.0
                 * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])
             )
-
-
-@compiled
-def _residual(
-    states: Array,
-    steps: int,
-    turn: float,
-    psi_max: float,
-    w0: float,
-    residual: Array,
-    peaks: NDArray[np.intp],
-) -> float:
-    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
-
-    `turn` is the goal's number of turns, NaN for the nearest; `peaks` (K,) receives the nodes of
-    the arcs' largest |psi|, `residual` has 4 + K elements.
-    """
-    arcs = peaks.size
-    last = arcs * steps
-    if math.isnan(turn):
-        turn = math.floor(states[last, 0] / (2.0 * math.pi) + 0.5)
-    residual[0] = states[last, 0] - 2.0 * math.pi * turn
-    residual[1] = states[last, 1]
-    residual[2] = states[last, 2] / w0
-    residual[3] = states[last, 3] / w0
-    total = 0.0
-    for m in range(4):
-        total += residual[m] * residual[m]
-    for arc in range(arcs):
-        height = 0.0
-        for node in range(arc * steps + 1, (arc + 1) * steps + 1):
-            if abs(states[node, 1]) > height:
-                height = abs(states[node, 1])
-                peaks[arc] = node
-        residual[4 + arc] = max(height - psi_max, 0.0)
-        total += residual[4 + arc] * residual[4 + arc]
-    return total
-
-
-@compiled
-def _normal_equations(
-    states: Array,
-    sensitivities: Array,
-    w0: float,
-    residual: Array,
-    peaks: NDArray[np.intp],
-    row: Array,
-    normal: Array,
-    gradient: Array,
-) -> None:
-    """Fill J'J (its lower half) and J'r from the sensitivities; `row` is a scratch array."""
-    arcs = peaks.size
-    last = states.shape[0] - 1
-    normal[:, :] = 0.0
-    gradient[:] = 0.0
-    for m in range(residual.size):
-        if m >= 4 and not residual[m] > 0.0:
-            continue
-        node, scale, component = last, 1.0, m
-        if m >= 4:
-            node, component = peaks[m - 4], 1
-            scale = 1.0 if states[node, 1] > 0.0 else -1.0
-        elif m >= 2:
-            scale = 1.0 / w0
-        for p in range(arcs):
-            row[p] = scale * sensitivities[node, component, p]
-            gradient[p] += row[p] * residual[m]
-            for q in range(p + 1):
-                normal[p, q] += row[p] * row[q]
-
-
-@compiled
-def _damped_step(
-    normal: Array,
-    gradient: Array,
-    damping: float,
-    floor: float,
-    fixed: NDArray[np.bool_],
-    factor: Array,
-    step: Array,
-) -> bool:
-    """Solve (normal + damping diag) step = -gradient by Cholesky, `fixed` variables left out."""
-    n = gradient.size
-    for i in range(n):
-        for j in range(i + 1):
-            if fixed[i] or fixed[j]:
-                total = 1.0 if i == j else 0.0
-            else:
-                total = normal[i, j]
-                if i == j:
-                    total += damping * (normal[i, i] + floor)
-            for m in range(j):
-                total -= factor[i, m] * factor[j, m]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                factor[i, i] = math.sqrt(total)
-            else:
-                factor[i, j] = total / factor[j, j]
-    for i in range(n):
-        total = 0.0 if fixed[i] else -gradient[i]
-        for m in range(i):
-            total -= factor[i, m] * step[m]
-        step[i] = total / factor[i, i]
-    for i in range(n - 1, -1, -1):
-        total = step[i]
-        for m in range(i + 1, n):
-            total -= factor[m, i] * step[m]
-        step[i] = total / factor[i, i]
-    return True
-
-
-@compiled
-def _steer_one(
-    k: Array,
-    start: Array,
-    durations: Array,
-    torques: Array,
-    turn: float,
-    psi_max: float,
-    w0: float,
-    steps: int,
-    iterations: int,
-    target: float,
-) -> tuple[float, int]:
-    """Projected Levenberg-Marquardt on one vector of durations, in place; see `steer_arcs`."""
-    arcs = durations.size
-    last = arcs * steps
-    states, sensitivities = np.empty((last + 1, 4)), np.empty((last + 1, 4, arcs))
-    trial_states, trial = np.empty((last + 1, 4)), np.empty(arcs)
-    residual, peaks, row = np.empty(4 + arcs), np.ones(arcs, np.intp), np.empty(arcs)
-    normal, factor = np.empty((arcs, arcs)), np.empty((arcs, arcs))
-    gradient, step, fixed = np.empty(arcs), np.empty(arcs), np.zeros(arcs, np.bool_)
-    longest = 0.2 * durations.sum() + 0.2 / w0
-    floor = 1e-3 * w0 * w0
-    damping, cost, rollouts = 1e-3, np.inf, 0
-    for iteration in range(iterations):
-        roll_arcs(k, start, durations, torques, steps, states, sensitivities, True)
-        rollouts += 1
-        cost = _residual(states, steps, turn, psi_max, w0, residual, peaks)
-        if not cost < 1e12 or cost < target:
-            break
-        if (iteration >= EARLY and cost > EARLY_COST) or (iteration >= LATE and cost > LATE_COST):
-            break
-        _normal_equations(states, sensitivities, w0, residual, peaks, row, normal, gradient)
-        for p in range(arcs):
-            fixed[p] = durations[p] <= 0.0 and gradient[p] > 0.0
-        accepted = False
-        for _ in range(TRIES):
-            if _damped_step(normal, gradient, damping, floor, fixed, factor, step):
-                size = np.abs(step).max()
-                if size < 1e9:
-                    scale = min(1.0, longest / size) if size > 0.0 else 1.0
-                    for p in range(arcs):
-                        trial[p] = max(durations[p] + scale * step[p], 0.0)
-                    roll_arcs(k, start, trial, torques, steps, trial_states, sensitivities, False)
-                    rollouts += 1
-                    accepted = (
-                        _residual(trial_states, steps, turn, psi_max, w0, residual, peaks) < cost
-                    )
-                    if accepted:
-                        break
-            damping *= 6.0
-        if not accepted:
-            break
-        damping = max(0.1 * damping, 1e-9)
-        durations[:] = trial
-    return cost, rollouts
-
-
-@compiled
-def steer_arcs(
-    k: Array,
-    start: Array,
-    durations: Array,
-    arcs: NDArray[np.intp],
-    torques: Array,
-    turns: Array,
-    psi_max: float,
-    w0: float,
-    steps: int,
-    iterations: int,
-    target: float,
-    costs: Array,
-) -> int:
-    """Vary the durations of many starts until each ends upright at rest within +-psi_max.
-
-    Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
-    under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns, NaN for the nearest
-    one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi, theta'/w0, psi'/w0,
-    excess of |psi| in every arc); below `target` a start has arrived. Returns the number of
-    integrations.
-    """
-    rollouts = 0
-    for b in range(durations.shape[0]):
-        n = arcs[b]
-        varied = durations[b, :n].copy()
-        costs[b], count = _steer_one(
-            k,
-            start,
-            varied,
-            torques[b, :n].copy(),
-            turns[b],
-            psi_max,
-            w0,
-            steps,
-            iterations,
-            target,
-        )
-        durations[b, :n] = varied
-        rollouts += count
-    return rollouts

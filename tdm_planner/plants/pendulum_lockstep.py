@@ -1,6 +1,6 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""The kernels of `pendulum_kernels` in numpy, for machines without a compiler.
+"""The kernels of `pendulum_kernels` and `pendulum_steering` in numpy, where there is no compiler.
 
 The same discrete motions and derivatives, for a batch of starts in lock step: states are stepped
 one after the other, the derivatives of all steps are then taken at once.
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_kernels import EARLY, EARLY_COST, LATE, LATE_COST, TRIES
+from tdm_planner.plants.pendulum_steering import EARLY, EARLY_COST, LATE, LATE_COST, TRIES
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def steer_batch(
     target: float,
     stop: Callable[[], bool],
 ) -> tuple[Array, int]:
-    """Levenberg-Marquardt as `pendulum_kernels.steer_arcs`; `durations` (B, K) change in place.
+    """Levenberg-Marquardt as `pendulum_steering.steer_arcs`; `durations` (B, K) change in place.
 
     Returns the costs (B,) and the number of integrations. `stop` ends it early.
     """

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 ARRIVED = 1e-12
 _TARGET = 1e-20
 _ITERATIONS = 25
-_CHUNK = 4  # starts between two looks at the clock
+_CHUNK = 64  # starts between two looks at the clock
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def steer(
             stop,
         )
         return rollouts
-    from tdm_planner.plants.pendulum_kernels import steer_arcs
+    from tdm_planner.plants.pendulum_steering import steer_arcs
 
     chunks = iter(range(0, batch.arcs.size, _CHUNK))
     constants, w0 = _constants(plant), plant.natural_frequency

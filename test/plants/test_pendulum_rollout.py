@@ -133,9 +133,49 @@ def test_lock_step_steering_arrives_like_the_compiled_one():
     assert count > 60
     both = (compiled.costs < ARRIVED) & (costs < ARRIVED)
     assert both.sum() >= 0.8 * (compiled.costs < ARRIVED).sum() > 0
-    np.testing.assert_allclose(
-        lockstep.durations[both].sum(axis=1), compiled.durations[both].sum(axis=1), rtol=1e-4
+    # More than four arcs leave a choice where to arrive, and derivatives differ a little.
+    times = [arrived.durations[both].sum(axis=1) for arrived in (lockstep, compiled)]
+    np.testing.assert_allclose(*times, rtol=0.03)
+    assert np.isclose(*times, rtol=1e-4).mean() > 0.6
+
+
+@pytest.mark.skipif(not COMPILED, reason='needs numba')
+@given(STATES, st.integers(4, 7), st.integers(0, 100))
+@settings(deadline=None, derandomize=True, max_examples=20)
+def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
+    from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
+
+    steps, k = 24, np.array(PLANT.coefficients)
+    durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
+    torques = np.tile(alternating(arcs)[:, None], LANES)
+    state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
+    disk_slopes = np.zeros((arcs * steps + 1, arcs, LANES))
+    peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
+    roll_lanes(
+        k, start, durations, torques, arcs, steps, state, derivatives, disk_slopes, peaks, nodes
     )
+    for lane in range(LANES):
+        one = durations[:, lane].copy(), torques[:, lane].copy()
+        states, exact = roll(PLANT, start, *one, steps)
+        np.testing.assert_allclose(state.reshape(4, LANES)[:, lane], states[-1], atol=1e-9)
+        scale = 1.0 + np.abs(exact).max()
+        found = derivatives.reshape(arcs, 4, LANES)[:, :, lane]
+        np.testing.assert_allclose(found.T, exact[-1], atol=1e-3 * scale)
+        np.testing.assert_allclose(disk_slopes[1:, :, lane], exact[1:, 1], atol=1e-3 * scale)
+        sizes = np.abs(states[1:, 1]).reshape(arcs, steps)
+        np.testing.assert_allclose(np.abs(peaks[:, lane]), sizes.max(axis=1), atol=1e-9)
+        at_peaks = states[nodes[:, lane].astype(int), 1]
+        np.testing.assert_allclose(at_peaks, peaks[:, lane], atol=1e-9)
+
+
+@given(st.floats(-1e6, 1e6))
+@settings(deadline=None, derandomize=True, max_examples=200)
+def test_sine_and_cosine(angle):
+    from tdm_planner.plants.pendulum_lanes import sine_and_cosine
+
+    sine, cosine = sine_and_cosine(angle)
+    assert abs(sine - np.sin(angle)) < 3e-16
+    assert abs(cosine - np.cos(angle)) < 3e-16
 
 
 def test_number_of_cores_does_not_matter(monkeypatch):

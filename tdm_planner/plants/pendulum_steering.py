@@ -1,0 +1,256 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Arcs of constant torque varied until the rotary pendulum ends upright at rest, compiled.
+
+A projected Levenberg-Marquardt method for every start on its own, `LANES` of them at a time: as
+soon as one is done with, the next takes its place.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.plants.compilation import compiled, compiled_with
+from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
+
+# Starts whose sum of squares is still this large after so many iterations hardly ever arrive.
+EARLY, EARLY_COST = 9, 0.3
+LATE, LATE_COST = 16, 1e-2
+TRIES = 6  # ever more damped steps tried from one point
+
+
+@compiled
+def _residual(
+    lane: int,
+    arcs: int,
+    state: Array,
+    peaks: Array,
+    turn: float,
+    psi_max: float,
+    w0: float,
+    residual: Array,
+) -> float:
+    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
+
+    `turn` is the goal's number of turns, NaN for the nearest; `residual` has 4 + K elements.
+    """
+    theta = state[lane]
+    if math.isnan(turn):
+        turn = math.floor(theta / (2.0 * math.pi) + 0.5)
+    residual[0] = theta - 2.0 * math.pi * turn
+    residual[1] = state[LANES + lane]
+    residual[2] = state[2 * LANES + lane] / w0
+    residual[3] = state[3 * LANES + lane] / w0
+    total = 0.0
+    for m in range(4):
+        total += residual[m] * residual[m]
+    for arc in range(arcs):
+        excess = max(abs(peaks[arc, lane]) - psi_max, 0.0)
+        residual[4 + arc] = excess
+        total += excess * excess
+    return total
+
+
+@compiled
+def _normal_equations(
+    lane: int,
+    arcs: int,
+    derivatives: Array,
+    disk_slopes: Array,
+    peaks: Array,
+    nodes: Array,
+    w0: float,
+    residual: Array,
+    row: Array,
+    normal: Array,
+    gradient: Array,
+) -> None:
+    """Fill J'J (its lower half) and J'r of one lane; `row` is a scratch array."""
+    normal[:, :] = 0.0
+    gradient[:] = 0.0
+    for m in range(4 + arcs):
+        if m >= 4 and not residual[m] > 0.0:
+            continue
+        last = arcs
+        if m < 4:
+            scale = 1.0 if m < 2 else 1.0 / w0
+            for p in range(arcs):
+                row[p] = scale * derivatives[p, m * LANES + lane]
+        else:
+            last = m - 3  # later arcs do not matter to this one
+            node = int(nodes[m - 4, lane])
+            sign = 1.0 if peaks[m - 4, lane] > 0.0 else -1.0
+            for p in range(last):
+                row[p] = sign * disk_slopes[node, p, lane]
+        for p in range(last):
+            gradient[p] += row[p] * residual[m]
+            for q in range(p + 1):
+                normal[p, q] += row[p] * row[q]
+
+
+@compiled
+def _damped_step(
+    arcs: int,
+    normal: Array,
+    gradient: Array,
+    durations: Array,
+    damping: float,
+    floor: float,
+    factor: Array,
+    step: Array,
+) -> bool:
+    """Solve (normal + damping diag) step = -gradient by Cholesky.
+
+    Left out are arcs of no duration that would become shorter still.
+    """
+    for i in range(arcs):
+        fixed = durations[i] <= 0.0 and gradient[i] > 0.0
+        for j in range(i + 1):
+            if fixed or (durations[j] <= 0.0 and gradient[j] > 0.0):
+                total = 1.0 if i == j else 0.0
+            else:
+                total = normal[i, j]
+                if i == j:
+                    total += damping * (normal[i, i] + floor)
+            for m in range(j):
+                total -= factor[i, m] * factor[j, m]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                factor[i, i] = math.sqrt(total)
+            else:
+                factor[i, j] = total / factor[j, j]
+        total = 0.0 if fixed else -gradient[i]
+        for m in range(i):
+            total -= factor[i, m] * step[m]
+        step[i] = total / factor[i, i]
+    for i in range(arcs - 1, -1, -1):
+        total = step[i]
+        for m in range(i + 1, arcs):
+            total -= factor[m, i] * step[m]
+        step[i] = total / factor[i, i]
+    return True
+
+
+@compiled
+def _propose(
+    arcs: int,
+    normal: Array,
+    gradient: Array,
+    durations: Array,
+    longest: float,
+    floor: float,
+    damping: float,
+    refused: int,
+    factor: Array,
+    step: Array,
+    trial: Array,
+) -> tuple[float, int]:
+    """Fill `trial`; the damping it took and how often a step has been refused by now."""
+    while refused < TRIES:
+        if _damped_step(arcs, normal, gradient, durations, damping, floor, factor, step):
+            size = np.abs(step[:arcs]).max()
+            if size < 1e9:
+                scale = min(1.0, longest / size) if size > 0.0 else 1.0
+                for p in range(arcs):
+                    trial[p] = max(durations[p] + scale * step[p], 0.0)
+                break
+        refused += 1
+        damping *= 6.0
+    return damping, refused
+
+
+@compiled_with(roll_lanes)
+def steer_arcs(
+    k: Array,
+    start: Array,
+    durations: Array,
+    arcs: Integers,
+    torques: Array,
+    turns: Array,
+    psi_max: float,
+    w0: float,
+    steps: int,
+    iterations: int,
+    target: float,
+    costs: Array,
+) -> int:
+    """Vary the durations of many starts until each ends upright at rest within +-psi_max.
+
+    Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
+    under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns, NaN for the nearest
+    one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi, theta'/w0, psi'/w0,
+    excess of |psi| in every arc); below `target` a start has arrived. Returns the number of
+    integrations. What becomes of a start does not depend on the others.
+    """
+    batch, most = durations.shape
+    state, derivatives = np.empty(STATE), np.empty((most, STATE))
+    disk_slopes = np.empty((most * steps + 1, most, LANES))
+    peaks, nodes = np.empty((most, LANES)), np.empty((most, LANES))
+    trials, held = np.zeros((most, LANES)), np.zeros((most, LANES))
+    normal, gradient = np.empty((LANES, most, most)), np.empty((LANES, most))
+    damping, longest, floor = np.empty(LANES), np.empty(LANES), 1e-3 * w0 * w0
+    accepted, refused = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
+    residual, row, trial = np.empty(4 + most), np.empty(most), np.empty(most)
+    factor, step = np.empty((most, most)), np.empty(most)
+    queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
+    in_lane = np.full(LANES, -1, np.intp)
+    taken, rollouts = 0, 0
+    while True:
+        busy, rolled = 0, 0
+        for lane in range(LANES):
+            if in_lane[lane] < 0 and taken < batch:
+                b = queue[taken]
+                taken += 1
+                in_lane[lane], costs[b] = b, np.inf
+                damping[lane], accepted[lane], refused[lane] = 1e-3, -1, 0
+                longest[lane] = 0.2 * durations[b].sum() + 0.2 / w0
+                trials[:, lane], held[:, lane] = durations[b], torques[b]
+            if in_lane[lane] >= 0:
+                busy += 1
+                rolled = max(rolled, arcs[in_lane[lane]])
+        if busy == 0:
+            return rollouts
+        rollouts += busy
+        roll_lanes(
+            k, start, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes
+        )
+        for lane in range(LANES):
+            b = in_lane[lane]
+            if b < 0:
+                continue
+            n = arcs[b]
+            cost = _residual(lane, n, state, peaks, turns[b], psi_max, w0, residual)
+            if cost < costs[b]:
+                costs[b] = cost
+                for p in range(n):
+                    durations[b, p] = trials[p, lane]
+                accepted[lane] += 1
+                refused[lane] = 0
+                if accepted[lane] > 0:
+                    damping[lane] = max(0.1 * damping[lane], 1e-9)
+                _normal_equations(
+                    lane, n, derivatives, disk_slopes, peaks, nodes, w0, residual, row,
+                    normal[lane], gradient[lane],
+                )  # fmt: skip
+            else:
+                refused[lane] += 1
+                damping[lane] *= 6.0
+            best, done = costs[b], accepted[lane]
+            hopeless = (done >= EARLY and best > EARLY_COST) or (done >= LATE and best > LATE_COST)
+            if hopeless or done >= iterations - 1 or best < target or not best < 1e12:
+                in_lane[lane] = -1
+                continue
+            damping[lane], refused[lane] = _propose(
+                n, normal[lane], gradient[lane], durations[b], longest[lane], floor,
+                damping[lane], refused[lane], factor, step, trial,
+            )  # fmt: skip
+            for p in range(n):
+                trials[p, lane] = trial[p]
+            if refused[lane] >= TRIES:
+                in_lane[lane] = -1
