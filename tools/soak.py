@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fly demo missions back to back for hours: does memory grow, is one missed.
 
-    python -m tools.soak --hours 1 [-o FOLDER] [--nice -15]
+    python -m tools.soak --hours 1 [-o FOLDER] [--real-time]
 
 One pendulum and three robots, each with planner, trackers and plants as processes that live all
 along, fly their demo in turn: the plants are reset, a plan is asked for, carried out and judged as
 `tdm demo` judges it. Meanwhile the resident memory of every process is sampled. FOLDER gets
 soak.json, soak.png and the nodes' logs. The exit code is 0 if every mission reached its goal and
-no node's memory grew by 1 MB/h or more after the warm-up. A machine that does other things besides
-needs --nice, as root: nodes that do not get their time miss missions.
+no node's memory grew by 1 MB/h or more after the warm-up. On a machine
+that does other things besides, --real-time (as root) sees to it that the nodes get their time.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import json
 import os
 from pathlib import Path
 import platform
+import signal
 import sys
 import time
 from typing import Any
@@ -36,6 +37,7 @@ from tdm_sim.processes import NodeProcesses
 from tdm_sim.progress import make_progress, Progress
 from tools.memory import HOUR, MemoryRecord
 from tools.missions import MissionControl, MissionFailed, Outcome
+from tools.priority import make_real_time
 
 LARGEST_GROWTH = 1.0  # MB/h
 SAMPLING = 5.0  # s
@@ -108,21 +110,13 @@ def machine() -> str:
     return f'{os.cpu_count()} CPUs, {platform.machine()}, Linux {platform.release()}'
 
 
-def prefer(identifier: int, nice: int) -> None:
-    """Set the priority of a process, and of its session where Linux schedules by sessions."""
-    os.setpriority(os.PRIO_PROCESS, identifier, nice)
-    group = Path(f'/proc/{identifier}/autogroup')
-    if group.exists():
-        group.write_text(str(nice))
-
-
 def soak(
     duration: float,
     folder: Path,
     progress: Progress,
     scenes: Sequence[str] = tuple(SCENES),
     rate: float = ROBOT_RATE,
-    nice: int = 0,
+    real_time: bool = False,
 ) -> Soak:
     """Fly missions for `duration` s; writes soak.json after each.
 
@@ -144,9 +138,8 @@ def soak(
                 if 'planner' not in name and plant == 'robots':
                     arguments += ['-p', f'rate:={rate}']
                 processes.start(_full_name(scene, name), module, arguments)
-        if nice:
-            for identifier in (os.getpid(), *processes.identifiers.values()):
-                prefer(identifier, nice)
+        if real_time:
+            make_real_time(processes.identifiers)
         next_sample = 0.0
 
         def look() -> None:
@@ -234,9 +227,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         '--robot-rate', type=float, default=ROBOT_RATE, help='of states and commands [Hz]'
     )
-    parser.add_argument('--nice', type=int, default=0, help='priority of all processes')
+    parser.add_argument(
+        '--real-time', action='store_true', help='real-time priority for all processes'
+    )
     parser.add_argument('-o', '--output', type=Path, default=Path('soak'), metavar='FOLDER')
     given = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGTERM):  # in the background SIGINT is ignored
+        signal.signal(number, signal.default_int_handler)
     with make_progress() as progress:
         try:
             record = soak(
@@ -245,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 progress,
                 given.scenes,
                 given.robot_rate,
-                given.nice,
+                given.real_time,
             )
         except (MissionFailed, TdmError) as error:
             print(f'soak: {error}', file=sys.stderr)

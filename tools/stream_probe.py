@@ -1,0 +1,80 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Write down when messages were stamped and when they came; a node in a process of its own.
+
+    python -m tools.stream_probe FILE TOPIC=TYPE...
+
+TYPE is JointState or Odometry. On SIGINT, FILE (.npz) gets, by topic, the stamps [s] with the
+instants of arrival [s], (n, 2), and for JointState the positions, under `TOPIC positions`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+import signal
+import sys
+import time
+from types import FrameType
+from typing import Any
+
+from nav_msgs.msg import Odometry
+import numpy as np
+import rclpy
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.messages import seconds_of
+from tdm_planner.nodes.runtime import make_executor
+from tdm_planner.nodes.tracked_plants import QUEUE
+
+TYPES = {'JointState': JointState, 'Odometry': Odometry}
+
+
+class StreamProbe:
+    """Listens to topics as the nodes do, so that what it misses they miss."""
+
+    def __init__(self, topics: dict[str, Any]) -> None:
+        self._heard: dict[str, list[tuple[float, float]]] = {name: [] for name in topics}
+        self._positions: dict[str, list[list[float]]] = {name: [] for name in topics}
+        self.node = rclpy.create_node('stream_probe')
+        for name, message_type in topics.items():
+            self.node.create_subscription(
+                message_type, name, lambda message, name=name: self._hear(name, message), QUEUE
+            )
+
+    def _hear(self, name: str, message: Any) -> None:
+        self._heard[name].append((seconds_of(message.header.stamp), time.time()))
+        if isinstance(message, JointState):
+            self._positions[name].append(list(message.position))
+
+    def save(self, path: Path) -> None:
+        """Write everything heard."""
+        arrays = {name: np.array(rows).reshape(-1, 2) for name, rows in self._heard.items()}
+        for name, rows in self._positions.items():
+            if rows and rows[0]:
+                arrays[f'{name} positions'] = np.array(rows)
+        np.savez(path, **arrays)
+
+
+def main() -> int:
+    """Listen until SIGINT, then write."""
+    path = Path(sys.argv[1])
+    topics = {name: TYPES[kind] for name, _, kind in (a.partition('=') for a in sys.argv[2:])}
+    ended = False
+
+    def end(_: int, __: FrameType | None) -> None:
+        nonlocal ended
+        ended = True
+
+    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    probe = StreamProbe(topics)
+    executor = make_executor()
+    executor.add_node(probe.node)
+    while not ended:
+        executor.spin_once(timeout_sec=0.1)
+    probe.save(path)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
