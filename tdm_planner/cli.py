@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ``tdm`` command: plan without ROS, run the demo, record, report.
 
-Exit status: 0 done; 1 a demo missed its goal; 2 wrong usage or invalid problem; 3 no plan.
+Exit status: 0 done (a recording is when it is asked to end); 1 a demo missed its goal; 2 wrong
+usage or invalid problem; 3 no plan; 130, 143 anything else that SIGINT or SIGTERM ended.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, TdmError
+from tdm_planner.interruption import Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.problems.base import Problem, Solution
@@ -38,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     run: Callable[[argparse.Namespace], int] = options.run
     try:
-        return run(options)
+        with interruptible():
+            return run(options)
     except Infeasible as error:
         _say(f'{error.code}: {error}')
         return EXIT_NO_PLAN
@@ -48,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ImportError as error:
         _say(_what_is_missing(error))
         return EXIT_USAGE
-    except KeyboardInterrupt:
-        return 130
+    except Interrupted as interrupted:
+        return EXIT_DONE if run is _record else interrupted.code
 
 
 def _what_is_missing(error: ImportError) -> str:

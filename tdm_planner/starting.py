@@ -1,9 +1,9 @@
 # Copyright 2026 The tdm_planner authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node's process ends quietly on a signal from its first moment on, while it is importing.
+"""Nodes and `tdm` end quietly on a signal from their first moment on, while they are importing.
 
-The imports of a node take about a second, in which Ctrl-C would end in a traceback. From when a
-node runs, `tdm_planner.nodes.runtime` handles signals.
+The imports take about a second, in which Ctrl-C would end in a traceback. From when a node runs,
+`tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruption`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,20 @@ EXECUTABLES = ('planner', 'tracker', 'pendulum_plant', 'robot_plant')
 
 
 def end_quietly_on_signals() -> None:
-    """End the process with code 0 on SIGINT and SIGTERM, if it is that of a node."""
-    if is_node() and threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, _end)
+    """End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
+
+    The code is 0 for nodes and recordings, which have done what they were asked to.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    if is_node() or command()[1:2] == ['record']:
+        handler = _end
+    elif command():
+        handler = _give_up
+    else:
+        return
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
 
 
 def is_node() -> bool:
@@ -34,6 +44,20 @@ def is_node() -> bool:
     return script.name in EXECUTABLES
 
 
+def command() -> list[str]:
+    """Return the words of the `tdm` command that the process was started as, else none."""
+    words = sys.orig_argv
+    if '-m' in words[:-1]:
+        at = words.index('-m') + 1
+        return ['tdm', *words[at + 1 :]] if words[at] == 'tdm_planner.cli' else []
+    arguments = getattr(sys, 'argv', None) or ['']
+    return ['tdm', *arguments[1:]] if Path(arguments[0]).name == 'tdm' else []
+
+
 def _end(number: int, frame: object) -> None:
     # Nothing is open yet; an exception would be swallowed, or told, by the import under way.
     os._exit(0)
+
+
+def _give_up(number: int, frame: object) -> None:
+    os._exit(128 + number)

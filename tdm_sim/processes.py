@@ -14,6 +14,7 @@ import time
 from types import TracebackType
 
 from tdm_planner.exceptions import TdmError
+from tdm_planner.interruption import uninterrupted
 
 _GRACE = 8.0  # seconds a process gets to end on SIGINT before it is killed
 
@@ -40,7 +41,8 @@ class NodeProcesses:
     ) -> None:
         """Run ``python -m MODULE ARGUMENTS`` under a name; `within` is put before the command."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        with self._log(name).open('wb') as output:
+        # Interrupted between its start and its entry here, a process would never be ended.
+        with self._log(name).open('wb') as output, uninterrupted():
             self._processes[name] = subprocess.Popen(
                 [*within, sys.executable, '-m', module, *arguments],
                 env=self.environment,

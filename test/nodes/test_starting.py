@@ -46,6 +46,27 @@ def test_a_signal_while_a_node_starts_ends_it_cleanly(ros: Ros, module: str) -> 
 
 
 @pytest.mark.parametrize(
+    ('words', 'command'),
+    [
+        (
+            ['python', '-m', 'tdm_planner.cli', 'record', '-o', 'bag'],
+            ['tdm', 'record', '-o', 'bag'],
+        ),
+        (['python', '/opt/bin/tdm', 'plan', 'pendulum'], ['tdm', 'plan', 'pendulum']),
+        (['python', '/opt/bin/other', 'record'], []),
+        (['python', '-m', 'pytest', 'record'], []),
+        (['python', '-c', 'import tdm_planner'], []),
+    ],
+)
+def test_commands_are_told_from_other_processes(
+    words: list[str], command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('sys.orig_argv', words)
+    monkeypatch.setattr('sys.argv', words[1:] if words[1][0] == '/' else ['-m'])
+    assert starting.command() == command
+
+
+@pytest.mark.parametrize(
     ('words', 'node'),
     [
         (['python', '-m', 'tdm_planner.nodes.planner', '--ros-args'], True),

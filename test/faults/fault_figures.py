@@ -1,0 +1,21 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the scenarios of faults measure, kept for the table of docs/reliability.md."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+NIGHTLY = os.environ.get('TDM_FAULTS') == 'nightly'
+FILE = 'TDM_FAULT_FIGURES'  # where `python -m tools.measure_faults` collects
+
+
+def note(scenario: str, **figures: float) -> None:
+    """Print what was measured, times in s, and append it as a line of JSON to `FILE`."""
+    print(f'{scenario}: ' + ', '.join(f'{k} {v:.3f}' for k, v in figures.items()))
+    path = os.environ.get(FILE)
+    if path:
+        with Path(path).open('a', encoding='utf-8') as file:
+            file.write(json.dumps({'scenario': scenario, **figures}) + '\n')
