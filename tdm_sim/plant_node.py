@@ -22,6 +22,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
+from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -116,7 +117,8 @@ class PlantNode(ParameterNode):
         self.warn_of_unknown_overrides()
         self.parameters: Any = build(parameters, self.parameter_values)
         self.simulation = SimulatedPlant(self.make_setup(self.parameters), self.parameters.seed)
-        self._last: Time = self.get_clock().now()
+        self._time = MotionClock(self)
+        self._last = self._time.now()
         self._left_out = 0.0
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
@@ -133,7 +135,9 @@ class PlantNode(ParameterNode):
             ),
             post_callback=self._on_clock_jump,
         )
-        self.create_timer(1.0 / self.parameters.rate, self._on_timer)
+        self.create_timer(
+            1.0 / self.parameters.rate, self._on_timer, clock=pacing_clock(self)
+        )
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:
@@ -180,16 +184,16 @@ class PlantNode(ParameterNode):
         self.simulation.setup = self.make_setup(self.parameters)
 
     def advance(self) -> Time:
-        """Integrate up to the present and return its instant."""
-        now: Time = self.get_clock().now()
-        elapsed = (now.nanoseconds - self._last.nanoseconds) * 1e-9
-        self._last = now
+        """Integrate up to the present and return its stamp."""
+        now = self._time.now()
+        stamp: Time = self.get_clock().now()
+        elapsed, self._last = now - self._last, now
         if elapsed > LONGEST_CATCH_UP:
             self._left_out += elapsed - LONGEST_CATCH_UP
             elapsed = LONGEST_CATCH_UP
         if elapsed > 0.0:
             self.simulation.step(elapsed * self.parameters.real_time_factor)
-        return now
+        return stamp
 
     def _on_timer(self) -> None:
         now = self.advance()
@@ -245,8 +249,8 @@ class PlantNode(ParameterNode):
         return response
 
     def _on_clock_jump(self, _: Any) -> None:
-        # The motion goes on from the clock's new time as if nothing had happened.
-        self._last = self.get_clock().now()
+        # The motion goes on from the simulated clock's new time as if nothing had happened.
+        self._last = self._time.now()
 
     def _report(self) -> Report:
         warnings, figures = self.conditions()

@@ -11,6 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from tdm_planner.nodes.motion_clock import pacing_clock
 
 TOPIC = '/diagnostics'
 PERIOD = 1.0  # s
@@ -46,7 +47,7 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        self._timer = node.create_timer(PERIOD, self.publish)
+        self._timer = node.create_timer(PERIOD, self.publish, clock=pacing_clock(node))
 
     def update(self) -> None:
         """Publish if level or message have changed."""

@@ -7,7 +7,7 @@ A wrong value gets one clear sentence, be it from the command line, a file or a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import difflib
 import math
 from types import MappingProxyType
@@ -21,6 +21,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.parameter_service import GuardedParameterService
 from tdm_planner.parameters import ParameterSpec, Range
@@ -36,6 +37,7 @@ _TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
     }
 )
 _INT64 = 2**63
+_WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 
 class ParameterNode(Node):
@@ -63,6 +65,26 @@ class ParameterNode(Node):
             if not self._is_of_rclpy(key)
         }
         self.declare(specifications or {})
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[[Any], None], *args: Any, **kw: Any
+    ) -> Any:
+        """As rclpy's; of the simulated clock, times that rclpy cannot hold are left out."""
+        if msg_type is Clock:
+            callback = self._with_possible_times(callback)
+        return super().create_subscription(msg_type, topic, callback, *args, **kw)
+
+    def _with_possible_times(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        def take(message: Clock) -> None:
+            if message.clock.sec >= 0:
+                callback(message)
+                return
+            self.get_logger().warning(
+                f'simulated time {message.clock.sec} s left out: must not be negative',
+                throttle_duration_sec=_WARNING_PERIOD,
+            )
+
+        return take
 
     @property
     def parameter_values(self) -> dict[str, Any]:

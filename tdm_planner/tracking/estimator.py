@@ -99,9 +99,9 @@ class StateEstimator:
         longest_gap: float,
     ) -> None:
         self._plant = plant
-        self._noise = noise
+        self.noise = noise
         self._angles = angles
-        self._history = history
+        self.history = history
         self._longest_gap = longest_gap
         self._measurement_covariance = np.diag(noise.measurement**2)
         prior = noise.measurement if noise.prior is None else noise.prior
@@ -129,7 +129,7 @@ class StateEstimator:
         """State (nx,) at `time` [s], not before the newest sample's stamp."""
         assert self.stamp is not None
         state = self._state
-        for duration, control in self._history.between(self.stamp, time):
+        for duration, control in self.history.between(self.stamp, time):
             state = flow(self._plant, state, control, duration)
         return state
 
@@ -139,8 +139,8 @@ class StateEstimator:
 
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
-        noise = self._noise
-        for duration, control in self._history.between(self.stamp, until):
+        noise = self.noise
+        for duration, control in self.history.between(self.stamp, until):
             slope, _ = self._plant.jacobians(self._state, control)
             rates = self._plant.derivative(self._state, control)
             spread = noise.model * np.maximum(np.abs(rates), noise.rate_floor) * noise.driven

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import LARGEST
 from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
+from tdm_planner.tracking.repetition import RepetitionWatch
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
@@ -115,6 +116,7 @@ class TrajectoryTracker(ABC):
         self.parameters = parameters
         self.estimator = estimator
         self.history = history
+        self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
         self.phase = Phase.IDLE
         self.reason = ''
         self.wants_plan = False
@@ -178,15 +180,19 @@ class TrajectoryTracker(ABC):
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a measured state (nx,) of the instant `stamp` [s]."""
+        newest = self.estimator.stamp
+        if newest is not None and stamp <= newest:
+            return
         try:
             with np.errstate(all='ignore'):
+                self._repetition.observe(state, stamp)
                 self.estimator.observe(state, stamp)
         except BREAKDOWN:  # begin anew with the next sample
             self.estimator.reset()
 
     def state_age(self, now: float) -> float:
-        """Age of the newest state [s]; infinite where there is none."""
-        stamp = self.estimator.stamp
+        """Age of the newest state [s]; infinite where there is none that can be believed."""
+        stamp = None if self._repetition.stuck else self.estimator.stamp
         return math.inf if stamp is None else now - stamp
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
@@ -336,12 +342,16 @@ class TrajectoryTracker(ABC):
     def _without_state(self, now: float, age: float) -> Command:
         control = np.zeros(len(self.control_names))
         self.history.add(now + self.parameters.command_delay, control)
-        problem = (
-            'no state has been received yet'
-            if math.isinf(age)
-            else 'the newest state is older than state_timeout = '
-            f'{self.parameters.state_timeout:g} s'
-        )
+        if self._repetition.stuck:
+            problem = (
+                'the measured state stays the same to the last digit, although what was commanded '
+                'must move the plant: is a sensor stuck?'
+            )
+        elif math.isinf(age):
+            problem = 'no state has been received yet'
+        else:
+            timeout = self.parameters.state_timeout
+            problem = f'the newest state is older than state_timeout = {timeout:g} s'
         return Command(control, self.phase, None, problem)
 
     def _follow_clock(self, now: float) -> None:
