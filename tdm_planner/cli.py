@@ -15,11 +15,12 @@ import sys
 
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, TdmError
-from tdm_planner.interruption import Interrupted, interruptible
+from tdm_planner.interruption import ignore_signals, Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
+from tdm_planner.starting import command
 from tdm_sim.progress import make_progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
@@ -53,6 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     except Interrupted as interrupted:
         return EXIT_DONE if run is _record else interrupted.code
+    finally:
+        if command():
+            ignore_signals()  # what there was to do is done, and the process about to end
 
 
 def _what_is_missing(error: ImportError) -> str:

@@ -22,6 +22,12 @@ class Interrupted(KeyboardInterrupt):
         self.code = 128 + number
 
 
+def ignore_signals() -> None:
+    """Let signals pass from now on (main thread only)."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
@@ -30,8 +36,7 @@ def interruptible() -> Iterator[None]:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
-        for each in SIGNALS:
-            signal.signal(each, signal.SIG_IGN)
+        ignore_signals()
         raise Interrupted(number)
 
     previous = [signal.signal(number, interrupt) for number in SIGNALS]

@@ -48,8 +48,8 @@ def command() -> list[str]:
     """Return the words of the `tdm` command that the process was started as, else none."""
     words = sys.orig_argv
     if '-m' in words[:-1]:
-        at = words.index('-m') + 1
-        return ['tdm', *words[at + 1 :]] if words[at] == 'tdm_planner.cli' else []
+        after = words.index('-m') + 2
+        return ['tdm', *words[after:]] if words[after - 1] == 'tdm_planner.cli' else []
     arguments = getattr(sys, 'argv', None) or ['']
     return ['tdm', *arguments[1:]] if Path(arguments[0]).name == 'tdm' else []
 
