@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
+from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -126,7 +127,7 @@ class PlantNode(ParameterNode):
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self.make_publishers()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
-        self.create_subscription(JointState, 'joint_command', self._on_command, 10)
+        self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
         self._jump = self.get_clock().create_jump_callback(
@@ -135,9 +136,7 @@ class PlantNode(ParameterNode):
             ),
             post_callback=self._on_clock_jump,
         )
-        self.create_timer(
-            1.0 / self.parameters.rate, self._on_timer, clock=pacing_clock(self)
-        )
+        self.create_timer(1.0 / self.parameters.rate, self._on_timer, clock=pacing_clock(self))
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:

@@ -37,7 +37,7 @@ _PLANNING = 'planner'
 
 
 def carry_out(
-    name: str, folder: Path, control: Sequence[str], settings: Sequence[str], real_time: bool
+    name: str, folder: Path, control: Sequence[str], settings: Sequence[str], real_time: int
 ) -> dict[str, Any]:
     """Carry one mission out and return what is to be told of it.
 
@@ -62,8 +62,7 @@ def carry_out(
             here = module.startswith('tdm_sim.')
             set_here = [word for s in _settings_for(module, settings) for word in ('-p', s)]
             processes.start(node, module, [*arguments, *set_here], () if here else control)
-        if real_time:
-            make_real_time(processes.identifiers)
+        make_real_time(processes.identifiers, real_time)
         with MissionControl({name: scene}, processes) as mission_control:
             mission_control.wait_for_nodes()
             mission_control.wait(lambda: False, SETTLING)
@@ -135,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('folder', type=Path)
     parser.add_argument('--control', type=shlex.split, default=[], metavar='COMMAND')
     parser.add_argument('-p', dest='settings', action='append', default=[], metavar='NAME:=VALUE')
-    parser.add_argument('--real-time', action='store_true')
+    parser.add_argument('--real-time', type=int, default=0)
     given = parser.parse_args(arguments)
     given.folder.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault('ROS_LOG_DIR', str(given.folder / 'log' / 'ros'))

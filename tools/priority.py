@@ -7,14 +7,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 import os
 
-_CONTROL, _REST = 20, 10  # of SCHED_RR; what must be quick goes before what takes long
+_FURTHER = 10  # levels of SCHED_RR between what takes long and what must be quick
 
 
-def make_real_time(identifiers: Mapping[str, int]) -> None:
+def make_real_time(identifiers: Mapping[str, int], level: int) -> None:
     """Give processes just started, by name, and this one, real-time priority; needs root.
 
-    Plants and trackers go before planners, as on a robot's computer.
+    `level` is that of planners and the like, in 1..89; plants and trackers go before them, as on
+    a robot's computer. 0 leaves everything as it is.
     """
+    if not level:
+        return
     for name, identifier in {**identifiers, 'this': os.getpid()}.items():
-        level = _CONTROL if 'plant' in name or 'tracker' in name else _REST
-        os.sched_setscheduler(identifier, os.SCHED_RR, os.sched_param(level))
+        quick = 'plant' in name or 'tracker' in name
+        priority = os.sched_param(level + _FURTHER * quick)
+        os.sched_setscheduler(identifier, os.SCHED_RR, priority)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fly demo missions back to back for hours: does memory grow, is one missed.
 
-    python -m tools.soak --hours 1 [-o FOLDER] [--real-time]
+    python -m tools.soak --hours 1 [-o FOLDER] [--real-time LEVEL]
 
 One pendulum and three robots, each with planner, trackers and plants as processes that live all
 along, fly their demo in turn: the plants are reset, a plan is asked for, carried out and judged as
@@ -116,7 +116,7 @@ def soak(
     progress: Progress,
     scenes: Sequence[str] = tuple(SCENES),
     rate: float = ROBOT_RATE,
-    real_time: bool = False,
+    real_time: int = 0,
 ) -> Soak:
     """Fly missions for `duration` s; writes soak.json after each.
 
@@ -138,8 +138,7 @@ def soak(
                 if 'planner' not in name and plant == 'robots':
                     arguments += ['-p', f'rate:={rate}']
                 processes.start(_full_name(scene, name), module, arguments)
-        if real_time:
-            make_real_time(processes.identifiers)
+        make_real_time(processes.identifiers, real_time)
         next_sample = 0.0
 
         def look() -> None:
@@ -228,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         '--robot-rate', type=float, default=ROBOT_RATE, help='of states and commands [Hz]'
     )
     parser.add_argument(
-        '--real-time', action='store_true', help='real-time priority for all processes'
+        '--real-time', type=int, default=0, metavar='LEVEL', help='real-time priority (0: none)'
     )
     parser.add_argument('-o', '--output', type=Path, default=Path('soak'), metavar='FOLDER')
     given = parser.parse_args(arguments)

@@ -22,8 +22,8 @@ import numpy as np
 import rclpy
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import seconds_of
+from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.runtime import make_executor
-from tdm_planner.nodes.tracked_plants import QUEUE
 
 TYPES = {'JointState': JointState, 'Odometry': Odometry}
 
@@ -37,7 +37,7 @@ class StreamProbe:
         self.node = rclpy.create_node('stream_probe')
         for name, message_type in topics.items():
             self.node.create_subscription(
-                message_type, name, lambda message, name=name: self._hear(name, message), QUEUE
+                message_type, name, lambda message, name=name: self._hear(name, message), NEWEST
             )
 
     def _hear(self, name: str, message: Any) -> None:
@@ -47,7 +47,9 @@ class StreamProbe:
 
     def save(self, path: Path) -> None:
         """Write everything heard."""
-        arrays = {name: np.array(rows).reshape(-1, 2) for name, rows in self._heard.items()}
+        arrays: dict[str, Any] = {
+            name: np.array(rows).reshape(-1, 2) for name, rows in self._heard.items()
+        }
         for name, rows in self._positions.items():
             if rows and rows[0]:
                 arrays[f'{name} positions'] = np.array(rows)

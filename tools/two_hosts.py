@@ -6,8 +6,9 @@
 
 The hosts are network namespaces on this machine (Linux, root and iproute2), joined first by a
 clean link, then by one that delays by 20 +- 5 ms and loses 2 %, either way. The pendulum is strong
-(limits.torque 0.09 N m). Told are the verdict, and what became of the messages under way. The exit
-code is 0 if every goal was reached, 77 if this machine cannot pretend to be two.
+(limits.torque 0.09 N m); on the bad link the trackers' command_delay is the link's. Told are the
+verdict, and what became of the messages under way. The exit code is 0 if every goal was reached,
+77 if this machine cannot pretend to be two.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ LONGEST = 240.0  # s
 
 
 def fly(
-    scene: str, link: Link, folder: Path, settings: Sequence[str] = (), real_time: bool = False
+    scene: str, link: Link, folder: Path, settings: Sequence[str] = (), real_time: int = 0
 ) -> dict[str, Any]:
     """Fly one demo over a link and return what is to be told of it.
 
@@ -52,19 +53,21 @@ def fly(
     RuntimeError
         If the mission could not be carried out; says why.
     """
+    if not link.clean:
+        settings = (f'command_delay:={link.delay:g}', *settings)
     with two_hosts(link, real_time) as hosts:
         found = _run(scene, hosts, folder, settings, real_time)
         return {'link': str(link), 'made by': hosts.made_by, **found}
 
 
 def _run(
-    scene: str, hosts: Hosts, folder: Path, settings: Sequence[str], real_time: bool
+    scene: str, hosts: Hosts, folder: Path, settings: Sequence[str], real_time: int
 ) -> dict[str, Any]:
     command = [
         *hosts.plants.within,
         *(sys.executable, '-m', 'tools.mission_apart', scene, str(folder)),
         *('--control', shlex.join(hosts.control.within)),
-        *(['--real-time'] if real_time else []),
+        *('--real-time', str(real_time)),
         *(word for setting in (*SETTINGS[scene], *settings) for word in ('-p', setting)),
     ]
     process = subprocess.Popen(
@@ -109,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='a further parameter of trackers, and of plants and planner where they have it',
     )  # fmt: skip
     parser.add_argument(
-        '--real-time', action='store_true', help='real-time priority for all processes'
+        '--real-time', type=int, default=0, metavar='LEVEL', help='real-time priority (0: none)'
     )
     parser.add_argument('-o', '--output', type=Path, default=Path('two_hosts'), metavar='FOLDER')
     given = parser.parse_args(arguments)

@@ -100,7 +100,7 @@ def environment() -> dict[str, str]:
 
 
 @contextmanager
-def two_hosts(link: Link, real_time: bool = False) -> Iterator[Hosts]:
+def two_hosts(link: Link, real_time: int = 0) -> Iterator[Hosts]:
     """Yield two hosts joined by `link`; everything is removed at last.
 
     `real_time` is for the process that makes the link, where there is one.
@@ -133,7 +133,7 @@ def _device(number: int) -> str:
     return f'tdm_link{number}'
 
 
-def _join(hosts: tuple[Host, Host], link: Link, real_time: bool, clean_up: ExitStack) -> str:
+def _join(hosts: tuple[Host, Host], link: Link, real_time: int, clean_up: ExitStack) -> str:
     if link.clean or _has_netem():
         one, other = (host.namespace for host in hosts)
         _run('ip', 'link', 'add', _device(1), 'netns', one, 'type', 'veth',
@@ -167,7 +167,7 @@ def _has_netem() -> bool:
 
 
 def _software_link(
-    hosts: tuple[Host, Host], link: Link, real_time: bool, clean_up: ExitStack
+    hosts: tuple[Host, Host], link: Link, real_time: int, clean_up: ExitStack
 ) -> None:
     process = subprocess.Popen(
         [
@@ -179,8 +179,7 @@ def _software_link(
     )
     clean_up.callback(process.wait)
     clean_up.callback(process.terminate)
-    if real_time:
-        make_real_time({'link to the plants': process.pid})
+    make_real_time({'link to the plants': process.pid}, real_time)
     for number, host in enumerate(hosts, start=1):
         made = f'tdm{os.getpid()}_{number}'
         end = time.monotonic() + _SETTLED

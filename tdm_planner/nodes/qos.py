@@ -8,3 +8,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+
+# States and commands: the newest counts, and a lost one is not waited for. A reliable subscriber
+# would hold back those behind it until it is sent again: over a link that delays by 20 ms, another
+# 15 ms, and up to 150. Subscribed like this, publishers of either kind fit.
+NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -22,6 +22,7 @@ from tdm_planner.nodes.messages import (
     PENDULUM_JOINTS,
     pendulum_trajectory,
 )
+from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.robot_messages import (
     odometry_state,
     ROBOT_JOINTS,
@@ -101,7 +102,7 @@ class TrackedPendulum(TrackedPlant):
             lambda message: intake.on_state(
                 message.header.stamp, lambda: joint_motion(message, PENDULUM_JOINTS)
             ),
-            QUEUE,
+            NEWEST,
         )
 
     def command_message(self, control: Array) -> JointState:
@@ -153,12 +154,12 @@ class TrackedRobot(TrackedPlant):
 
         node.create_subscription(MultiDOFJointTrajectory, 'trajectory', on_motion, LATCHED)
         node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED)
-        node.create_subscription(JointState, 'joint_states', on_joints, QUEUE)
+        node.create_subscription(JointState, 'joint_states', on_joints, NEWEST)
         node.create_subscription(
             Odometry,
             'odom',
             lambda message: intake.on_state(message.header.stamp, lambda: self._state(message)),
-            QUEUE,
+            NEWEST,
         )
 
     def _plan(self, robot: str | None) -> Trajectory | None:
