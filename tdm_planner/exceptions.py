@@ -35,6 +35,10 @@ class Busy(TdmError):
     code: ClassVar[str] = 'BUSY'
 
 
+class Inactive(Busy):
+    """The planner is not active: a lifecycle manager has yet to activate it, or took it back."""
+
+
 class Infeasible(TdmError):
     """No plan: the search ended without one that satisfies every constraint."""
 

@@ -23,6 +23,8 @@ NODES = [
 OF_EVERY_NODE = re.compile(
     r'/(rosout|parameter_events|clock|get_type_description)$'
     r'|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
+    r'|/(change_state|get_state|get_available_(states|transitions)|get_transition_graph)$'
+    r'|/transition_event$'
 )
 
 Interface = tuple[str, str, str]  # name, kind, type

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 from xml.sax.saxutils import escape
 
+from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
 from tools.endpoints import NodeSetUp, running, SET_UPS
 
@@ -70,8 +71,11 @@ def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp
 def rights(set_up: NodeSetUp) -> Rights:
     """Return what a node uses, as it says itself."""
     with running(set_up) as node:
+        of_rcl = ['/rosout']  # what the node has without a publisher in Python
+        if isinstance(node, ManagedNode):
+            of_rcl.append(f'{node.get_fully_qualified_name()}/transition_event')
         return Rights(
-            frozenset([*(item.topic_name for item in node.publishers), '/rosout']),
+            frozenset([*(item.topic_name for item in node.publishers), *of_rcl]),
             frozenset(item.topic_name for item in node.subscriptions),
             frozenset(item.service_name for item in node.services),
             frozenset(item.service_name for item in node.clients),

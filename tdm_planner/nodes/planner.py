@@ -13,10 +13,11 @@ from typing import Any
 
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Busy, InvalidProblem
+from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
 from tdm_planner.nodes.adapters import Adapter, adapter_class
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import (
     Failure,
@@ -27,7 +28,6 @@ from tdm_planner.nodes.planning import (
     plan_summary,
 )
 from tdm_planner.nodes.replanning import Replanning
-from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import specifications
@@ -40,8 +40,14 @@ _REQUEST = specifications(RequestParameters)
 _NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
 _BUSY = 'a request is being solved: ask again when it is answered'
 
+_Reply = Callable[['Plan | Failure'], None]
 
-class Planner(ParameterNode):
+
+def _nobody(outcome: Plan | Failure) -> None:
+    """Take the answer to a request that nobody waits for."""
+
+
+class Planner(ManagedNode):
     """Plans for the problem that the parameter `problem` names.
 
     Service `plan` (std_srvs/Trigger) answers with one line of JSON. Solving runs beside the
@@ -50,9 +56,10 @@ class Planner(ParameterNode):
     """
 
     def __init__(self) -> None:
-        super().__init__('planner', _REQUEST)
+        super().__init__('planner', 'planning', _REQUEST)
         self._problem_class: type[Problem] | None = None
         self._adapter: Adapter | None = None
+        self._replanning: Replanning | None = None
         self._fault = ''
         self._load_problem()
         self.warn_of_unknown_overrides()
@@ -62,14 +69,42 @@ class Planner(ParameterNode):
         self._requests = self._failures = 0
         self._worker = Worker(self)
         self._prepared = threading.Event()
-        self._diagnostics = Diagnostics(self, 'planning', self._report)
+        self._activation = 0
+        self._unanswered: list[_Reply] = []
+        self.bring_up()
+
+    def configure(self) -> None:
+        """Connect the problem, and begin to prepare it."""
+        if self._problem_class is not None:
+            self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
         self._summary = self.create_publisher(String, 'plan_summary', LATCHED)
         self._replanning = Replanning(self, self._worker, self._take_over, self._replan)
         self._replanning.set_up(self._adapter, self.parameter_values)
+        self._prepared = threading.Event()
         Worker(self).submit(self._prepare, self._on_prepared)
-        self._service = DeferredService(self, Trigger, 'plan', self._on_request)
+        DeferredService(self, Trigger, 'plan', self._on_request)
         if self._adapter is not None:
             self._adapter.accept_requests(self._plan_with)
+
+    def activate(self) -> None:
+        """Serve requests from now on, and go on to review the plan in force."""
+        assert self._replanning is not None
+        if self._adapter is not None:
+            self._adapter.values_changed(self.parameter_values)
+        self._replanning.active = True
+
+    def deactivate(self) -> None:
+        """Refuse the requests that are not answered yet; what is being solved comes to nothing."""
+        assert self._replanning is not None
+        self._replanning.active = False
+        self._activation += 1
+        failure = Failure.of(Inactive('the planner was deactivated before there was a plan'))
+        for reply in list(self._unanswered):
+            self._answer(reply, failure)
+
+    def cleanup(self) -> None:
+        """Forget the plan in force: its topics are gone."""
+        self._adapter = self._replanning = self._plan = self._failure = None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values for which the problem cannot say which parameters it has."""
@@ -81,7 +116,9 @@ class Planner(ParameterNode):
         self._declare_problem()
         if self._adapter is not None:
             self._adapter.values_changed(self.parameter_values)
-        self._replanning.set_up(self._adapter, self.parameter_values)
+        if self._replanning is not None:
+            self._replanning.set_up(self._adapter, self.parameter_values)
+        super().values_changed(names)
         self._diagnostics.update()
 
     def _load_problem(self) -> None:
@@ -93,8 +130,6 @@ class Planner(ParameterNode):
             self._problem_class = None
             self._fault = str(error)
             self.get_logger().error(self._fault)
-            return
-        self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
 
     def _declare_problem(self) -> None:
         """Declare the problem's parameters; which exist may depend on values (robots' names)."""
@@ -146,10 +181,11 @@ class Planner(ParameterNode):
             answer(response)
 
         self._requests += 1
-        if self._occupied:
-            reply(Failure.of(Busy(_BUSY)))
+        refusal = self._refusal()
+        if refusal is not None:
+            reply(Failure.of(refusal))
             return
-        self._replanning.when_free(lambda: self._solve(self.parameter_values, reply))
+        self._when_free(reply, lambda: self._solve(self.parameter_values, reply))
 
     def _plan_with(
         self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
@@ -160,20 +196,40 @@ class Planner(ParameterNode):
             done(f'{outcome.code}: {outcome.reason}' if isinstance(outcome, Failure) else '')
 
         self._requests += 1
-        if self._occupied:
-            failure = Failure.of(Busy(_BUSY))
+        refusal = self._refusal()
+        if refusal is not None:
+            failure = Failure.of(refusal)
             self._log_failure(failure, f'{purpose} refused')
             reply(failure)
             return
         values = {**self.parameter_values, **changes}
-        self._replanning.when_free(
-            lambda: self._solve(values, reply, changes, f'{purpose} refused')
-        )
+        self._when_free(reply, lambda: self._solve(values, reply, changes, f'{purpose} refused'))
 
-    @property
-    def _occupied(self) -> bool:
-        """Whether a request is being solved, or waits; for reviews of the plan it would wait."""
-        return self._worker.busy and not self._replanning.yields
+    def _refusal(self) -> Busy | None:
+        """Return why no request is taken: the node is not active, or a request is being solved.
+
+        For a review of the plan in force a request waits.
+        """
+        if not self.active:
+            return Inactive(
+                f"the planner is inactive: 'ros2 lifecycle set {self.get_fully_qualified_name()} "
+                "activate' lets it plan"
+            )
+        yields = self._replanning is not None and self._replanning.yields
+        return Busy(_BUSY) if self._worker.busy and not yields else None
+
+    def _when_free(self, reply: _Reply, solve: Callable[[], None]) -> None:
+        """Solve now, or when the review under way has ended, unless the node is deactivated."""
+        assert self._replanning is not None
+        activation = self._activation
+        self._unanswered.append(reply)
+        self._replanning.when_free(lambda: solve() if activation == self._activation else None)
+
+    def _answer(self, reply: _Reply, outcome: Plan | Failure) -> None:
+        """Answer a request, once."""
+        if reply in self._unanswered:
+            self._unanswered.remove(reply)
+            reply(outcome)
 
     def _warnings(self) -> list[str]:
         """Name, and log, what will not carry the plan out."""
@@ -187,7 +243,7 @@ class Planner(ParameterNode):
         if self._plan is None or self._adapter is None or not self._adapter.measures:
             return
         if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
-            self._solve({**self.parameter_values, 'start.source': 'measured'}, lambda _: None)
+            self._solve({**self.parameter_values, 'start.source': 'measured'})
 
     def _take_over(self, plan: Plan) -> None:
         """Publish a plan made on the way."""
@@ -196,21 +252,27 @@ class Planner(ParameterNode):
     def _solve(
         self,
         values: dict[str, Any],
-        reply: Callable[[Plan | Failure], None],
+        reply: _Reply = _nobody,
         changes: Mapping[str, Any] = _NO_CHANGES,
         title: str = 'no plan',
     ) -> None:
         problem_class, adapter = self._problem_class, self._adapter
-        faults = self._faults()
+        faults = self.faults()
         if faults or problem_class is None or adapter is None:
-            reply(self._settle(Failure.of(InvalidProblem('; '.join(faults))), title=title))
+            failure = Failure.of(InvalidProblem('; '.join(faults)))
+            self._answer(reply, self._settle(failure, title=title))
             return
+        activation, prepared = self._activation, self._prepared
 
         def job() -> Plan | Failure:
-            self._prepared.wait()
+            prepared.wait()
             return make_plan(problem_class, values, adapter, self._now)
 
-        self._worker.submit(job, lambda outcome: reply(self._settle(outcome, changes, title)))
+        def done(outcome: Plan | Failure) -> None:
+            if activation == self._activation:
+                self._answer(reply, self._settle(outcome, changes, title))
+
+        self._worker.submit(job, done)
         self._diagnostics.update()
 
     def _settle(
@@ -252,6 +314,7 @@ class Planner(ParameterNode):
 
     def _publish(self, plan: Plan) -> None:
         assert self._adapter is not None
+        assert self._replanning is not None
         self._adapter.publish(plan.problem, plan.solution, plan.start)
         self._plan, self._failure = plan, None
         self._replanning.plan = plan
@@ -265,7 +328,8 @@ class Planner(ParameterNode):
                 "raise 'start.delay' or lower 'solver.deadline'"
             )
 
-    def _report(self) -> Report:
+    def report(self) -> Report:
+        """Return state, figures of the plan in force, ages of the measured states."""
         now = self._now()
         level, message = self._state()
         values: dict[str, Any] = {
@@ -276,18 +340,19 @@ class Planner(ParameterNode):
         }
         if self._plan is not None:
             values.update(plan_figures(self._plan, now))
-        values.update(self._replanning.figures())
+        if self._replanning is not None:
+            values.update(self._replanning.figures())
         if self._adapter is not None:
             for name, age in self._adapter.ages(now).items():
                 values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(level, message, values)
 
-    def _faults(self) -> list[str]:
+    def faults(self) -> list[str]:
         """Return what makes every request vain until it is corrected."""
-        return [*filter(None, [self._fault]), *self.invalid_overrides.values()]
+        return [*filter(None, [self._fault]), *super().faults()]
 
     def _state(self) -> tuple[Level, str]:
-        faults = self._faults()
+        faults = self.faults()
         if faults:
             return Level.ERROR, '; '.join(faults)
         if self._worker.busy:

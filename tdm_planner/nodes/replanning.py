@@ -46,6 +46,7 @@ class Replanning:
         self._question: tuple[Mapping[str, Any], Problem] | None = None
         self._reviewing = False
         self._waiting: Callable[[], None] | None = None
+        self.active = False  # while it is not, no review begins and none has consequences
         self.plan: Plan | None = None
         self.adapter: Adapter | None = None
         self.values: Mapping[str, Any] = {}
@@ -89,7 +90,7 @@ class Replanning:
 
     def _on_timer(self) -> None:
         plan, adapter, values = self.plan, self.adapter, self.values
-        if plan is None or adapter is None or self._worker.busy:
+        if not self.active or plan is None or adapter is None or self._worker.busy:
             return
         if not adapter.replans:
             self._replan()
@@ -150,7 +151,9 @@ class Replanning:
     def _on_review(self, outcome: Review | Exception) -> None:
         self._reviewing = False
         self.reviews += 1
-        if isinstance(outcome, Exception):
+        if not self.active:
+            self.last = 'deactivated meanwhile'
+        elif isinstance(outcome, Exception):
             self.last = f'{type(outcome).__name__}: {" ".join(str(outcome).split())}'
             self._node.get_logger().error(
                 f'no replanning: {self.last}', throttle_duration_sec=_WARNING_PERIOD

@@ -16,12 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.task import Future
+from rclpy.time import Time
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
 from tdm_planner.nodes.messages import nanoseconds_of
-from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
 from tdm_planner.parameters import build, ParameterSpec, specifications
@@ -32,7 +35,7 @@ from tdm_planner.tracking.tracker import (
     TrajectoryRefused,
     TrajectoryTracker,
 )
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -52,31 +55,68 @@ _PLANT = ParameterSpec(
 
 def tracker_specifications(plant: str) -> dict[str, ParameterSpec]:
     """Return every parameter of the tracker of a plant, by dotted name."""
-    return {_PLANT.name: _PLANT, **specifications(PLANTS[plant].parameters)}
+    return {
+        _PLANT.name: _PLANT,
+        AUTOSTART.name: AUTOSTART,
+        **specifications(PLANTS[plant].parameters),
+    }
 
 
-class TrackerNode(ParameterNode):
+class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('tracker', {_PLANT.name: _PLANT}, **options)
+        super().__init__('tracker', 'tracking', {_PLANT.name: _PLANT}, **options)
         self.plant = PLANTS[self.parameter_values[_PLANT.name]]()
         self.declare(specifications(self.plant.parameters))
         self.warn_of_unknown_overrides()
-        self.tracker = self._make_tracker(self.parameter_values)
-        self._origin = self.get_clock().now().nanoseconds
+        self._clock_steps = 0
+        self._time = MotionClock(self, self._on_clock_step)
         self._refusal = ''
         self._accepted = self._refused = self._states_left_out = self._commands = 0
-        self._preparation = self._deviation = 0.0
+        self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
+        self._newest: tuple[Array, float] | None = None
+        self._offered: tuple[Any, Callable[[], Trajectory | None]] | None = None
+        self._timer: Timer | None = None
+        self.bring_up()
+
+    # Lifecycle.
+
+    def configure(self) -> None:
+        """Listen to plan and state."""
+        self.plant = PLANTS[self.parameter_values[_PLANT.name]]()
+        self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
-        self._diagnostics = Diagnostics(self, 'tracking', self._report)
         self.plant.subscribe(self, self)
-        self.create_timer(self.tracker.parameters.interval, self._on_tick)
+
+    def activate(self) -> None:
+        """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
+        self.tracker = self._make_tracker(self.parameter_values)
+        self._last, self._refusal = (Phase.IDLE, ''), ''
+        if self._newest is not None:
+            self.tracker.observe(*self._newest)
+        offered, self._offered = self._offered, None
+        if offered is not None:
+            self.on_trajectory(*offered)
+        self._timer = self.create_timer(
+            self.tracker.parameters.interval, self._on_tick, clock=pacing_clock(self)
+        )
+
+    def deactivate(self) -> None:
+        """Switch the actuators off by a last command; the plan in force is given up."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
+
+    def cleanup(self) -> None:
+        """Forget what was received."""
+        self._newest = self._offered = self._answer = None
 
     # Parameters.
 
@@ -95,22 +135,22 @@ class TrackerNode(ParameterNode):
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Go on with the changed parameters, without a jump of phase or trajectory."""
-        changed = self._make_tracker(self.parameter_values)
-        changed.adopt(self.tracker)
-        self.tracker = changed
+        if self.configured:
+            changed = self._make_tracker(self.parameter_values)
+            changed.adopt(self.tracker)
+            self.tracker = changed
+        super().values_changed(names)
 
     # Messages.
 
-    def _now(self) -> float:
-        """Seconds since the node began: small numbers keep their nanoseconds in a float."""
-        return float((self.get_clock().now().nanoseconds - self._origin) * NANOSECOND)
+    def _on_clock_step(self, step: float) -> None:
+        self._clock_steps += 1
+        self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
     def _instant(self, stamp: Any) -> float:
         """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
         nanoseconds = nanoseconds_of(stamp)
-        if nanoseconds == 0:
-            return self._now()
-        return float((nanoseconds - self._origin) * NANOSECOND)
+        return self._time.instant(nanoseconds) if nanoseconds else self._time.now()
 
     def on_state(self, stamp: Any, read: Callable[[], Array | None]) -> None:
         """Take a state; one that cannot be read, or is from the future, is left out."""
@@ -118,7 +158,8 @@ class TrackerNode(ParameterNode):
             state = read()
             if state is None:
                 return
-            at, now = self._instant(stamp), self._now()
+            now, at = self._time.now(), self._instant(stamp)
+            self._delay = now - at
             timeout = self.tracker.parameters.state_timeout
             if at > now + timeout:
                 raise InvalidProblem(
@@ -130,17 +171,25 @@ class TrackerNode(ParameterNode):
                 f'state left out: {error}', throttle_duration_sec=WARNING_PERIOD
             )
             return
-        self.tracker.observe(state, at)
+        self._newest = state, at
+        if self.active:
+            self.tracker.observe(state, at)
 
     def on_trajectory(self, stamp: Any, read: Callable[[], Trajectory | None]) -> None:
-        """Put a trajectory in force, or refuse it with a reason; the old one then stays."""
+        """Put a trajectory in force, or refuse it with a reason; the old one then stays.
+
+        While the node is not active the newest one is kept until it is.
+        """
+        if not self.active:
+            self._offered = stamp, read
+            return
         began = time.perf_counter()
         try:
             trajectory = read()
             if trajectory is None:
                 return
+            now = self._time.now()
             start = self._instant(stamp) + float(trajectory.times[0])
-            now = self._now()
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
             self._refused += 1
@@ -159,20 +208,23 @@ class TrackerNode(ParameterNode):
     # Commands.
 
     def _on_tick(self) -> None:
-        stamp = self.get_clock().now()
-        command = self.tracker.command((stamp.nanoseconds - self._origin) * NANOSECOND)
-        message = self.plant.command_message(command.control)
-        message.header.stamp = stamp.to_msg()
-        self._command_publisher.publish(message)
-        self._commands += 1
+        now, stamp = self._time.now(), self.get_clock().now()
+        command = self.tracker.command(now)
+        self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)
             error = self.plant.error_message(command.action)
-            error.header.stamp = message.header.stamp
+            error.header.stamp = stamp.to_msg()
             self._error_publisher.publish(error)
         self._note_changes(command)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()
+
+    def _send(self, control: Array, stamp: Time) -> None:
+        message = self.plant.command_message(control)
+        message.header.stamp = stamp.to_msg()
+        self._command_publisher.publish(message)
+        self._commands += 1
 
     def _note_changes(self, command: Command) -> None:
         before, self._last = self._last, (command.phase, command.problem)
@@ -212,7 +264,8 @@ class TrackerNode(ParameterNode):
 
     # Diagnostics.
 
-    def _report(self) -> Report:
+    def report(self) -> Report:
+        """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         level, message = Level.OK, phase.value
         if self._refusal:
@@ -221,11 +274,12 @@ class TrackerNode(ParameterNode):
             level, message = Level.ERROR, f'{phase.value}: {problem}'
         if self.invalid_overrides:
             level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
-        now = self._now()
+        now = self._time.now()
         motion = self.tracker.current
         figures: dict[str, Any] = {
             'phase': phase.value,
             'state age [s]': self.tracker.state_age(now),
+            'delay of states [s]': self._delay,
             'deviation': self._deviation,
             'time since start [s]': 'none' if motion is None else now - motion.start,
             'trajectories accepted': self._accepted,
@@ -234,6 +288,7 @@ class TrackerNode(ParameterNode):
             'gains computed in [s]': self._preparation,
             'commands sent': self._commands,
             'states left out': self._states_left_out,
+            'clock steps': self._clock_steps,
         }
         return Report(level, message, figures)
 

@@ -61,5 +61,10 @@ class RequestParameters(Validated):
     problem: str = parameter(
         'pendulum_swing_up', 'name of the problem to plan for', read_only=True
     )
+    autostart: bool = parameter(
+        True,
+        'become active at the start; false: wait for a lifecycle manager',
+        read_only=True,
+    )
     start: StartParameters = group(StartParameters)
     replan: ReplanParameters = group(ReplanParameters)

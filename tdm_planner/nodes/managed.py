@@ -1,0 +1,306 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Managed nodes: https://design.ros2.org/articles/node_lifecycle.html, with a start of their own.
+
+unconfigured   parameters, diagnostics and the services of the lifecycle
+inactive       all topics and services are there; nothing but diagnostics is published
+active         at work
+finalized      as unconfigured, for good
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from enum import Enum
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.node import LifecycleNodeMixin
+from rosgraph_msgs.msg import Clock
+from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.problems.request import RequestParameters
+
+AUTOSTART = specifications(RequestParameters)['autostart']
+
+
+class Stage(str, Enum):
+    """Primary states of the lifecycle."""
+
+    UNCONFIGURED = 'unconfigured'
+    INACTIVE = 'inactive'
+    ACTIVE = 'active'
+    FINALIZED = 'finalized'
+
+
+class ManagedNode(LifecycleNodeMixin, ParameterNode):
+    """A node with the lifecycle of ROS 2; subclasses say what its transitions do.
+
+    With `autostart` it configures and activates itself, with parameters that are wrong as well:
+    it then refuses what it cannot do, until they are corrected. A lifecycle manager is told by a
+    transition that fails. What is created from `configure` on belongs to that configuration:
+    publishers are silent unless the node is active, and everything is destroyed with it.
+
+    Subclasses call `bring_up` at the end of their constructor.
+    """
+
+    _scoped = False
+    _configuration = 0
+
+    def __init__(
+        self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
+    ) -> None:
+        ParameterNode.__init__(self, name, {AUTOSTART.name: AUTOSTART, **parameters}, **options)
+        LifecycleNodeMixin.__init__(self)
+        self._stage = Stage.UNCONFIGURED
+        self._setback = ''
+        self._starting = self._start_failed = False
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self._diagnostics = Diagnostics(self, title, self._report_stage)
+        self._permanent: frozenset[int] = frozenset()
+
+    # What subclasses say.
+
+    @abstractmethod
+    def configure(self) -> None:
+        """Create topics and services from the parameters; raises TdmError where that fails."""
+
+    @abstractmethod
+    def activate(self) -> None:
+        """Begin to work; publishers speak from now on. Raises TdmError where that fails."""
+
+    @abstractmethod
+    def deactivate(self) -> None:
+        """Leave the plant safe and cease to work; publishers are silent afterwards."""
+
+    @abstractmethod
+    def cleanup(self) -> None:
+        """Let go of what `configure` made; topics, services and timers are destroyed anyway.
+
+        Also called where `configure` failed half-way.
+        """
+
+    @abstractmethod
+    def report(self) -> Report:
+        """Return what the diagnostics say of the node at work."""
+
+    def faults(self) -> list[str]:
+        """Sentences about parameters with which the node cannot do its work."""
+        return list(self.invalid_overrides.values())
+
+    # What they may ask.
+
+    @property
+    def active(self) -> bool:
+        """Whether the node is at work."""
+        return self._stage is Stage.ACTIVE
+
+    @property
+    def configured(self) -> bool:
+        """Whether topics and services are there."""
+        return self._stage in (Stage.ACTIVE, Stage.INACTIVE)
+
+    def bring_up(self) -> None:
+        """Configure and activate, unless a lifecycle manager is to do it."""
+        if not self._permanent:
+            self._permanent = frozenset(id(item) for item, _ in self._entities())
+            self._scoped = True
+        if not self.parameter_values[AUTOSTART.name]:
+            return
+        self._starting = True
+        try:
+            success = TransitionCallbackReturn.SUCCESS
+            self._start_failed = (
+                self.trigger_configure() != success or self.trigger_activate() != success
+            )
+        finally:
+            self._starting = False
+
+    def values_changed(self, names: frozenset[str]) -> None:
+        """Start after all, where wrong parameters were in the way."""
+        if self._start_failed and self._stage is Stage.UNCONFIGURED:
+            self.bring_up()
+
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
+        """Create a publisher that speaks while the node is active only."""
+        if not self._scoped:
+            return super().create_publisher(*args, **kwargs)
+        publisher = self.create_lifecycle_publisher(*args, **kwargs)
+        if self.active:
+            publisher.on_activate(None)
+        return publisher
+
+    def create_timer(self, period: float, callback: Any, *args: Any, **kwargs: Any) -> Any:
+        """Create a timer that ends with the configuration."""
+
+        def guarded() -> None:
+            if configuration == self._configuration:
+                callback()
+
+        configuration = self._configuration
+        return super().create_timer(period, guarded if self._scoped else callback, *args, **kwargs)
+
+    def create_subscription(
+        self, kind: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
+    ) -> Any:
+        """Create a subscription that ends with the configuration."""
+
+        def guarded(message: Any) -> None:
+            if configuration == self._configuration:
+                callback(message)
+
+        configuration = self._configuration
+        scoped = self._scoped and kind is not Clock
+        return super().create_subscription(
+            kind, topic, guarded if scoped else callback, *args, **kwargs
+        )
+
+    # Transitions.
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From unconfigured to inactive."""
+
+        def configure() -> None:
+            faults = self.faults()
+            if faults and not self._starting:
+                raise InvalidProblem('; '.join(faults))
+            self.configure()
+
+        return self._go('configure', configure, Stage.INACTIVE, undo=self._release)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From inactive to active."""
+
+        def activate() -> None:
+            super(ManagedNode, self).on_activate(state)
+            self._stage = Stage.ACTIVE
+            self.activate()
+
+        return self._go('activate', activate, Stage.ACTIVE, undo=self._rest)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From active to inactive."""
+        return self._go('deactivate', self._rest, Stage.INACTIVE)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From inactive to unconfigured."""
+        return self._go('clean up', self._release, Stage.UNCONFIGURED)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """From any state to the end; the process goes on until it is told to end."""
+        return self._go('shut down', self._give_up, Stage.FINALIZED)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Back to unconfigured after a transition that broke down."""
+        try:
+            self._give_up()
+        except Exception as error:  # noqa: B902
+            self.get_logger().error(f'after the error: {_sentence(error)}')
+            self._enter(Stage.FINALIZED)
+            return TransitionCallbackReturn.FAILURE
+        self._enter(Stage.UNCONFIGURED)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _go(
+        self,
+        what: str,
+        action: Callable[[], None],
+        stage: Stage,
+        undo: Callable[[], None] | None = None,
+    ) -> TransitionCallbackReturn:
+        """Carry a transition out; `undo` is given where it may fail and leave things as before."""
+        before = self._stage
+        try:
+            action()
+        except Exception as error:  # noqa: B902
+            self._setback = f'cannot {what}: {_sentence(error)}'
+            self.get_logger().error(self._setback)
+            if undo is None or not isinstance(error, TdmError):
+                return TransitionCallbackReturn.ERROR
+            undo()
+            self._enter(before)
+            return TransitionCallbackReturn.FAILURE
+        self._setback = ''
+        self._enter(stage)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _enter(self, stage: Stage) -> None:
+        if stage is not self._stage or not self._setback:
+            self.get_logger().info(stage.value)
+        self._stage = stage
+        self._diagnostics.update()
+
+    def _rest(self) -> None:
+        """Cease to work."""
+        try:
+            self.deactivate()
+        finally:
+            self._stage = Stage.INACTIVE
+            super().on_deactivate(None)
+
+    def _release(self) -> None:
+        """Destroy what was created from `configure` on.
+
+        EventsExecutor may still call what was about to be called: this comes to nothing.
+        """
+        self._configuration += 1
+        try:
+            self.cleanup()
+        finally:
+            for item, destroy in list(self._entities()):
+                of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
+                if id(item) not in self._permanent and not of_rclpy:
+                    destroy(item)
+
+    def _give_up(self) -> None:
+        if self.active:
+            self._rest()
+        self._release()
+
+    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+        for items, destroy in (
+            (self.timers, self.destroy_timer),
+            (self.subscriptions, self.destroy_subscription),
+            (self.services, self.destroy_service),
+            (self.clients, self.destroy_client),
+            (self.publishers, self.destroy_lifecycle_publisher),
+        ):
+            for item in items:
+                yield item, destroy
+
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Carry a transition out if there is such a one; rclpy's own would end the node."""
+        wanted = request.transition
+        possible = {found[0]: found[1] for found in self._state_machine.available_transitions}
+        known = wanted.label in possible.values() if wanted.label else wanted.id in possible
+        if known:
+            self._start_failed = False
+            changed: ChangeState.Response = self._change_state(request, response)
+            return changed
+        self.get_logger().warning(
+            f"no transition '{wanted.label or wanted.id}' from {self._stage.value}: possible are "
+            f'{", ".join(possible.values()) or "none"}'
+        )
+        response.success = False
+        return response
+
+    def _report_stage(self) -> Report:
+        if self.active:
+            return self.report()
+        faults = [*filter(None, [self._setback]), *self.faults()]
+        message = '; '.join([self._stage.value, *dict.fromkeys(faults)])
+        return Report(Level.ERROR if faults else Level.OK, message)
+
+
+def _sentence(error: Exception) -> str:
+    text = ' '.join(str(error).split())
+    if isinstance(error, TdmError):
+        return text
+    return f'internal error: {type(error).__name__}: {text}'
