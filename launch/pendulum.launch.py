@@ -4,14 +4,18 @@
 
 ros2 launch tdm_planner pendulum.launch.py rviz:=true
 ros2 service call /pendulum/plan std_srvs/srv/Trigger
+
+Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the plan in force where
+the plant is on it, and holds otherwise. The planner is not, which would forget the parameters that
+were set meanwhile; nor is the simulated plant, which would jump back to its initial state.
 """
 
 from pathlib import Path
 import tempfile
+from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -20,54 +24,70 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.resources import config_file
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz
+from tdm_sim.record_command import record_command
 import yaml
 
+SWITCH = ['true', 'false']
+# A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 3}
 
-def start_viewers(context: LaunchContext) -> list[Node]:
-    """Describe what draws the plant that the parameter file's section `planner` has."""
+
+def start(context: LaunchContext) -> list[Any]:
+    """Describe the processes, for the arguments of this launch."""
 
     def argument(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
     namespace = argument('namespace').strip('/')
-    nodes = []
+    log_level = ['--log-level', argument('log_level')]
+    options = {
+        'package': 'tdm_planner',
+        'namespace': namespace,
+        'parameters': [argument('params_file')],
+        'ros_arguments': log_level,
+        'output': 'screen',
+    }
+    respawn = RESPAWN if argument('respawn') == 'true' else {}
+    described = [
+        Node(executable='planner', **options),
+        Node(executable='tracker', **options, **respawn),
+    ]
+    if argument('plant') == 'true':
+        described.append(Node(executable='pendulum_plant', **options))
     if argument('description') == 'true':
-        text = Path(argument('params_file')).read_text(encoding='utf-8')
-        plant = build(RotaryPendulum, ros_parameters(yaml.safe_load(text), 'planner'), 'plant.')
-        description = ParameterValue(pendulum_urdf(plant), value_type=str)
-        nodes.append(
-            Node(
-                package='robot_state_publisher',
-                executable='robot_state_publisher',
-                namespace=namespace,
-                parameters=[{'robot_description': description}],
-                ros_arguments=['--log-level', argument('log_level')],
-                output='screen',
-            )
-        )
+        described.append(state_publisher(argument('params_file'), namespace, log_level))
     if argument('rviz') == 'true':
-        view = Path(tempfile.mkdtemp(), 'pendulum.rviz')
-        view.write_text(pendulum_rviz(namespace), encoding='utf-8')
-        nodes.append(
-            Node(
-                package='rviz2',
-                executable='rviz2',
-                arguments=['-d', str(view)],
-                output='screen',
-            )
-        )
-    return nodes
+        described.append(rviz(namespace))
+    if argument('record') == 'true':
+        command = record_command(namespace, argument('bag'))
+        described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
+    return described
+
+
+def state_publisher(params_file: str, namespace: str, log_level: list[str]) -> Node:
+    """Describe robot_state_publisher for the plant that the file's section `planner` has."""
+    document = yaml.safe_load(Path(params_file).read_text(encoding='utf-8'))
+    plant = build(RotaryPendulum, ros_parameters(document, 'planner'), 'plant.')
+    description = ParameterValue(pendulum_urdf(plant), value_type=str)
+    return Node(
+        package='robot_state_publisher',
+        executable='robot_state_publisher',
+        namespace=namespace,
+        parameters=[{'robot_description': description}],
+        ros_arguments=log_level,
+        output='screen',
+    )
+
+
+def rviz(namespace: str) -> Node:
+    """Describe RViz with the topics of the namespace."""
+    view = Path(tempfile.mkdtemp(), 'pendulum.rviz')
+    view.write_text(pendulum_rviz(namespace), encoding='utf-8')
+    return Node(package='rviz2', executable='rviz2', arguments=['-d', str(view)], output='screen')
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments and the nodes."""
-    options = {
-        'package': 'tdm_planner',
-        'namespace': LaunchConfiguration('namespace'),
-        'parameters': [LaunchConfiguration('params_file')],
-        'ros_arguments': ['--log-level', LaunchConfiguration('log_level')],
-        'output': 'screen',
-    }
+    """Describe the arguments; the processes depend on them."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -81,31 +101,41 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'plant',
                 default_value='true',
-                choices=['true', 'false'],
+                choices=SWITCH,
                 description='simulate the plant; false where the real one publishes joint_states',
             ),
             DeclareLaunchArgument(
                 'description',
                 default_value='true',
-                choices=['true', 'false'],
+                choices=SWITCH,
                 description='start robot_state_publisher, for RobotModel and tf',
             ),
             DeclareLaunchArgument(
                 'rviz',
                 default_value='false',
-                choices=['true', 'false'],
+                choices=SWITCH,
                 description='start RViz with everything in place',
+            ),
+            DeclareLaunchArgument(
+                'record',
+                default_value='false',
+                choices=SWITCH,
+                description='record all topics of the namespace, and shared ones, to a rosbag2',
+            ),
+            DeclareLaunchArgument(
+                'bag',
+                default_value='',
+                description='folder to record to; empty: named after namespace and time',
+            ),
+            DeclareLaunchArgument(
+                'respawn',
+                default_value='true',
+                choices=SWITCH,
+                description='start a tracker that has died anew, up to three times',
             ),
             DeclareLaunchArgument(
                 'log_level', default_value='info', description='level of all loggers'
             ),
-            Node(executable='planner', **options),
-            Node(executable='tracker', **options),
-            Node(
-                executable='pendulum_plant',
-                condition=IfCondition(LaunchConfiguration('plant')),
-                **options,
-            ),
-            OpaqueFunction(function=start_viewers),
+            OpaqueFunction(function=start),
         ]
     )

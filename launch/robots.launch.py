@@ -6,7 +6,12 @@ Start with ``ros2 launch tdm_planner robots.launch.py rviz:=true``, then ask for
 ``ros2 service call /robots/plan std_srvs/srv/Trigger``.
 
 The robots are those that the parameter file's section `planner` names in `robots`; the simulated
-ones stand at its `<robot>.start` to begin with.
+ones stand at its `<robot>.start` to begin with. ``number_of_robots:=2`` takes the first two of
+them, a larger number adds more, with places of their own.
+
+Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the plan in force where
+the robot is on it, and holds otherwise. The planner is not, which would forget the parameters that
+were set meanwhile; nor are simulated plants, which would jump back to their initial states.
 """
 
 from pathlib import Path
@@ -14,55 +19,76 @@ import tempfile
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.parameters import build, ros_parameters
 from tdm_planner.problems.formation_parameters import FormationParameters
 from tdm_planner.resources import config_file
 from tdm_planner.views.rviz import robots_rviz
+from tdm_sim.record_command import record_command
 import yaml
 
+SWITCH = ['true', 'false']
+# A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 3}
 
-def start_nodes(context: LaunchContext) -> list[Node]:
-    """Describe the nodes, for the arguments of this launch."""
+
+def start(context: LaunchContext) -> list[Any]:
+    """Describe the processes, for the arguments of this launch."""
 
     def argument(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))
 
     file, namespace = argument('params_file'), argument('namespace').strip('/')
     document = yaml.safe_load(Path(file).read_text(encoding='utf-8'))
-    nodes = robot_nodes(document, namespace)
+    nodes = robot_nodes(document, namespace, how_many(argument('number_of_robots')))
     simulated = argument('plant') == 'true'
-    described = [
+    respawn = RESPAWN if argument('respawn') == 'true' else {}
+    described: list[Any] = [
         Node(
             package='tdm_planner',
             executable=node.executable,
             namespace='/'.join(part for part in (namespace, node.robot) if part),
-            parameters=[file, node.parameters],
+            parameters=[file, *([node.parameters] if node.parameters else [])],
             ros_arguments=['--log-level', argument('log_level')],
             output='screen',
+            **(respawn if node.executable == 'tracker' else {}),
         )
         for node in nodes
         if simulated or node.executable != 'robot_plant'
     ]
     if argument('rviz') == 'true':
-        described.append(rviz(document, namespace))
+        robots = [node.robot for node in nodes if node.executable == 'tracker']
+        described.append(rviz(document, namespace, robots))
+    if argument('record') == 'true':
+        command = record_command(namespace, argument('bag'))
+        described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
 
 
-def rviz(document: Any, namespace: str) -> Node:
-    """Describe RViz for the robots and the arena that a parameter file has."""
-    given = build(FormationParameters, ros_parameters(document, 'planner'))
+def how_many(text: str) -> int | None:
+    """Return the number of robots that is asked for; None for those of the parameter file."""
+    if text == 'all':
+        return None
+    if not text.isdecimal():
+        raise InvalidProblem(f"number_of_robots = {text!r} must be a whole number, or 'all'")
+    return int(text)
+
+
+def rviz(document: Any, namespace: str, robots: list[str]) -> Node:
+    """Describe RViz for the robots, and the arena that a parameter file has."""
+    arena = build(FormationParameters, ros_parameters(document, 'planner')).arena
     view = Path(tempfile.mkdtemp(), 'robots.rviz')
-    text = robots_rviz(given.robots, namespace, given.arena.length, given.arena.width)
+    text = robots_rviz(robots, namespace, arena.length, arena.width)
     view.write_text(text, encoding='utf-8')
     return Node(package='rviz2', executable='rviz2', arguments=['-d', str(view)], output='screen')
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the arguments; the nodes depend on them."""
+    """Describe the arguments; the processes depend on them."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -74,20 +100,42 @@ def generate_launch_description() -> LaunchDescription:
                 'namespace', default_value='robots', description='namespace of all robots'
             ),
             DeclareLaunchArgument(
+                'number_of_robots',
+                default_value='all',
+                description='how many take part; all: those that the parameter file names',
+            ),
+            DeclareLaunchArgument(
                 'plant',
                 default_value='true',
-                choices=['true', 'false'],
+                choices=SWITCH,
                 description='simulate the robots; false where the real ones publish odom',
             ),
             DeclareLaunchArgument(
                 'rviz',
                 default_value='false',
-                choices=['true', 'false'],
+                choices=SWITCH,
                 description='start RViz with everything in place, a goal tool for each robot',
+            ),
+            DeclareLaunchArgument(
+                'record',
+                default_value='false',
+                choices=SWITCH,
+                description='record all topics of the namespace, and shared ones, to a rosbag2',
+            ),
+            DeclareLaunchArgument(
+                'bag',
+                default_value='',
+                description='folder to record to; empty: named after namespace and time',
+            ),
+            DeclareLaunchArgument(
+                'respawn',
+                default_value='true',
+                choices=SWITCH,
+                description='start a tracker that has died anew, up to three times',
             ),
             DeclareLaunchArgument(
                 'log_level', default_value='info', description='level of all loggers'
             ),
-            OpaqueFunction(function=start_nodes),
+            OpaqueFunction(function=start),
         ]
     )

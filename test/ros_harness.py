@@ -156,12 +156,15 @@ class Ros:
         environment: Mapping[str, str] | None = None,
     ) -> NodeProcess:
         """Start a node; it is ended, and its exit checked, with the fixture if not before."""
-        process = NodeProcess(
-            module,
-            ros_arguments(parameters or {}, namespace) + (arguments or []),
-            {**self.environment, **(environment or {})},
-            self.folder,
-        )
+        words = ros_arguments(parameters or {}, namespace) + (arguments or [])
+        return self.run(module, words, environment)
+
+    def run(
+        self, module: str, arguments: list[str], environment: Mapping[str, str] | None = None
+    ) -> NodeProcess:
+        """Run a module in the domain, which need not be a node; it ends as those of `start` do."""
+        variables = {**self.environment, **(environment or {})}
+        process = NodeProcess(module, arguments, variables, self.folder)
         self._processes.append(process)
         return process
 

@@ -7,130 +7,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-import runpy
-import sys
-from types import ModuleType
 from typing import Any
 
+from launch_stand_ins import description, ExecuteProcess, SOURCE, stand_ins  # noqa: F401
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_sim.record_command import record_command
 import yaml
 
-SOURCE = Path(__file__).resolve().parents[1]
+COMMON = {
+    *('params_file', 'namespace', 'plant', 'rviz', 'record', 'bag', 'respawn', 'log_level'),
+}
 FILES = sorted(path.name for path in (SOURCE / 'launch').glob('*.launch.py'))
-
-
-@dataclass(frozen=True)
-class LaunchConfiguration:
-    name: str
-
-    def perform(self, context: Mapping[str, str]) -> str:
-        return context[self.name]
-
-
-@dataclass
-class DeclareLaunchArgument:
-    name: str
-    default_value: str
-    description: str
-    choices: list[str] | None = None
-
-
-@dataclass
-class IfCondition:
-    configuration: LaunchConfiguration
-
-
-@dataclass
-class OpaqueFunction:
-    function: Any
-
-
-@dataclass
-class Node:
-    package: str
-    executable: str
-    output: str
-    namespace: Any = ''
-    parameters: list[Any] = field(default_factory=list)
-    arguments: list[str] = field(default_factory=list)
-    ros_arguments: list[Any] = field(default_factory=list)
-    condition: IfCondition | None = None
-
-
-@dataclass
-class ParameterValue:
-    value: str
-    value_type: type
-
-
-@dataclass
-class LaunchDescription:
-    entities: list[Any] = field(default_factory=list)
-
-    def nodes(self, **arguments: str) -> list[Node]:
-        """Return the nodes that start for the given arguments, everything resolved."""
-        context = {a.name: a.default_value for a in self.arguments()} | arguments
-        found: list[Node] = []
-        for entity in self.entities:
-            made = entity.function(context) if isinstance(entity, OpaqueFunction) else [entity]
-            found += [node for node in made if isinstance(node, Node)]
-        for node in found:
-            node.namespace = resolved(node.namespace, context)
-            node.parameters = [resolved(item, context) for item in node.parameters]
-            node.ros_arguments = [resolved(item, context) for item in node.ros_arguments]
-        return [
-            n
-            for n in found
-            if n.condition is None or n.condition.configuration.perform(context) == 'true'
-        ]
-
-    def arguments(self) -> list[DeclareLaunchArgument]:
-        return [e for e in self.entities if isinstance(e, DeclareLaunchArgument)]
-
-
-def resolved(item: Any, context: Mapping[str, str]) -> Any:
-    return item.perform(context) if isinstance(item, LaunchConfiguration) else item
-
-
-def module(name: str, **content: Any) -> ModuleType:
-    made = ModuleType(name)
-    vars(made).update(content)
-    return made
-
-
-@pytest.fixture
-def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
-    for made in (
-        module('launch', LaunchDescription=LaunchDescription, LaunchContext=dict),
-        module(
-            'launch.actions',
-            DeclareLaunchArgument=DeclareLaunchArgument,
-            OpaqueFunction=OpaqueFunction,
-        ),
-        module('launch.conditions', IfCondition=IfCondition),
-        module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
-        module('launch_ros'),
-        module('launch_ros.actions', Node=Node),
-        module('launch_ros.parameter_descriptions', ParameterValue=ParameterValue),
-    ):
-        monkeypatch.setitem(sys.modules, made.__name__, made)
-
-
-def description(name: str) -> LaunchDescription:
-    made = runpy.run_path(str(SOURCE / 'launch' / name))['generate_launch_description']()
-    assert isinstance(made, LaunchDescription)
-    return made
 
 
 @pytest.mark.usefixtures('stand_ins')
 @pytest.mark.parametrize('name', FILES)
 def test_every_argument_is_described_and_has_a_default(name: str):
     arguments = {a.name: a for a in description(name).arguments()}
-    assert {'params_file', 'namespace', 'plant', 'log_level'} <= set(arguments)
+    assert set(arguments) >= COMMON
     for argument in arguments.values():
         assert argument.description
         assert argument.choices is None or argument.default_value in argument.choices
@@ -241,6 +137,63 @@ def test_real_robots_need_no_plants(robots_file: str):
         ('tracker', 'right'),
     ]
     assert nodes[1].parameters[1]['planner_service'] == '/plan'
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_fewer_robots_than_the_file_names(robots_file: str):
+    nodes = description('robots.launch.py').nodes(params_file=robots_file, number_of_robots='1')
+    assert {(n.executable, n.namespace) for n in nodes} == {
+        ('planner', 'robots'),
+        ('robot_plant', 'robots/left'),
+        ('tracker', 'robots/left'),
+    }
+    (planner,) = (n for n in nodes if n.executable == 'planner')
+    assert planner.parameters == [robots_file, {'robots': ['left']}]
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_more_robots_than_the_file_names():
+    nodes = description('robots.launch.py').nodes(number_of_robots='5')
+    plants = {n.namespace: n.parameters[1] for n in nodes if n.executable == 'robot_plant'}
+    assert set(plants) == {f'robots/robot{k}' for k in range(1, 6)}
+    (planner,) = (n for n in nodes if n.executable == 'planner')
+    changed = planner.parameters[1]
+    assert changed['robots'] == [f'robot{k}' for k in range(1, 6)]
+    for name in ('robot4', 'robot5'):
+        assert plants[f'robots/{name}']['initial.x'] == changed[f'{name}.start.x']
+        assert len(changed[f'formation.{name}']) == 3
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('number', ['0', '-1', 'two', '99'])
+def test_numbers_of_robots_that_cannot_be_are_refused(number: str):
+    with pytest.raises(InvalidProblem, match='number_of_robots'):
+        description('robots.launch.py').nodes(number_of_robots=number)
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_only_trackers_are_started_anew(name: str):
+    """After a pause, that Ctrl-C may come first; and not for ever."""
+    for node in description(name).nodes():
+        assert node.respawn == (node.executable == 'tracker')
+        if node.respawn:
+            assert node.respawn_delay is not None
+            assert node.respawn_delay >= 1.0
+            assert node.respawn_max_retries > 0
+    assert not any(node.respawn for node in description(name).nodes(respawn='false'))
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_recording_on_request(name: str):
+    def recorders(**arguments: str) -> list[ExecuteProcess]:
+        started = description(name).started(**arguments)
+        return [item for item in started if isinstance(item, ExecuteProcess)]
+
+    assert not recorders()
+    (recorder,) = recorders(record='true', bag='my_bag', namespace='hall')
+    assert recorder.cmd == record_command('hall', 'my_bag')
 
 
 @pytest.mark.usefixtures('stand_ins')

@@ -143,6 +143,7 @@ def launch_arguments(source: str) -> str:
         if isinstance(default, ast.Constant):
             shown = str(default.value)
         shown = re.sub(r"^str\(config_file\('(.*)'\)\)$", r'config/\1', shown)
+        shown = f'`{shown}`' if shown else ''
         name = ast.literal_eval(node.args[0])
-        rows.append(f'| `{name}` | `{shown}` | {ast.literal_eval(given["description"])} |')
+        rows.append(f'| `{name}` | {shown} | {ast.literal_eval(given["description"])} |')
     return '\n'.join(rows) + '\n'

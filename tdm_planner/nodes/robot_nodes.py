@@ -9,6 +9,7 @@ from typing import Any
 
 from tdm_planner.parameters import ros_parameters
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS, formation_specifications
+from tdm_planner.problems.formation_size import resized
 
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 
@@ -25,21 +26,26 @@ class RobotNode:
     parameters: dict[str, Any] = field(default_factory=dict)
 
 
-def robot_nodes(document: Any, namespace: str = 'robots') -> list[RobotNode]:
+def robot_nodes(
+    document: Any, namespace: str = 'robots', number: int | None = None
+) -> list[RobotNode]:
     """Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
     The file's section `planner` names the `robots`. Simulated robots stand at `<robot>.start` to
-    begin with. `namespace` is the planner's; the trackers ask for new plans there.
+    begin with. `namespace` is the planner's; the trackers ask for new plans there. With a `number`
+    that many robots take part, see `resized`.
 
     Raises
     ------
     InvalidProblem
-        If the names cannot be used, or a start is not allowed.
+        If the names cannot be used, a start is not allowed, or there is no room for so many.
     """
     values = ros_parameters(document, 'planner')
+    changed = {} if number is None else resized(values, number)
+    values |= changed
     specifications = formation_specifications(values)
     tracking = {'plant': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
-    nodes = [RobotNode('planner')]
+    nodes = [RobotNode('planner', parameters=changed)]
     for robot in values.get('robots', DEFAULT_ROBOTS):
         initial: dict[str, Any] = {}
         for name in _INITIAL:

@@ -1,0 +1,43 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command by which launch files record: that of ROS 2 where it is installed, else our own."""
+
+from __future__ import annotations
+
+from datetime import datetime
+import os
+from pathlib import Path
+import re
+import sys
+
+from tdm_sim.topic_choice import SHARED_TOPICS
+
+
+def record_command(namespace: str, bag: str = '') -> list[str]:
+    """Return the words of a command that records all topics in a namespace, and shared ones.
+
+    It records to the folder `bag`, by default one named after namespace and time, until it is
+    interrupted.
+    """
+    space = namespace.strip('/')
+    folder = bag or f'{space.replace("/", "_") or "tdm"}_{datetime.now():%Y_%m_%d-%H_%M_%S}'
+    if _ros2_bag_is_installed():
+        return ['ros2', 'bag', 'record', '--output', folder, '--regex', topics_pattern(space)]
+    return [
+        *(sys.executable, '-m', 'tdm_planner.cli', 'record', '--quiet'),
+        *('--output', folder, '--namespace', f'/{space}'),
+    ]
+
+
+def topics_pattern(namespace: str) -> str:
+    """Return the regular expression of the topics that `TopicChoice(namespace=...)` wants."""
+    below = f'/{namespace.strip("/")}/'.replace('//', '/')
+    shared = '|'.join(re.escape(topic) for topic in sorted(SHARED_TOPICS))
+    return f'^({re.escape(below)}.*|{shared})$'
+
+
+def _ros2_bag_is_installed() -> bool:
+    """Whether a sourced ROS 2 has the package `ros2bag`."""
+    marker = Path('share/ament_index/resource_index/packages/ros2bag')
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return any(prefix and (Path(prefix) / marker).is_file() for prefix in prefixes)

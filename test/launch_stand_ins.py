@@ -1,0 +1,116 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stand-ins for the few classes of `launch` and `launch_ros` that the launch files use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+import runpy
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class LaunchConfiguration:
+    name: str
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        return context[self.name]
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: str
+    description: str
+    choices: list[str] | None = None
+
+
+@dataclass
+class OpaqueFunction:
+    function: Any
+
+
+@dataclass
+class Node:
+    package: str
+    executable: str
+    output: str
+    namespace: Any = ''
+    parameters: list[Any] = field(default_factory=list)
+    arguments: list[str] = field(default_factory=list)
+    ros_arguments: list[Any] = field(default_factory=list)
+    respawn: bool = False
+    respawn_delay: float | None = None
+    respawn_max_retries: int = -1
+
+
+@dataclass
+class ExecuteProcess:
+    cmd: list[str]
+    name: str
+    output: str
+
+
+@dataclass
+class ParameterValue:
+    value: str
+    value_type: type
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any] = field(default_factory=list)
+
+    def started(self, **arguments: str) -> list[Any]:
+        """Return what starts for the given arguments."""
+        declared = {a.name: a for a in self.arguments()}
+        assert set(arguments) <= set(declared)
+        context = {name: a.default_value for name, a in declared.items()} | arguments
+        for name, argument in declared.items():
+            assert argument.choices is None or context[name] in argument.choices
+        (function,) = (e.function for e in self.entities if isinstance(e, OpaqueFunction))
+        return list(function(context))
+
+    def nodes(self, **arguments: str) -> list[Node]:
+        return [item for item in self.started(**arguments) if isinstance(item, Node)]
+
+    def arguments(self) -> list[DeclareLaunchArgument]:
+        return [e for e in self.entities if isinstance(e, DeclareLaunchArgument)]
+
+
+def module(name: str, **content: Any) -> ModuleType:
+    made = ModuleType(name)
+    vars(made).update(content)
+    return made
+
+
+@pytest.fixture
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    for made in (
+        module('launch', LaunchDescription=LaunchDescription, LaunchContext=dict),
+        module(
+            'launch.actions',
+            DeclareLaunchArgument=DeclareLaunchArgument,
+            ExecuteProcess=ExecuteProcess,
+            OpaqueFunction=OpaqueFunction,
+        ),
+        module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
+        module('launch_ros'),
+        module('launch_ros.actions', Node=Node),
+        module('launch_ros.parameter_descriptions', ParameterValue=ParameterValue),
+    ):
+        monkeypatch.setitem(sys.modules, made.__name__, made)
+
+
+def description(name: str) -> LaunchDescription:
+    made = runpy.run_path(str(SOURCE / 'launch' / name))['generate_launch_description']()
+    assert isinstance(made, LaunchDescription)
+    return made

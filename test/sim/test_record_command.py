@@ -1,0 +1,57 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import sys
+
+import pytest
+from tdm_planner.cli import _parser
+from tdm_sim.record_command import record_command, topics_pattern
+from tdm_sim.topic_choice import TopicChoice
+
+TOPICS = (
+    *('/robots/robot1/odom', '/robots/plan_summary', '/robots2/path', '/odom', '/clock'),
+    *('/diagnostics', '/tf', '/tf_static', '/rosout', '/a/robots/odom', '/diagnostics_agg'),
+)
+
+
+@pytest.mark.parametrize('namespace', ['robots', '/robots/', 'hall/a', ''])
+def test_both_recorders_take_the_same_topics(namespace: str):
+    choice = TopicChoice(namespace=f'/{namespace}')
+    pattern = re.compile(topics_pattern(namespace))
+    for topic in (*TOPICS, '/hall/a/odom', '/hall/abc'):
+        assert bool(pattern.search(topic)) == choice.wants(topic), topic
+
+
+@pytest.fixture
+def ros2_bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    marker = tmp_path / 'share/ament_index/resource_index/packages/ros2bag'
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+
+
+@pytest.mark.usefixtures('ros2_bag')
+def test_ros2_bag_records_where_it_is_installed():
+    command = record_command('hall/a', 'my_bag')
+    assert command[:3] == ['ros2', 'bag', 'record']
+    assert command[3:] == ['--output', 'my_bag', '--regex', topics_pattern('hall/a')]
+
+
+def test_tdm_records_elsewhere(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    python, *words = record_command('hall/a', 'my_bag')
+    assert python == sys.executable
+    assert words[:2] == ['-m', 'tdm_planner.cli']
+    options = _parser().parse_args(words[2:])
+    assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
+
+
+def test_recordings_are_named_after_namespace_and_time(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    for namespace, name in (('/hall/a', 'hall_a'), ('', 'tdm')):
+        words = record_command(namespace)
+        folder = words[words.index('--output') + 1]
+        assert re.fullmatch(rf'{name}_\d{{4}}(_\d\d){{2}}-\d\d(_\d\d){{2}}', folder)
