@@ -15,15 +15,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.clock import JumpThreshold
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.time import Time
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.qos import NEWEST
+from tdm_planner.nodes.rate_watch import RateWatch
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -34,6 +36,7 @@ from tdm_planner.parameters import (
     specifications,
     Validated,
 )
+from tdm_sim.clock_source import ClockSource
 from tdm_sim.commands import MalformedCommand
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from visualization_msgs.msg import MarkerArray
@@ -59,8 +62,14 @@ class SimulationParameters(Validated):
     )
     real_time_factor: float = parameter(
         1.0,
-        'speed of the simulated motion relative to the clock',
+        'speed of the simulated motion relative to the clock; with publish_clock, of that clock '
+        'relative to real time',
         allowed=Range(0.0, 100.0, lower_open=True),
+    )
+    publish_clock: bool = parameter(
+        False,
+        'drive /clock, for other nodes with use_sim_time; one node alone must do so',
+        read_only=True,
     )
     command_timeout: float = parameter(
         0.1,
@@ -118,12 +127,14 @@ class PlantNode(ParameterNode):
         self.warn_of_unknown_overrides()
         self.parameters: Any = build(parameters, self.parameter_values)
         self.simulation = SimulatedPlant(self.make_setup(self.parameters), self.parameters.seed)
+        self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
         self._last = self._time.now()
         self._left_out = 0.0
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
+        self._rate = RateWatch(self.parameters.rate)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self.make_publishers()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
@@ -136,7 +147,19 @@ class PlantNode(ParameterNode):
             ),
             post_callback=self._on_clock_jump,
         )
-        self.create_timer(1.0 / self.parameters.rate, self._on_timer, clock=pacing_clock(self))
+        self._timer = self._make_timer()
+
+    def _make_clock_source(self) -> ClockSource | None:
+        if not self.parameters.publish_clock:
+            return None
+        return ClockSource(self, 1.0 / self.parameters.rate, self.parameters.real_time_factor)
+
+    def _make_timer(self) -> Timer:
+        period = 1.0 / self.parameters.rate
+        if self._clock_source is None:
+            return self.create_timer(period, self._on_timer, clock=pacing_clock(self))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return self.create_timer(period / self._clock_source.speed, self._on_timer, clock=steady)
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:
@@ -181,6 +204,12 @@ class PlantNode(ParameterNode):
         self.advance()
         self.parameters = build(self._parameters_type, self.parameter_values)
         self.simulation.setup = self.make_setup(self.parameters)
+        source, speed = self._clock_source, self.parameters.real_time_factor
+        if source is not None and source.speed != speed:
+            source.advance()
+            source.speed = speed
+            self.destroy_timer(self._timer)
+            self._timer = self._make_timer()
 
     def advance(self) -> Time:
         """Integrate up to the present and return its stamp."""
@@ -191,10 +220,15 @@ class PlantNode(ParameterNode):
             self._left_out += elapsed - LONGEST_CATCH_UP
             elapsed = LONGEST_CATCH_UP
         if elapsed > 0.0:
-            self.simulation.step(elapsed * self.parameters.real_time_factor)
+            # With a clock of its own the motion runs as fast as that clock.
+            own = self._clock_source is not None
+            self.simulation.step(elapsed * (1.0 if own else self.parameters.real_time_factor))
         return stamp
 
     def _on_timer(self) -> None:
+        self._rate.tick()
+        if self._clock_source is not None:
+            self._clock_source.advance()
         now = self.advance()
         measured = self.simulation.measure()
         self.publish_state(measured, now.to_msg())
@@ -256,6 +290,9 @@ class PlantNode(ParameterNode):
         errors = list(self.invalid_overrides.values())
         if self._left_out > 0.0:
             warnings = [*warnings, f'{self._left_out:.3g} s left out: the process was stalled']
+        slow = self._rate.problem()
+        if slow:
+            warnings = [*warnings, f'states at {slow}']
         level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
         if self.simulation.breakdowns:
             errors.append(
@@ -270,6 +307,7 @@ class PlantNode(ParameterNode):
             {
                 'simulated time [s]': self.simulation.time,
                 'time left out [s]': self._left_out,
+                'rate [Hz]': self._rate.measured(),
                 'states published': self._published,
                 'commands accepted': self._accepted,
                 'commands refused': self._refused,

@@ -92,6 +92,20 @@ class CheckedFormulation:
             values.append(stacked)
         return values[0], values[1]
 
+    def start(self) -> Array:
+        """Return the state at which the motion is to begin, (nx,), NaN where that is free.
+
+        It is what `invert` makes of the boundary values at the start.
+        """
+        y: dict[str, list[Values]] = {}
+        for name, output in self.outputs().items():
+            given = output.conditions('start')
+            orders = range(output.derivatives + 1)
+            y[name] = [np.full((1, 1), given.get(order, np.nan)) for order in orders]
+        z = {name: np.full((1, 1), float(s.start)) for name, s in self.integrated().items()}
+        states, _ = self.invert(y, z)
+        return np.asarray(states[0, 0], dtype=float)
+
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
         found = self._call('derivative', components(states), components(controls))

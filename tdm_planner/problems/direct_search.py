@@ -284,5 +284,11 @@ class DirectSearch(Search[Minimum]):
             for name in margins
         ]
         return verify(
-            self._plant, trajectory, goal, tolerance, constraints, resolution=duration / 1000
+            self._plant,
+            trajectory,
+            goal,
+            tolerance,
+            constraints,
+            resolution=duration / 1000,
+            start=self._stated.start(),
         )

@@ -165,3 +165,35 @@ def test_mistakes_are_named(change, words):
 def test_bad_parameters_are_refused_as_ever():
     with pytest.raises(InvalidProblem, match="'time' = -1"):
         Cart.from_parameters({'time': -1.0})
+
+
+def test_where_a_plan_begins_is_checked_against_the_start_that_is_asked(monkeypatch):
+    """A search whose reference functions begin elsewhere, and say so in nothing."""
+    from tdm_planner.direct_method.transcription import Transcription
+
+    asked = Cart(start=1.0, solver=LONG)
+    check = asked.solve().verification
+    assert check.ok
+    moved = Cart(start=1.01, solver=LONG)
+    true_motion = Transcription.motion
+
+    def elsewhere(self, xi):
+        return true_motion(Transcription(moved, self.nodes), xi)
+
+    monkeypatch.setattr(Transcription, 'motion', elsewhere)
+    with pytest.raises(VerificationFailed, match=r'x begins 0\.01 m from the start'):
+        asked.solve()
+
+
+@pytest.mark.parametrize('kind', [Cart, IntegratedCart, TaranenkoCart])
+def test_the_stated_start(kind):
+    from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+
+    assert CheckedFormulation(kind(start=1.5)).start() == pytest.approx([1.5, 0.0])
+
+
+def test_a_free_start_is_not_a_number():
+    from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+
+    free = type('Free', (Cart,), {'outputs': lambda self: {'x': Output({0: 1.0}, (0.0, 0.0))}})
+    np.testing.assert_array_equal(CheckedFormulation(free()).start(), [1.0, np.nan])
