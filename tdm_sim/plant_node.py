@@ -25,7 +25,7 @@ from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.qos import NEWEST
-from tdm_planner.nodes.rate_watch import RateWatch
+from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import (
     build,
@@ -134,7 +134,6 @@ class PlantNode(ParameterNode):
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
-        self._rate = RateWatch(self.parameters.rate)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self.make_publishers()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
@@ -156,10 +155,12 @@ class PlantNode(ParameterNode):
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate
-        if self._clock_source is None:
-            return self.create_timer(period, self._on_timer, clock=pacing_clock(self))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        return self.create_timer(period / self._clock_source.speed, self._on_timer, clock=steady)
+        clock = pacing_clock(self)
+        if self._clock_source is not None:
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+            period /= self._clock_source.speed
+        self._rate = RateWatch(1.0 / period, seconds_by(clock))
+        return self.create_timer(period, self._on_timer, clock=clock)
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:
