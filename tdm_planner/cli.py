@@ -103,13 +103,6 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
     demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     demo.add_argument(
-        '--speed',
-        type=float,
-        default=1.0,
-        metavar='FACTOR',
-        help='of simulated time, relative to real time: 4 is four times as fast',
-    )
-    demo.add_argument(
         '--view', action='store_true', help='show the report in the browser, until Ctrl-C'
     )
     demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')

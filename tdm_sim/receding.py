@@ -68,12 +68,7 @@ class RecedingHorizon:
             self._coming = None
         commands = {name: v.tracker.command(now) for name, v in self.vehicles.items()}
         seen = {
-            name: Observation(
-                measured[name],
-                now,
-                tracker_mode(command),
-                None if command.action is None else command.action.error,
-            )
+            name: Observation(measured[name], now, tracker_mode(command))
             for name, command in commands.items()
         }
         self._review(seen, now)

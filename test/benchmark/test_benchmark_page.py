@@ -20,10 +20,7 @@ from benchmark.sections import SECTIONS
 import pytest
 import tdm_planner
 
-SOLVERS = (
-    'tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing',
-    'collocation, straight line', 'collocation, best of 3 guesses',
-)  # fmt: skip
+SOLVERS = ('tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing')
 
 
 def figures(cases: int = 4) -> dict[str, Any]:

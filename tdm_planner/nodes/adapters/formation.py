@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import NoState
-from tdm_planner.nodes.adapters.base import Adapter, Found, PlanRequest
+from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
-from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
@@ -36,7 +35,6 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning import FormationExecution, Mode, Observation
-from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -45,9 +43,6 @@ Array = NDArray[np.float64]
 # Deviations of a robot that follows its plan; the thruster's angle may be anything.
 _TRACKED = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
 _CARRIED = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
-# Of the tracker's `tracking_error`, and where the states are among positions and their rates.
-_ERRORS = ('x', 'y', 'yaw', 'thruster')
-_OF_THE_STATE = [0, 1, 4, 5, 2, 6, 3]
 
 
 @dataclass(frozen=True)
@@ -166,18 +161,6 @@ class FormationAdapter(Adapter):
         paths = {name: plan.states[:, :2] for name, plan in solution.trajectories.items()}
         self._markers.publish(formation_markers(problem.arena, ends, paths))
 
-    def watch_plans_followed(self, found: Found) -> None:
-        """Begin to listen to what the robots' trackers say they follow."""
-        FollowedPlans(self.node, tuple(self._robots), found)
-
-    def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
-        """Return the first state of every robot as parameters."""
-        return {
-            f'{name}.start.{key}': value
-            for name, trajectory in trajectories.items()
-            for key, value in zip(ROBOT_STATES, trajectory.states[0].tolist(), strict=True)
-        }
-
     @property
     def replans(self) -> bool:
         """Plans are reviewed on the way."""
@@ -210,12 +193,8 @@ class FormationAdapter(Adapter):
                 continue
             state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
             watch = self._watches.get(name)
-            mode, away = Mode.FOLLOWING, None
-            if watch is not None:
-                mode = watch.mode(now)
-                told = watch.error(newest.instant, _ERRORS)
-                away = None if told is None else told[_OF_THE_STATE]
-            found[name] = Observation(state, seconds(newest.instant), mode, away)
+            mode = Mode.FOLLOWING if watch is None else watch.mode(now)
+            found[name] = Observation(state, seconds(newest.instant), mode)
         if missing:
             raise NoState('; '.join(missing))
         return found
