@@ -25,13 +25,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
+from numpy.typing import NDArray
 import rclpy
 from rclpy.context import Context
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import TdmError
-from tdm_planner.nodes.messages import seconds_of
-from tdm_planner.nodes.qos import NEWEST
+from tdm_planner.nodes.qos import NEWEST, SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_sim.processes import NodeProcesses
 from tools.memory import resident
@@ -41,6 +41,7 @@ _UP_LIMIT = 60.0  # s
 _LAST_ANSWERS = 10.0  # s for what is under way at the end
 _SETTLING = 3.0  # s
 _DOMAIN = '74'
+_COMMANDS = '/pendulum/joint_command'
 _PLANNER, _TRACKER = 'tdm_planner.nodes.planner', 'tdm_planner.nodes.tracker'
 _PENDULUM, _ROBOT = 'tdm_sim.pendulum_plant', 'tdm_sim.robot_plant'
 
@@ -108,7 +109,7 @@ class Client:
         self.calls = Calls()
         self.waiting = False
         self.stopped = False
-        self.service = bench.node.create_client(Trigger, f'{namespace}/plan')
+        self.service = bench.node.create_client(Trigger, f'{namespace}/plan', qos_profile=SERVICE)
 
     def ask(self) -> None:
         """Send a request; its answer sends the next."""
@@ -130,20 +131,25 @@ class Client:
 def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
     """Ask for plans with many clients at once and return the figures."""
     with NodeProcesses(folder) as processes:
+        processes.start(
+            'probe',
+            'tools.stream_probe',
+            ['--all', str(folder / 'stream.npz'), f'{_COMMANDS}=JointState'],
+        )
         for name, module in (('plant', _PENDULUM), ('tracker', _TRACKER), ('planner', _PLANNER)):
             processes.start(name, module, ['--ros-args', '-r', '__ns:=/pendulum'])
         with Bench(processes) as bench:
-            stamps: list[float] = []
+            heard: list[JointState] = []
             bench.node.create_subscription(
                 JointState,
-                '/pendulum/joint_command',
-                lambda message: stamps.append(seconds_of(message.header.stamp)),
+                _COMMANDS,
+                lambda message: heard.append(message) if not heard else None,
                 NEWEST,
             )
             asking = [Client(bench, '/pendulum') for _ in range(count)]
             first = asking[0]
             if not bench.wait(
-                lambda: bool(stamps) and all(c.service.service_is_ready() for c in asking),
+                lambda: bool(heard) and all(c.service.service_is_ready() for c in asking),
                 _UP_LIMIT,
             ):
                 raise NotUp('pendulum: no commands, or no service plan')
@@ -151,11 +157,13 @@ def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
             first.stopped = True
             first.ask()  # what is loaded with the first plan is no growth
             bench.wait(lambda: not first.waiting, _UP_LIMIT)
-            quiet = _periods(stamps, bench, min(seconds / 2, 10.0))
+            # The stream is written down by another process: this one will be too busy.
+            undisturbed = time.time(), time.time() + min(seconds / 2, 10.0)
+            bench.spin(undisturbed[1] - undisturbed[0])
             first.calls, first.stopped = Calls(), False
             planner = processes.identifiers['planner']
             memory = [resident(planner)]
-            begin = len(stamps)
+            disturbed = time.time(), time.time() + seconds
             for client in asking:
                 client.ask()
             end = time.monotonic() + seconds
@@ -164,8 +172,10 @@ def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
                 memory.append(resident(planner))
             for client in asking:
                 client.stopped = True
-            loaded = _errors(stamps[begin:])
             bench.wait(lambda: not any(c.waiting for c in asking), _LAST_ANSWERS)
+        processes.end()
+    with np.load(folder / 'stream.npz') as recorded:
+        stamps = recorded[_COMMANDS][:, 0]
     return {
         'clients': count,
         'seconds': seconds,
@@ -175,8 +185,8 @@ def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
             'half way': memory[len(memory) // 2],
             'last': memory[-1],
         },
-        'period error without load [ms]': quiet,
-        'period error under load [ms]': loaded,
+        'period error without load [ms]': _errors(stamps, undisturbed),
+        'period error under load [ms]': _errors(stamps, disturbed),
     }
 
 
@@ -199,14 +209,9 @@ def _calls(asking: Sequence[Client]) -> dict[str, Any]:
     }
 
 
-def _periods(stamps: list[float], bench: Bench, seconds: float) -> dict[str, float]:
-    begin = len(stamps)
-    bench.spin(seconds)
-    return _errors(stamps[begin:])
-
-
-def _errors(stamps: Sequence[float]) -> dict[str, float]:
+def _errors(stamps: NDArray[np.float64], window: tuple[float, float]) -> dict[str, float]:
     """Return how far the times between commands, by their own stamps, are from the period [ms]."""
+    stamps = stamps[(stamps >= window[0]) & (stamps <= window[1])]
     if len(stamps) < 3:
         return {'p50': float('nan'), 'p99': float('nan'), 'worst': float('nan')}
     error = 1e3 * np.abs(np.diff(stamps) - 1.0 / RATE)
@@ -215,6 +220,7 @@ def _errors(stamps: Sequence[float]) -> dict[str, float]:
         'p99': float(np.quantile(error, 0.99)),
         'worst': float(error.max()),
         'commands': float(len(stamps)),
+        'expected': RATE * (window[1] - window[0]),
     }
 
 

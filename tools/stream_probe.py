@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write down when messages were stamped and when they came; a node in a process of its own.
 
-    python -m tools.stream_probe FILE TOPIC=TYPE...
+    python -m tools.stream_probe [--all] FILE TOPIC=TYPE...
 
 TYPE is JointState or Odometry. On SIGINT, FILE (.npz) gets, by topic, the stamps [s] with the
-instants of arrival [s], (n, 2), and for JointState the positions, under `TOPIC positions`.
+instants of arrival [s], (n, 2), and for JointState the positions, under `TOPIC positions`. With
+--all every message sent is waited for; without it, those are missed that the nodes would miss.
 """
 
 from __future__ import annotations
@@ -20,24 +21,26 @@ from typing import Any
 from nav_msgs.msg import Odometry
 import numpy as np
 import rclpy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import seconds_of
 from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.runtime import make_executor
 
+_EVERYTHING = 1000  # messages that may wait, reliable
 TYPES = {'JointState': JointState, 'Odometry': Odometry}
 
 
 class StreamProbe:
-    """Listens to topics as the nodes do, so that what it misses they miss."""
+    """Listens to topics with a quality of service."""
 
-    def __init__(self, topics: dict[str, Any]) -> None:
+    def __init__(self, topics: dict[str, Any], quality: QoSProfile | int) -> None:
         self._heard: dict[str, list[tuple[float, float]]] = {name: [] for name in topics}
         self._positions: dict[str, list[list[float]]] = {name: [] for name in topics}
         self.node = rclpy.create_node('stream_probe')
         for name, message_type in topics.items():
             self.node.create_subscription(
-                message_type, name, lambda message, name=name: self._hear(name, message), NEWEST
+                message_type, name, lambda message, name=name: self._hear(name, message), quality
             )
 
     def _hear(self, name: str, message: Any) -> None:
@@ -58,8 +61,9 @@ class StreamProbe:
 
 def main() -> int:
     """Listen until SIGINT, then write."""
-    path = Path(sys.argv[1])
-    topics = {name: TYPES[kind] for name, _, kind in (a.partition('=') for a in sys.argv[2:])}
+    words = [word for word in sys.argv[1:] if word != '--all']
+    path = Path(words[0])
+    topics = {name: TYPES[kind] for name, _, kind in (a.partition('=') for a in words[1:])}
     ended = False
 
     def end(_: int, __: FrameType | None) -> None:
@@ -69,7 +73,7 @@ def main() -> int:
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
-    probe = StreamProbe(topics)
+    probe = StreamProbe(topics, _EVERYTHING if '--all' in sys.argv else NEWEST)
     executor = make_executor()
     executor.add_node(probe.node)
     while not ended:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
+from tdm_planner.nodes.qos import SERVICE
 
 Answer = Callable[[Any], None]
 
@@ -36,7 +37,7 @@ class DeferredService:
         handler: Callable[[Any, Any, Answer], None],
     ) -> None:
         self._handler = handler
-        self._service = node.create_service(service_type, name, _Deferred)
+        self._service = node.create_service(service_type, name, _Deferred, qos_profile=SERVICE)
         self._send = self._service.send_response
         self._service.send_response = self._hold_back
 

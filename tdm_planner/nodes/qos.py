@@ -13,3 +13,7 @@ LATCHED = QoSProfile(
 # would hold back those behind it until it is sent again: over a link that delays by 20 ms, another
 # 15 ms, and up to 150. Subscribed like this, publishers of either kind fit.
 NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Requests and answers of a service that many may call at once. Of the usual ten, the oldest would
+# be overwritten while the node is busy, and whoever sent it would wait for ever.
+SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)

@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from ros_harness import Ros
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
+from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.worker import Worker
 
@@ -100,3 +101,24 @@ def test_an_outcome_waits_for_the_executor(ros: Ros) -> None:
     assert outcomes == ['early']
     node.destroy_node()
     rclpy.shutdown(context=context)
+
+
+def test_every_request_of_a_burst_is_answered(ros: Ros) -> None:
+    """As when many clients ask while the node is held up: none may be left waiting for ever."""
+    burst = 60
+    server = rclpy.create_node('held_up', context=ros._context)
+    DeferredService(server, Trigger, 'burst', lambda _, response, answer: answer(response))
+    client = ros.node.create_client(Trigger, 'burst', qos_profile=SERVICE)
+    assert ros.spin_until(client.service_is_ready)
+    ros.spin_for(0.2)
+    asked = [client.call_async(Trigger.Request()) for _ in range(burst)]
+    ros.spin_for(0.5)  # all requests arrive before the server looks at the first
+    executor = SingleThreadedExecutor(context=ros._context)
+    executor.add_node(server)
+    for _ in range(10 * burst):
+        executor.spin_once(timeout_sec=0.0)
+    assert ros.spin_until(lambda: all(future.done() for future in asked), 5.0), (
+        f'{sum(future.done() for future in asked)} of {burst} answered'
+    )
+    executor.shutdown()
+    server.destroy_node()
