@@ -103,6 +103,13 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
     demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     demo.add_argument(
+        '--speed',
+        type=float,
+        default=1.0,
+        metavar='FACTOR',
+        help='of simulated time, relative to real time: 4 is four times as fast',
+    )
+    demo.add_argument(
         '--view', action='store_true', help='show the report in the browser, until Ctrl-C'
     )
     demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
@@ -165,7 +172,13 @@ def _demo(options: argparse.Namespace) -> int:
     from tdm_sim.demo import run_demo
 
     output = options.output or Path(options.plant)
-    reached = run_demo(options.plant, output, parameters=options.params, quiet=options.quiet)
+    reached = run_demo(
+        options.plant,
+        output,
+        parameters=options.params,
+        quiet=options.quiet,
+        speed=options.speed,
+    )
     if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameter_files import read_parameters
+from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
 from tdm_planner.resources import config_file
 from tdm_sim.demo_pendulum import PendulumScene
@@ -34,6 +35,14 @@ from tdm_sim.progress import make_progress, Progress
 from tdm_sim.verdict import Verdict
 
 SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsScene}
+
+SPEED = ParameterSpec(
+    name='speed',
+    kind=float,
+    default=1.0,
+    description='simulated time relative to real time',
+    range=Range(0.05, 10.0),
+)
 
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 20.0  # s for the planner to answer
@@ -48,9 +57,15 @@ class DemoFailed(TdmError):
 
 
 def run_demo(
-    plant: str, output: Path, parameters: Path | None = None, quiet: bool = False
+    plant: str,
+    output: Path,
+    parameters: Path | None = None,
+    quiet: bool = False,
+    speed: float = 1.0,
 ) -> bool:
     """Run the demo of a plant and leave bag, plan, picture and report in `output`.
+
+    Simulated time runs `speed` times as fast as real time.
 
     Returns whether the goal was reached and held without a violated limit.
 
@@ -64,6 +79,7 @@ def run_demo(
     require_one_ros()
     file = config_file(f'{plant}.yaml') if parameters is None else parameters
     scene = SCENES[plant](read_parameters(file), file.resolve())
+    scene.speed = SPEED.check(speed)
     _prepare_folder(output)
     with make_progress(quiet) as progress:
         verdict = _conduct(scene, output, progress)
@@ -71,6 +87,9 @@ def run_demo(
         save_plan(scene.plan(), output / 'plan.json')
         scene.draw(output / 'plan.png')
         fault = _report(output, scene.namespace, progress)
+    if speed != 1.0:
+        clock = ('speed of simulated time', f'{speed:g}', '')
+        verdict = replace(verdict, rows=(*verdict.rows, clock))
     Console(quiet=quiet, highlight=False).print(_table(verdict))
     progress.line(f'recorded to {output}/bag' + f', report in {output}/report.html' * (not fault))
     if fault:
@@ -155,7 +174,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
             progress.phase(answer['summary'])
             if not wait(lambda: scene.planned, _ANSWER_LIMIT):
                 raise DemoFailed('the planner answered, but no trajectory was published')
-            wait(lambda: scene.over, scene.longest)
+            wait(lambda: scene.over, scene.longest / min(scene.speed, 1.0))
             progress.phase('ending the nodes')
             codes = processes.end()
     finally:

@@ -44,6 +44,7 @@ class PendulumScene(Scene):
     """One planner, one tracker and one plant in the namespace `pendulum`."""
 
     namespace = '/pendulum'
+    rates = 2.0
 
     def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
         super().__init__(parameters, file)
@@ -65,7 +66,7 @@ class PendulumScene(Scene):
     def nodes(self) -> list[NodeCommand]:
         """Plant, tracker, planner."""
         return [
-            self.command('pendulum_plant', 'tdm_sim.pendulum_plant', self.namespace),
+            self.command('pendulum_plant', 'tdm_sim.pendulum_plant', self.namespace, True),
             self.command('tracker', 'tdm_planner.nodes.tracker', self.namespace),
             self.command('planner', 'tdm_planner.nodes.planner', self.namespace),
         ]

@@ -108,11 +108,13 @@ class RobotsScene(Scene):
 
     def nodes(self) -> list[NodeCommand]:
         """Plants, trackers, planner."""
-        commands = []
+        commands: list[NodeCommand] = []
+        first = next(iter(self.robots))
         for node in robot_nodes({'planner': {'ros__parameters': self.parameters}}):
             space = f'{self.namespace}/{node.robot}' if node.robot else self.namespace
             name = f'{node.executable}_{node.robot}' if node.robot else node.executable
-            command = self.command(name, _MODULES[node.executable], space)
+            drives_clock = node.executable == 'robot_plant' and node.robot == first
+            command = self.command(name, _MODULES[node.executable], space, drives_clock)
             settings = dict(node.parameters)
             if node.executable == 'tracker':
                 settings['plant'] = 'robot'

@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.client import Client
 from rclpy.node import Node
+from tdm_sim.demo_speed import speed_settings
 from tdm_sim.verdict import Verdict
 
 NodeCommand = tuple[str, str, list[str]]
@@ -26,16 +27,27 @@ class Scene(ABC):
 
     namespace: str
     longest: float = 40.0
+    rates: float = 1.0  # see `speed_settings`
 
     def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
         self.parameters = dict(parameters)
         self.file = file
+        self.speed = 1.0  # of simulated time
         self.answer: dict[str, Any] = {}
 
-    def command(self, name: str, module: str, namespace: str) -> NodeCommand:
-        """Return the command of a node in a namespace, with the scene's parameter file."""
-        remap = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
-        return name, module, remap
+    def command(
+        self, name: str, module: str, namespace: str, drives_clock: bool = False
+    ) -> NodeCommand:
+        """Return the command of a node in a namespace, with the scene's parameter file.
+
+        One plant drives the clock where the scene's speed is not that of real time.
+        """
+        arguments = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
+        executable = module.rsplit('.', 1)[-1]
+        settings = speed_settings(executable, self.file, self.speed, drives_clock, self.rates)
+        for key, value in settings.items():
+            arguments += ['-p', f'{key}:={value}']
+        return name, module, arguments
 
     @abstractmethod
     def nodes(self) -> list[NodeCommand]:
