@@ -1,0 +1,41 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Many clients at once; a minute of them, and twelve robots, with TDM_LOAD=nightly."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy')
+from tools.load import clients, robots, told_slow
+
+NIGHTLY = os.environ.get('TDM_LOAD') == 'nightly'
+GROWTH = 5.0  # MB, while the planner answers thousands of requests
+
+
+@pytest.fixture(autouse=True)
+def domain(ros: object) -> None:
+    """Run in the ROS domain of the test module."""
+
+
+def test_every_call_of_many_clients_is_answered(tmp_path: Path) -> None:
+    found = clients(60.0 if NIGHTLY else 6.0, 20, tmp_path)
+    assert found['unanswered'] == 0
+    assert set(found['answers']) <= {'PLAN', 'BUSY', 'DEADLINE', 'NO_STATE', 'INFEASIBLE'}
+    assert found['answers']['BUSY'] > 0
+    memory = found['memory [MB]']
+    assert memory['last'] - memory['half way'] < GROWTH
+
+
+@pytest.mark.skipif(not NIGHTLY, reason='two minutes: TDM_LOAD=nightly')
+def test_twelve_robots_hold_their_rates_or_say_that_they_do_not(tmp_path: Path) -> None:
+    assert robots(20.0, 12, tmp_path)['of which silent about it'] == []
+
+
+def test_only_a_warning_that_names_the_rate_counts_as_told() -> None:
+    assert told_slow({'level': 1, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
+    assert not told_slow({'level': 0, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
+    assert not told_slow({'level': 1, 'message': 'idle'})
