@@ -18,6 +18,9 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ('planner', 'joint_states'): 'state of the pendulum: joints `pendulum`, `disk`',
         ('planner', '<robot>/joint_states'): 'joints `thruster`, `reaction_wheel` of a robot',
         ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
+        ('planner', 'trajectory_in_force'): 'what the tracker follows, for a planner restarted',
+        ('planner', '<robot>/trajectory_in_force'): "what a robot's tracker follows",
+        ('planner', '<robot>/controls_in_force'): 'and the controls of it',
         ('planner', '<robot>/goal_pose'): (
             "moves the robot's place in the formation and asks for a plan"
         ),
@@ -45,6 +48,10 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
             '[N m]'
         ),
         ('tracker', 'tracking_error'): 'measured less planned',
+        ('tracker', 'trajectory_in_force'): (
+            'the plan accepted last, as it came; without points when it is given up'
+        ),
+        ('tracker', 'controls_in_force'): "the same of a robot's controls",
         ('tracker', '/diagnostics'): 'what it is doing, errors, ages',
         ('pendulum_plant', 'joint_command'): 'the torque of `disk` [N m]',
         ('pendulum_plant', 'joint_states'): 'joints `pendulum`, `disk`: angle, rate, torque',

@@ -19,6 +19,8 @@ from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.other_planners import OtherPlanners
+from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.planning import (
     Failure,
     make_plan,
@@ -27,6 +29,7 @@ from tdm_planner.nodes.planning import (
     plan_figures,
     plan_summary,
 )
+from tdm_planner.nodes.recovery import Recovery
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.worker import Worker
@@ -34,10 +37,11 @@ from tdm_planner.parameters import specifications
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
-from tdm_planner.trajectory import NANOSECOND
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 _REQUEST = specifications(RequestParameters)
 _NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
+_SUPERSEDED = "another planner's plan is in force"
 _BUSY = 'a request is being solved: ask again when it is answered'
 
 _Reply = Callable[['Plan | Failure'], None]
@@ -66,6 +70,7 @@ class Planner(ManagedNode):
         self._plan: Plan | None = None
         self._plan_id = 0
         self._failure: Failure | None = None
+        self._superseded = False
         self._requests = self._failures = 0
         self._worker = Worker(self)
         self._prepared = threading.Event()
@@ -77,14 +82,16 @@ class Planner(ManagedNode):
         """Connect the problem, and begin to prepare it."""
         if self._problem_class is not None:
             self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
-        self._summary = self.create_publisher(String, 'plan_summary', LATCHED)
+        self._summary = self.create_publisher(String, SUMMARY, LATCHED)
         self._replanning = Replanning(self, self._worker, self._take_over, self._replan)
         self._replanning.set_up(self._adapter, self.parameter_values)
         self._prepared = threading.Event()
         Worker(self).submit(self._prepare, self._on_prepared)
         DeferredService(self, Trigger, 'plan', self._on_request)
+        self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
         if self._adapter is not None:
             self._adapter.accept_requests(self._plan_with)
+            Recovery(self, self._adapter, self._recover)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the plan in force."""
@@ -105,6 +112,7 @@ class Planner(ManagedNode):
     def cleanup(self) -> None:
         """Forget the plan in force: its topics are gone."""
         self._adapter = self._replanning = self._plan = self._failure = None
+        self._superseded = False
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values for which the problem cannot say which parameters it has."""
@@ -242,8 +250,47 @@ class Planner(ManagedNode):
         """Plan anew from the measured state, for problems whose plans cannot be reviewed."""
         if self._plan is None or self._adapter is None or not self._adapter.measures:
             return
+        if self._superseded:
+            return
         if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
             self._solve({**self.parameter_values, 'start.source': 'measured'})
+
+    def _on_other_plan(self, start: int) -> None:
+        """Cease to review the own plan when another planner's starts after it."""
+        if self._superseded or (self._plan is not None and start < self._plan.start):
+            return
+        self._superseded = True
+        if self._replanning is not None:
+            self._replanning.plan = None
+        if self._plan is not None:
+            self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is not reviewed now')
+        self._diagnostics.update()
+
+    def _recover(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
+        """Publish again what trackers follow and no planner publishes any more."""
+        problem_class, adapter, values = self._problem_class, self._adapter, self.parameter_values
+        if problem_class is None or adapter is None or self._others.published(start):
+            return
+        activation, prepared = self._activation, self._prepared
+
+        def job() -> Plan | Failure:
+            prepared.wait()
+            try:
+                return Plan(*adapter.recognised(problem_class, values, trajectories), start)
+            except Exception as error:  # noqa: B902
+                return Failure.of(error)
+
+        def done(outcome: Plan | Failure) -> None:
+            if activation != self._activation or self._plan is not None:
+                return
+            if isinstance(outcome, Failure):
+                self._log_failure(outcome, 'the plan that is followed is not taken over')
+            else:
+                self._publish(outcome)
+                self.get_logger().info(f'plan {self._plan_id} was followed already: taken over')
+            self._diagnostics.update()
+
+        Worker(self).submit(job, done)
 
     def _take_over(self, plan: Plan) -> None:
         """Publish a plan made on the way."""
@@ -289,6 +336,7 @@ class Planner(ManagedNode):
             try:
                 self._adopt(changes)
                 self._publish(outcome)
+                self._warn_of_lateness(outcome)
             except Exception as error:  # noqa: B902
                 outcome = Failure.of(error)
         if isinstance(outcome, Failure):
@@ -316,12 +364,15 @@ class Planner(ManagedNode):
         assert self._adapter is not None
         assert self._replanning is not None
         self._adapter.publish(plan.problem, plan.solution, plan.start)
-        self._plan, self._failure = plan, None
+        self._plan, self._failure, self._superseded = plan, None, False
         self._replanning.plan = plan
         self._plan_id += 1
+        self._others.publishes(plan.start)
         self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
-        late = (self._now() - plan.start) * NANOSECOND
         self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
+
+    def _warn_of_lateness(self, plan: Plan) -> None:
+        late = (self._now() - plan.start) * NANOSECOND
         if late > 0:
             self.get_logger().warning(
                 f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
@@ -360,6 +411,9 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.internal else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
+        if self._superseded or self._others.warning:
+            told = [_SUPERSEDED * self._superseded, self._others.warning]
+            return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared.is_set():
             return Level.OK, 'preparing'
         if self._plan is None:

@@ -40,6 +40,7 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 Array = NDArray[np.float64]
 
 QUEUE = 10
+MOST_HALVES = 4  # plans of which the other half may still come
 LONGEST_APART = 200_000_000  # ns between the newest joint_states and odom of one state
 
 
@@ -49,14 +50,20 @@ class Intake(Protocol):
     def on_state(self, stamp: Any, read: Callable[[], Array | None]) -> None:
         """Take a state (nx,) read from a message, of the instant `stamp`; None: not complete."""
 
-    def on_trajectory(self, stamp: Any, read: Callable[[], Trajectory | None]) -> None:
-        """Take a trajectory that starts at `stamp`; None: the other half has not come yet."""
+    def on_trajectory(
+        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
+    ) -> None:
+        """Take a trajectory that starts at `stamp`, and the `messages` it came in, by topic.
+
+        The topics are those of `TrackedPlant.in_force`.
+        """
 
 
 class TrackedPlant(ABC):
     """A plant as the tracker node sees it."""
 
     parameters: ClassVar[type[TrackerParameters]]
+    in_force: ClassVar[Mapping[str, Any]]  # topics that tell what is followed, and their types
 
     @abstractmethod
     def make_tracker(self, parameters: Any) -> TrajectoryTracker:
@@ -79,6 +86,7 @@ class TrackedPendulum(TrackedPlant):
     """The rotary pendulum: `trajectory`, `joint_states` -> effort of joint `disk`."""
 
     parameters = PendulumTrackerParameters
+    in_force = MappingProxyType({'trajectory_in_force': JointTrajectory})
 
     def make_tracker(self, parameters: PendulumTrackerParameters) -> TrajectoryTracker:
         """Return the pendulum's feedback law; its gains about upright are computed here."""
@@ -92,7 +100,9 @@ class TrackedPendulum(TrackedPlant):
             JointTrajectory,
             'trajectory',
             lambda message: intake.on_trajectory(
-                message.header.stamp, lambda: pendulum_trajectory(message)
+                message.header.stamp,
+                lambda: pendulum_trajectory(message),
+                {'trajectory_in_force': message},
             ),
             LATCHED,
         )
@@ -126,10 +136,12 @@ class TrackedRobot(TrackedPlant):
     """
 
     parameters = RobotTrackerParameters
+    in_force = MappingProxyType(
+        {'trajectory_in_force': MultiDOFJointTrajectory, 'controls_in_force': JointTrajectory}
+    )
 
     def __init__(self) -> None:
-        self._motion: MultiDOFJointTrajectory | None = None
-        self._controls: JointTrajectory | None = None
+        self._halves: dict[int, dict[str, Any]] = {}
         self._joints: JointState | None = None
 
     def make_tracker(self, parameters: RobotTrackerParameters) -> TrajectoryTracker:
@@ -141,13 +153,22 @@ class TrackedRobot(TrackedPlant):
         given = str(node.get_parameter('robot_name').value)
         robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
 
+        def on_half(topic: str, message: Any) -> None:
+            halves = self._complete(topic, message)
+            if halves is not None:
+                intake.on_trajectory(
+                    message.header.stamp,
+                    lambda: robot_trajectory(
+                        halves['trajectory_in_force'], halves['controls_in_force'], robot
+                    ),
+                    halves,
+                )
+
         def on_motion(message: MultiDOFJointTrajectory) -> None:
-            self._motion = message
-            intake.on_trajectory(message.header.stamp, lambda: self._plan(robot))
+            on_half('trajectory_in_force', message)
 
         def on_controls(message: JointTrajectory) -> None:
-            self._controls = message
-            intake.on_trajectory(message.header.stamp, lambda: self._plan(robot))
+            on_half('controls_in_force', message)
 
         def on_joints(message: JointState) -> None:
             self._joints = message
@@ -162,12 +183,16 @@ class TrackedRobot(TrackedPlant):
             NEWEST,
         )
 
-    def _plan(self, robot: str | None) -> Trajectory | None:
-        motion, controls = self._motion, self._controls
-        if motion is None or controls is None or motion.header.stamp != controls.header.stamp:
-            return None
-        self._motion = self._controls = None
-        return robot_trajectory(motion, controls, robot)
+    def _complete(self, topic: str, message: Any) -> dict[str, Any] | None:
+        """Return both halves of a plan when the second comes; plans of several may interleave."""
+        stamp = nanoseconds_of(message.header.stamp)
+        halves = self._halves.setdefault(stamp, {})
+        halves[topic] = message
+        if len(halves) == len(self.in_force):
+            return self._halves.pop(stamp)
+        while len(self._halves) > MOST_HALVES:
+            del self._halves[next(iter(self._halves))]
+        return None
 
     def _state(self, odometry: Odometry) -> Array | None:
         joints = self._joints

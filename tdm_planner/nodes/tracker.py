@@ -22,10 +22,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.in_force import InForce
 from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
+from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
@@ -79,8 +82,9 @@ class TrackerNode(ManagedNode):
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
         self._newest: tuple[Array, float] | None = None
-        self._offered: tuple[Any, Callable[[], Trajectory | None]] | None = None
+        self._offered: tuple[Any, Callable[[], Trajectory], Mapping[str, Any]] | None = None
         self._timer: Timer | None = None
+        self._rate: RateWatch | None = None
         self.bring_up()
 
     # Lifecycle.
@@ -92,6 +96,13 @@ class TrackerNode(ManagedNode):
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
+        self._in_force = InForce(self, self.plant.in_force)
+        self._planners = SolePublisher(
+            self,
+            self.resolve_topic_name('trajectory'),
+            'the plan that starts last is followed; let only one of them run',
+            self._diagnostics.update,
+        )
         self.plant.subscribe(self, self)
 
     def activate(self) -> None:
@@ -103,16 +114,19 @@ class TrackerNode(ManagedNode):
         offered, self._offered = self._offered, None
         if offered is not None:
             self.on_trajectory(*offered)
+        clock = pacing_clock(self)
+        self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
         self._timer = self.create_timer(
-            self.tracker.parameters.interval, self._on_tick, clock=pacing_clock(self)
+            self.tracker.parameters.interval, self._on_tick, clock=clock
         )
 
     def deactivate(self) -> None:
         """Switch the actuators off by a last command; the plan in force is given up."""
         if self._timer is not None:
             self.destroy_timer(self._timer)
-            self._timer = None
+            self._timer = self._rate = None
         self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
+        self._in_force.update(None, None)
 
     def cleanup(self) -> None:
         """Forget what was received."""
@@ -175,21 +189,25 @@ class TrackerNode(ManagedNode):
         if self.active:
             self.tracker.observe(state, at)
 
-    def on_trajectory(self, stamp: Any, read: Callable[[], Trajectory | None]) -> None:
+    def on_trajectory(
+        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
+    ) -> None:
         """Put a trajectory in force, or refuse it with a reason; the old one then stays.
 
+        One that is in force already, as a planner that was restarted repeats it, changes nothing.
         While the node is not active the newest one is kept until it is.
         """
         if not self.active:
-            self._offered = stamp, read
+            self._offered = stamp, read, messages
             return
         began = time.perf_counter()
         try:
             trajectory = read()
-            if trajectory is None:
-                return
             now = self._time.now()
             start = self._instant(stamp) + float(trajectory.times[0])
+            if self.tracker.follows(trajectory, start):
+                return
+            self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
             self._refused += 1
@@ -199,15 +217,30 @@ class TrackerNode(ManagedNode):
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
+            self._in_force.accepted(trajectory, messages)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
             )
         self._diagnostics.update()
 
+    def _check_latest(self, start: float) -> None:
+        """Of several planners' plans keep the one that starts last, in whatever order they come.
+
+        So all trackers of a formation follow the same planner.
+        """
+        newest = self.tracker.newest
+        if newest is not None and start < newest.start and self._planners.look() > 1:
+            raise TrajectoryRefused(
+                f'it starts {newest.start - start:.3g} s before the one in force, and '
+                f'{self._planners.warning}'
+            )
+
     # Commands.
 
     def _on_tick(self) -> None:
+        if self._rate is not None:
+            self._rate.tick()
         now, stamp = self._time.now(), self.get_clock().now()
         command = self.tracker.command(now)
         self._send(command.control, stamp)
@@ -217,6 +250,7 @@ class TrackerNode(ManagedNode):
             error.header.stamp = stamp.to_msg()
             self._error_publisher.publish(error)
         self._note_changes(command)
+        self._in_force.update(self.tracker.current, self.tracker.following)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()
 
@@ -268,8 +302,11 @@ class TrackerNode(ManagedNode):
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         level, message = Level.OK, phase.value
-        if self._refusal:
-            level, message = Level.WARN, f'{message}; {self._refusal}'
+        slow = '' if self._rate is None else self._rate.problem()
+        told = [self._refusal, self._planners.warning, f'commands at {slow}' if slow else '']
+        told = [text for text in told if text]
+        if told:
+            level, message = Level.WARN, '; '.join([message, *told])
         if problem:
             level, message = Level.ERROR, f'{phase.value}: {problem}'
         if self.invalid_overrides:
@@ -285,7 +322,9 @@ class TrackerNode(ManagedNode):
             'trajectories accepted': self._accepted,
             'trajectories refused': self._refused,
             'last refusal': self._refusal or 'none',
+            'planners': self._planners.count,
             'gains computed in [s]': self._preparation,
+            'rate [Hz]': 0.0 if self._rate is None else self._rate.measured(),
             'commands sent': self._commands,
             'states left out': self._states_left_out,
             'clock steps': self._clock_steps,

@@ -39,6 +39,8 @@ _LOOK_AHEAD = 20  # steps, at most, in which the state at a coming start is fore
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
+_SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
+_LATELY = 10.0  # s since the end of a plan, in which a tracker that is restarted goes on with it
 _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 
 
@@ -46,6 +48,10 @@ class TrajectoryRefused(TdmError):
     """A trajectory cannot be tracked; the one in force stays. The message is one sentence."""
 
     code: ClassVar[str] = 'TRAJECTORY_REFUSED'
+
+
+class TrajectoryMissed(TrajectoryRefused):
+    """It could have been tracked, but the plant is elsewhere, or it is over."""
 
 
 class Phase(str, Enum):
@@ -195,6 +201,23 @@ class TrajectoryTracker(ABC):
         stamp = None if self._repetition.stuck else self.estimator.stamp
         return math.inf if stamp is None else now - stamp
 
+    @property
+    def newest(self) -> Motion | None:
+        """The motion in force that was accepted last."""
+        return self.following or self.current
+
+    def follows(self, trajectory: Trajectory, start: float) -> bool:
+        """Whether the very trajectory, from the instant `start` [s] on, is in force already."""
+        return any(
+            motion is not None
+            and motion.start == start
+            and motion.trajectory.states.shape == trajectory.states.shape
+            and np.allclose(motion.trajectory.times, trajectory.times, rtol=0.0, atol=_SAME)
+            and np.allclose(motion.trajectory.states, trajectory.states, rtol=0.0, atol=_SAME)
+            and np.allclose(motion.trajectory.controls, trajectory.controls, rtol=0.0, atol=_SAME)
+            for motion in (self.current, self.following)
+        )
+
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """Put a trajectory in force whose motion begins at the instant `start` [s].
 
@@ -203,8 +226,26 @@ class TrajectoryTracker(ABC):
         Raises
         ------
         TrajectoryRefused
-            If it lies in the past, is not this plant's, or the state is too far from it.
+            If it lies in the past, is not this plant's, or the state is too far from it. A tracker
+            that has just started then does what it does when it gives a motion up: the plan was
+            followed by another, or by itself before a restart.
         """
+        try:
+            self._check(trajectory, start, now)
+        except TrajectoryMissed as missed:
+            lately = now - start - trajectory.duration < _LATELY
+            if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
+                self.give_up(str(missed))
+            raise
+        motion = Motion(trajectory, start, self._prepared(trajectory))
+        if self.phase in (Phase.TRACKING, Phase.HOLDING):
+            self.following = motion
+        else:
+            self._restless = self._unquiet
+            self.current, self.following = motion, None
+            self.phase, self.reason = Phase.WAITING, ''
+
+    def _check(self, trajectory: Trajectory, start: float, now: float) -> None:
         for kind, has, wanted in (
             ('states', trajectory.state_names, self.state_names),
             ('controls', trajectory.control_names, self.control_names),
@@ -215,7 +256,7 @@ class TrajectoryTracker(ABC):
                 )
         if not math.isfinite(start) or start + trajectory.duration <= now:
             since = now - start - trajectory.duration
-            raise TrajectoryRefused(
+            raise TrajectoryMissed(
                 f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
             )
         for what, seconds, most in (
@@ -232,15 +273,7 @@ class TrajectoryTracker(ABC):
             raise TrajectoryRefused(
                 f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
             )
-        motion = Motion(trajectory, start, None)
-        self._check_start(motion, now)
-        motion = Motion(trajectory, start, self._prepared(trajectory))
-        if self.phase in (Phase.TRACKING, Phase.HOLDING):
-            self.following = motion
-        else:
-            self._restless = self._unquiet
-            self.current, self.following = motion, None
-            self.phase, self.reason = Phase.WAITING, ''
+        self._check_start(Motion(trajectory, start, None), now)
 
     def _prepared(self, trajectory: Trajectory) -> Any:
         try:
@@ -295,7 +328,7 @@ class TrajectoryTracker(ABC):
         name, allowed = ('path', tolerance.path) if midway else ('start', tolerance.start)
         deviation = self.deviation(self.error(state, motion.reference(time)))
         if not deviation <= allowed:
-            raise TrajectoryRefused(
+            raise TrajectoryMissed(
                 f'the state is {deviation:.3g} away from the trajectory at its '
                 f'{"present point" if midway else "start"}, more than tolerance.{name} = '
                 f'{allowed:g}'

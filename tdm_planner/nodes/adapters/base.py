@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from rclpy.node import Node
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.replanning import Execution, Observation
+from tdm_planner.trajectory import Trajectory
 
 
 class PlanRequest(Protocol):
@@ -25,6 +26,13 @@ class PlanRequest(Protocol):
         published, or with the reason why there is none; parameters and plan in force then stay
         as they are.
         """
+
+
+class Found(Protocol):
+    """Takes the plan that the trackers follow."""
+
+    def __call__(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
+        """Take trajectories by vehicle, starting at `start` [ns]; none where none is followed."""
 
 
 class Adapter(ABC):
@@ -66,6 +74,32 @@ class Adapter(ABC):
     def accept_requests(self, request: PlanRequest) -> None:
         """Begin to ask for plans, where the adapter has topics that ask for them."""
         del request
+
+    def watch_plans_followed(self, found: Found) -> None:
+        """Begin to listen to what the trackers say they follow, where they do."""
+        del found
+
+    def recognised(
+        self,
+        problem_class: type[Problem],
+        values: Mapping[str, Any],
+        trajectories: Mapping[str, Trajectory],
+    ) -> tuple[Problem, Solution]:
+        """Return the problem with parameters `values` that trajectories solve, and the plan.
+
+        Called in the worker's thread.
+
+        Raises
+        ------
+        TdmError
+            If they are no plan of such a problem.
+        """
+        problem = problem_class.from_parameters({**values, **self.start_of(trajectories)})
+        return problem, problem.recognised(trajectories)
+
+    def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
+        """Return the start.* parameters with which trajectories, by vehicle, begin."""
+        raise NotImplementedError
 
     def watch_trackers(self, on: bool) -> None:
         """Begin, or cease, to listen to what the trackers do; see `observations`."""

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import NoState
-from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
+from tdm_planner.nodes.adapters.base import Adapter, Found, PlanRequest
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
+from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
@@ -35,6 +36,7 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning import FormationExecution, Mode, Observation
+from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -160,6 +162,18 @@ class FormationAdapter(Adapter):
         ends = {name: plan.states[-1, [0, 1, 4]] for name, plan in solution.trajectories.items()}
         paths = {name: plan.states[:, :2] for name, plan in solution.trajectories.items()}
         self._markers.publish(formation_markers(problem.arena, ends, paths))
+
+    def watch_plans_followed(self, found: Found) -> None:
+        """Begin to listen to what the robots' trackers say they follow."""
+        FollowedPlans(self.node, tuple(self._robots), found)
+
+    def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
+        """Return the first state of every robot as parameters."""
+        return {
+            f'{name}.start.{key}': value
+            for name, trajectory in trajectories.items()
+            for key, value in zip(ROBOT_STATES, trajectory.states[0].tolist(), strict=True)
+        }
 
     @property
     def replans(self) -> bool:

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.adapters.base import Adapter
+from tdm_planner.nodes.adapters.base import Adapter, Found
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement, Received
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
@@ -23,9 +23,11 @@ from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
 from tdm_planner.nodes.messages import (
     joint_motion,
     LATCHED,
+    nanoseconds_of,
     PENDULUM_JOINTS,
     pendulum_message,
     PENDULUM_STATES,
+    pendulum_trajectory,
     to_stamp,
 )
 from tdm_planner.nodes.pendulum_markers import PendulumPicture, plan_markers
@@ -35,7 +37,7 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import Mode, Observation, SwingUpExecution
-from tdm_planner.trajectory import NANOSECOND
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -107,6 +109,22 @@ class PendulumAdapter(Adapter):
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
         self._in_force = PlanInForce(trajectory, start)
         self._markers.publish(plan_markers(problem.plant, trajectory))
+
+    def watch_plans_followed(self, found: Found) -> None:
+        """Begin to listen to what the tracker says it follows."""
+
+        def on_message(message: JointTrajectory) -> None:
+            trajectories = {}
+            with suppress(InvalidProblem):
+                trajectories = {VEHICLE: pendulum_trajectory(message)}
+            found(trajectories, nanoseconds_of(message.header.stamp))
+
+        self.node.create_subscription(JointTrajectory, 'trajectory_in_force', on_message, LATCHED)
+
+    def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
+        """Return the first state as parameters."""
+        first = trajectories[VEHICLE].states[0].tolist()
+        return {f'start.{key}': value for key, value in zip(PENDULUM_STATES, first, strict=True)}
 
     @property
     def replans(self) -> bool:

@@ -1,0 +1,63 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""What other planners in the same namespace do: there should be none, but mistakes happen."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+import json
+
+from rclpy.node import Node
+from std_msgs.msg import String
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.sole_publisher import SolePublisher
+
+TOPIC = 'plan_summary'
+_REMEMBERED = 64  # plans
+_SECOND = 1_000_000_000  # ns
+
+
+class OtherPlanners:
+    """Listens to every planner's `plan_summary`, and counts who publishes it.
+
+    `took_over(start)` is called for every plan of another planner, with the instant [ns] at which
+    its motion starts; `changed` when `warning` comes or goes.
+    """
+
+    def __init__(
+        self, node: Node, took_over: Callable[[int], None], changed: Callable[[], None]
+    ) -> None:
+        self._took_over = took_over
+        self._own: deque[int] = deque(maxlen=_REMEMBERED)
+        self._others: deque[int] = deque(maxlen=_REMEMBERED)
+        self._count = SolePublisher(
+            node,
+            node.resolve_topic_name(TOPIC),
+            'trackers follow the plan that starts last; let only one of them run',
+            changed,
+        )
+        node.create_subscription(String, TOPIC, self._on_summary, LATCHED)
+
+    @property
+    def warning(self) -> str:
+        """One sentence, '' where there is no other planner."""
+        return self._count.warning
+
+    def publishes(self, start: int) -> None:
+        """Take note of an own plan before its summary is published."""
+        self._own.append(start)
+
+    def published(self, start: int) -> bool:
+        """Whether another planner has published the plan that starts at the instant [ns]."""
+        return start in self._others
+
+    def _on_summary(self, message: String) -> None:
+        try:
+            stamp = json.loads(message.data)['stamp']
+            start = int(stamp['sec']) * _SECOND + int(stamp['nanosec'])
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return  # not a planner's
+        if start not in self._own:
+            self._others.append(start)
+            self._took_over(start)

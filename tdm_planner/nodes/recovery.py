@@ -1,0 +1,51 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A planner that was killed and restarted gets the plan in force back from those who follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import time
+from typing import Protocol
+
+from rclpy.timer import Timer
+from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.trajectory import Trajectory
+
+WINDOW = 10.0  # s from the start in which a plan that is followed is taken for an earlier own one
+GRACE = 1.0  # s in which the planner that has published it, if it lives, can be heard
+
+
+class Recover(Protocol):
+    """Takes the plan that the trackers follow."""
+
+    def __call__(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
+        """Take trajectories by vehicle, that start at the instant `start` [ns]."""
+
+
+class Recovery:
+    """Hands what the trackers follow when the node starts to `recover`, after `GRACE`."""
+
+    def __init__(self, node: ManagedNode, adapter: Adapter, recover: Recover) -> None:
+        self._node, self._recover = node, recover
+        self._until = time.monotonic() + WINDOW
+        self._found: tuple[Mapping[str, Trajectory], int] | None = None
+        self._timer: Timer | None = None
+        adapter.watch_plans_followed(self._on_found)
+
+    def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
+        if time.monotonic() > self._until:
+            return
+        self._found = (trajectories, start) if trajectories else None
+        if self._timer is None:
+            self._timer = self._node.create_timer(GRACE, self._on_timer)
+
+    def _on_timer(self) -> None:
+        if self._timer is None or not self._node.active:
+            return
+        self._node.destroy_timer(self._timer)
+        self._timer = None
+        found, self._found = self._found, None
+        if found is not None:
+            self._recover(*found)

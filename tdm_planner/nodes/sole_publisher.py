@@ -1,0 +1,44 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Watches topics that only one node should publish: two planners by mistake are told of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+PERIOD = 1.0  # s between looks
+
+
+class SolePublisher:
+    """Counts who publishes `topic` (resolved); where there are several, `warning` says so.
+
+    `consequence` ends the sentence; `changed` is called when the warning comes or goes. A process
+    that was killed counts until the middleware has given it up, with Fast DDS some 20 s later.
+    """
+
+    def __init__(
+        self, node: Node, topic: str, consequence: str, changed: Callable[[], None]
+    ) -> None:
+        self._node, self._topic = node, topic
+        self._consequence, self._changed = consequence, changed
+        self.count = 0
+        self._timer = node.create_timer(PERIOD, self.look)
+
+    @property
+    def warning(self) -> str:
+        """One sentence, '' where there is at most one publisher."""
+        if self.count < 2:
+            return ''
+        return f'{self.count} planners publish {self._topic}: {self._consequence}'
+
+    def look(self) -> int:
+        """Count now, and return the count."""
+        before = self.warning
+        self.count = self._node.count_publishers(self._topic)
+        if self.warning != before:
+            if self.warning:
+                self._node.get_logger().warning(self.warning)
+            self._changed()
+        return self.count
