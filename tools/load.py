@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import json
 import os
 from pathlib import Path
+import signal
 import sys
 from tempfile import TemporaryDirectory
 import time
@@ -282,6 +283,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     many.add_argument('--seconds', type=float, default=20.0)
     many.add_argument('--robots', type=int, default=12)
     given = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGTERM):  # in the background SIGINT is ignored
+        signal.signal(number, signal.default_int_handler)
     os.environ.setdefault('ROS_DOMAIN_ID', _DOMAIN)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with TemporaryDirectory() as folder:

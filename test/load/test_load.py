@@ -9,9 +9,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip('rclpy')
-from tools.load import clients, robots, told_slow
-
 NIGHTLY = os.environ.get('TDM_LOAD') == 'nightly'
 GROWTH = 5.0  # MB, while the planner answers thousands of requests
 
@@ -22,6 +19,8 @@ def domain(ros: object) -> None:
 
 
 def test_every_call_of_many_clients_is_answered(tmp_path: Path) -> None:
+    from tools.load import clients
+
     found = clients(60.0 if NIGHTLY else 6.0, 20, tmp_path)
     assert found['unanswered'] == 0
     assert set(found['answers']) <= {'PLAN', 'BUSY', 'DEADLINE', 'NO_STATE', 'INFEASIBLE'}
@@ -32,10 +31,15 @@ def test_every_call_of_many_clients_is_answered(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not NIGHTLY, reason='two minutes: TDM_LOAD=nightly')
 def test_twelve_robots_hold_their_rates_or_say_that_they_do_not(tmp_path: Path) -> None:
+    from tools.load import robots
+
     assert robots(20.0, 12, tmp_path)['of which silent about it'] == []
 
 
 def test_only_a_warning_that_names_the_rate_counts_as_told() -> None:
+    pytest.importorskip('rclpy')
+    from tools.load import told_slow
+
     assert told_slow({'level': 1, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
     assert not told_slow({'level': 0, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
     assert not told_slow({'level': 1, 'message': 'idle'})
