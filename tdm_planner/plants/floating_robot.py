@@ -27,10 +27,6 @@ if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories 
 
 Array = NDArray[np.float64]
 
-# Gauss-Legendre nodes and weights on [0, 1]: exact to order 7, far below any tolerance here.
-_GAUSS_NODES = (np.polynomial.legendre.leggauss(4)[0] + 1.0) / 2.0
-_GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)[1] / 2.0
-
 
 @dataclass(frozen=True)
 class RobotLimits(Validated):
@@ -129,22 +125,30 @@ class FloatingRobot(Validated):
         return np.asarray(states[np.searchsorted(grid, times)])
 
     def _integrate(self, trajectory: Trajectory, grid: Array) -> Array:
+        # A simulated robot does not replay, and has no use for what compiles kernels.
+        from tdm_planner.plants.compilation import COMPILED
+        from tdm_planner.plants.robot_replay import GAUSS, integrate, nodes_for
+
         h = np.diff(grid)
         begin = trajectory.controls_at(grid[:-1])
         slope = np.zeros_like(begin)
         if trajectory.interpolation == 'linear':
             slope = (trajectory.controls_at(grid[1:]) - begin) / h[:, None]
-        states = np.empty((grid.size, 7))
+        states = np.zeros((grid.size, 7))
         states[0] = first = trajectory.states[0]
         omega_dot, omega_ddot = begin[:, 2] / self.inertia, slope[:, 2] / self.inertia
         states[:, 5] = _running_sum(first[5], h * (omega_dot + h * omega_ddot / 2))
         omega = states[:-1, 5]
+        nodes, weights = GAUSS[nodes_for(h, trajectory.controls[:, 1], omega)]
+        if COMPILED:
+            integrate(h, begin, slope, self.mass, self.inertia, nodes, weights, states)
+            return states
         states[:, 4] = _running_sum(
             first[4], h * (omega + h * (omega_dot / 2 + h * omega_ddot / 6))
         )
         states[:, 6] = _running_sum(first[6], h * (begin[:, 1] + h * slope[:, 1] / 2))
-        # Heading and thrust at the quadrature nodes, (n - 1, 4), then the two integrals.
-        t = h[:, None] * _GAUSS_NODES
+        # Heading and thrust at the quadrature nodes, (n - 1, nodes), then the two integrals.
+        t = h[:, None] * nodes
         alpha = states[:-1, 6, None] + t * (begin[:, 1, None] + t * slope[:, 1, None] / 2)
         yaw = states[:-1, 4, None] + t * (
             omega[:, None] + t * (omega_dot[:, None] / 2 + t * omega_ddot[:, None] / 6)
@@ -152,8 +156,8 @@ class FloatingRobot(Validated):
         push = (begin[:, 0, None] + t * slope[:, 0, None]) / self.mass
         for axis, component in enumerate((np.cos(yaw + alpha), np.sin(yaw + alpha))):
             acceleration = push * component
-            gain = h * (acceleration @ _GAUSS_WEIGHTS)
-            moment = h * ((acceleration * (h[:, None] - t)) @ _GAUSS_WEIGHTS)
+            gain = h * (acceleration @ weights)
+            moment = h * ((acceleration * (h[:, None] - t)) @ weights)
             states[:, 2 + axis] = _running_sum(first[2 + axis], gain)
             states[:, axis] = _running_sum(first[axis], h * states[:-1, 2 + axis] + moment)
         return states

@@ -10,6 +10,7 @@ exactly the controls that are published ends at the goal.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,8 @@ Array = NDArray[np.float64]
 
 _SAMPLES = 401
 _SHORTEST_STEP = 0.01
-_SHOTS = 10
+_SHOTS, _CAREFUL_SHOTS = 9, 10
+_STEP = 0.1  # of the error, by which corrections are differenced
 _WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 
@@ -106,27 +108,71 @@ def trajectory(
     if task.staying[robot]:
         return _fly(task, robot, aim, aim.acceleration, *direction.follow(aim.acceleration))
     shapes, effects = _corrections(aim.times, _room(aim.acceleration, task.thrust))
-    best, accepted = np.inf, None
-    sizes, change, before = np.zeros(4), np.zeros(4), np.zeros(4)
-    for shot in range(_SHOTS):
-        acceleration = aim.acceleration + np.stack(
-            [shapes @ sizes[:2], shapes @ sizes[2:]], axis=1
-        )
+
+    def fly(sizes: Array) -> Shot:
+        added = np.stack([shapes @ sizes[:2], shapes @ sizes[2:]], axis=1)
+        acceleration = aim.acceleration + added
         flown = _fly(task, robot, aim, acceleration, *direction.follow(acceleration))
-        error = (flown.states[-1, [0, 2, 1, 3]] - [goal[0], 0.0, goal[1], 0.0]) / _AIM
-        miss = float(np.abs(error).max())
-        if miss < best:
-            best, accepted = miss, flown
-        if best <= enough or (budget is not None and budget.spent):
+        error = flown.states[-1, [0, 2, 1, 3]] - [goal[0], 0.0, goal[1], 0.0]
+        return Shot(sizes, flown, error / _AIM)
+
+    return _shoot(fly, effects, budget, enough).flown
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """Sizes of the corrections (4,), the flight they lead to, its errors in units of `_AIM`."""
+
+    sizes: Array
+    flown: Trajectory
+    error: Array
+
+    @property
+    def miss(self) -> float:
+        """The largest error."""
+        return float(np.abs(self.error).max())
+
+
+def _shoot(
+    fly: Callable[[Array], Shot], effects: Array, budget: Budget | None, enough: float
+) -> Shot:
+    """Correct until the end is hit within `enough`, or the nearest shot where none is.
+
+    Broyden's method from the `effects` (4, 4) that corrections had on the errors, were thrust
+    ideal; then, where that has not led there, carefully, by what differences say they really do.
+    """
+    best = shot = fly(np.zeros(4))
+    first = effects
+
+    def done() -> bool:
+        return best.miss <= enough or (budget is not None and budget.spent)
+
+    for _ in range(_SHOTS):
+        if done():
             break
-        if shot:  # Broyden's update: what the last change of the corrections really did.
-            effects = effects + np.outer(error - before - effects @ change, change) / (
-                change @ change
-            )
-        before, change = error, -np.linalg.lstsq(effects, error, rcond=1e-6)[0]
-        sizes = sizes + change
-    assert accepted is not None
-    return accepted
+        change = -np.linalg.lstsq(first, shot.error, rcond=1e-6)[0]
+        last, shot = shot, fly(shot.sizes + change)
+        gained = shot.error - last.error - first @ change
+        first = first + np.outer(gained, change) / (change @ change)
+        best = min(best, shot, key=lambda each: each.miss)
+    share = 1.0
+    for _ in range(_CAREFUL_SHOTS):
+        if done():
+            break
+        if share == 1.0:
+            effects = _differenced(fly, best)
+        change = -share * np.linalg.lstsq(effects, best.error, rcond=1e-3)[0]
+        shot = fly(best.sizes + change)
+        nearer = np.linalg.norm(shot.error) < np.linalg.norm(best.error)
+        best, share = (shot, 1.0) if nearer else (best, 0.4 * share)
+    return best
+
+
+def _differenced(fly: Callable[[Array], Shot], at: Shot) -> Array:
+    """Effects (4, 4) of every correction by differences."""
+    step = max(1.0, _STEP * at.miss)
+    columns = [(fly(at.sizes + step * unit).error - at.error) / step for unit in np.eye(4)]
+    return np.stack(columns, axis=1)
 
 
 def _effects(times: Array, shapes: Array) -> Array:

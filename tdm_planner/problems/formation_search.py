@@ -33,6 +33,11 @@ _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, each keeping more distance, before giving up
+_SIMPLE = 7  # order of the polynomials with which first guesses are minimised
+_RAISE = 4  # by which the order is raised where the rest of an earlier plan did not do
+_WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is given up
+_KEPT = 0.03  # margin of a separation that binds nobody
+_ITERATIONS, _WARM_ITERATIONS = 60, 30
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _NEARLY = 4.0  # times the accuracy of the end aimed at
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
@@ -54,6 +59,10 @@ class Form:
             task, self.order, self.yaw_order, self.speed_factor_order, self.vary_ends
         )
 
+    def of_order(self, order: int) -> Form:
+        """Return the form with polynomials of another order, on as many nodes as that needs."""
+        return self if order == self.order else replace(self, order=order, nodes=None)
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -71,6 +80,15 @@ class Candidate:
     def motion(self) -> FormationMotion:
         """The reference motions."""
         return self.program.motion(self.point.xi)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether a separation binds, so that other sides to pass on may be cheaper."""
+        values = self.point.cache.values
+        nearest = min(
+            values.pairs.margins.min(initial=1.0), values.circles.margins.min(initial=1.0)
+        )
+        return bool(nearest < _KEPT)
 
 
 def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
@@ -104,9 +122,10 @@ def assessed(
 class FormationSearch(Search[Candidate]):
     """Local minima of one manoeuvre from several first guesses, and their plans.
 
-    `penalty_weights` (4,) are k1 to k4 of (29). Of a `previous` plan the remaining motion is the
-    first guess, without others. `closest` is the point of the least violation seen, for the
-    reason of a failure.
+    First guesses are minimised with polynomials of a low order, the best of them go on with that
+    of the `form`. `penalty_weights` (4,) are k1 to k4 of (29). Of a `previous` plan the remaining
+    motion is the first guess, without others at first. `closest` is the point of the least
+    violation seen, for the reason of a failure.
     """
 
     def __init__(
@@ -130,23 +149,29 @@ class FormationSearch(Search[Candidate]):
         self._rng = rng
         self._rounds = 1
         self._found = False
-        self._aim(task)
+        self._previous = previous
         self._first: Array | None = None
-        if previous is not None:
-            self._first = warm_parameters(self.model, self.seeds, previous)
-            self._turn_first()
+        simple = form.of_order(min(form.order, _SIMPLE))
+        self._aim(task, simple if previous is None else form)
+        self._start_from(previous)
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
         self._enough = 1.0 if previous is None else _NEARLY
 
-    def _aim(self, task: FormationTask) -> None:
-        self.task = task
+    def _aim(self, task: FormationTask, form: Form) -> None:
+        self.task, self._form = task, form
         self._use(task)
         self.seeds = BowSeeds(self.model, self._rng)
         self._guesses = iter(self.seeds)
 
     def _use(self, task: FormationTask) -> None:
-        self.model = self.form.model(task)
-        self.program = FormationProgram(self.model, self.form.nodes)
+        self.model = self._form.model(task)
+        self.program = FormationProgram(self.model, self._form.nodes)
+
+    def _start_from(self, previous: Solution | None) -> None:
+        """Take the remaining motion of a plan for the first guess, and nothing else for now."""
+        if previous is not None:
+            self._first = warm_parameters(self.model, self.seeds, previous)
+            self._turn_first()
 
     def _turn_first(self) -> None:
         """Reckon with the turning that the first guess needs from the outset."""
@@ -170,7 +195,7 @@ class FormationSearch(Search[Candidate]):
             found = self.minima(0, self.program.reduce(self._first))
         self._found = bool(found)
         kept = []
-        for candidate in found:
+        for candidate in map(self.raised, found):
             turned = self.turned(candidate) or candidate
             kept.append(turned)
             yield turned
@@ -193,14 +218,23 @@ class FormationSearch(Search[Candidate]):
         return keeps_reserve(self._required, plan.verification)
 
     def widen(self) -> bool:
-        """Keep more distance, where plans failed the check; else go on with other guesses."""
+        """Keep more distance, where plans failed the check; else go on with other guesses.
+
+        Where the rest of an earlier plan did not do, it is tried with polynomials of higher order,
+        then guesses are, one by one: on the way there is little time.
+        """
+        simple = self.form.of_order(min(self.form.order, _SIMPLE))
+        if self._first is not None and self._form == self.form and self.form.order <= 15 - _RAISE:
+            self._aim(self._required, self.form.of_order(self.form.order + _RAISE))
+            self._start_from(self._previous)
+            return True
         self._rounds += 1
         if self._first is not None:
-            self._first = None
-            self._aim(self.task)
-        elif self._found:
+            self._first, self.starts = None, 1
+            self._aim(self._required, simple)
+        elif self._found and self._previous is None:
             margin = self.task.margin + 0.04 * self.task.separation
-            self._aim(replace(self.task, margin=margin))
+            self._aim(replace(self.task, margin=margin), simple)
         return self._rounds <= _ROUNDS
 
     def failure(self) -> Infeasible:
@@ -221,16 +255,20 @@ class FormationSearch(Search[Candidate]):
     def minima(self, starts: int, first: Array | None = None) -> list[Candidate]:
         """Feasible local minima from `starts` guesses, cheapest first; `first` Xi is tried first.
 
-        Ends early when the time is spent, but not before one minimum is found or time is up.
+        Ends early when the time is spent, but not before one minimum is found or time is up, and
+        with one at which the robots do not hinder one another: none is cheaper.
         """
         found: list[Candidate] = []
         for guess in self._starting_points(starts, first):
-            candidate, converged = self._minimise(self.program, guess, _RADIUS)
+            best = min((candidate.point.cost for candidate in found), default=None)
+            cutoff = None if best is None else _WORSE * best
+            candidate, converged = self._minimise(self.program, guess, _RADIUS, cutoff)
             self.tried += 1
             if converged:
                 found.append(candidate)
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
-            if self.budget.spent or (late and found):
+            alone = converged and not (candidate.crowded or self.rejected)
+            if self.budget.spent or alone or (late and found):
                 break
         return sorted(found, key=lambda candidate: candidate.cost)
 
@@ -241,14 +279,19 @@ class FormationSearch(Search[Candidate]):
             yield self.program.reduce(next(self._guesses))
 
     def _minimise(
-        self, program: FormationProgram, guess: Array, radius: float
+        self,
+        program: FormationProgram,
+        guess: Array,
+        radius: float,
+        cutoff: float | None = None,
     ) -> tuple[Candidate, bool]:
         penalty = 3.0 if program.model.task.n >= _MANY else 1.0
         options = TrustRegionOptions(
             penalties=(penalty, 0.5)[: program.groups],
             feasibility=(2e-3, 2e-2)[: program.groups],
             radius=radius,
-            iterations=60,
+            iterations=_ITERATIONS if self._first is None else _WARM_ITERATIONS,
+            cutoff=cutoff,
         )
         before = program.evaluations
         # What is left when the search must end is for the check.
@@ -260,6 +303,17 @@ class FormationSearch(Search[Candidate]):
         if self.closest is None or violation < self.closest.point.violations[0]:
             self.closest = candidate
         return candidate, violation <= _FEASIBLE
+
+    def raised(self, candidate: Candidate) -> Candidate:
+        """Minimise on with polynomials of the form's order, of which the candidate's are some."""
+        low = candidate.program.model
+        if low.order >= self.form.order or self.budget.spent:
+            return candidate
+        model = self.form.model(low.task)
+        program = FormationProgram(model, self.form.nodes)
+        z = model.raise_order(low, candidate.program.full(candidate.point.xi))
+        better, converged = self._minimise(program, program.reduce(z), _REFINING_RADIUS)
+        return better if converged else candidate
 
     def turned(self, candidate: Candidate) -> Candidate | None:
         """Let thrusters that point elsewhere turn first: the same motions after coasting.
@@ -276,7 +330,7 @@ class FormationSearch(Search[Candidate]):
             if ((short <= kept) & (kept <= 1.2 * needed + 0.1)).all():
                 return candidate
             task = self.task.with_coast(spare * needed)
-            program = FormationProgram(self.form.model(task), self.form.nodes)
+            program = FormationProgram(model.with_task(task), candidate.program.grid.nodes)
             again = program.reduce(candidate.program.full(candidate.point.xi))
             candidate, converged = self._minimise(program, again, _REFINING_RADIUS)
             if not converged:
@@ -286,6 +340,7 @@ class FormationSearch(Search[Candidate]):
     def refined(self, candidate: Candidate) -> Candidate | None:
         """Minimise again with the thruster's rate limited in the program; None if infeasible."""
         model = candidate.program.model
-        program = FormationProgram(model, self.form.nodes, limit_thruster_rate=True)
+        nodes = candidate.program.grid.nodes
+        program = FormationProgram(model, nodes, limit_thruster_rate=True)
         better, converged = self._minimise(program, candidate.point.xi, _REFINING_RADIUS)
         return better if converged else None

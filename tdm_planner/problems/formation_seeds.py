@@ -73,14 +73,10 @@ class BowSeeds:
         """Scaled varied parameters (n, P) of motions nearest to those bowed by `bows` (n,)."""
         model = self.model
         b = np.repeat(self.durations[:, None], model.nb, axis=1)
-        zero = model.pack(b, np.zeros((len(b), 2, model.nf)))
-        base = model.unpack(zero).position
         nodes, weights = np.polynomial.legendre.leggauss(model.order + 3)
         s = (nodes + 1) / 2
-        curvature = model.values(s, 2)
         wanted = self.bowed(bows[:, None], np.broadcast_to(s, (len(b), s.size)), 2)[:, 0]
-        shape = ((wanted - base @ curvature.T) * weights / 2) @ (curvature @ model.basis.free)
-        return model.pack(b, shape)
+        return model.fit(b, s, weights / 2, wanted)
 
     def __iter__(self) -> Iterator[Array]:
         """Screened guesses, best first, on distinct sides; then random bows without end."""

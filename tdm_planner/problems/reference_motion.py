@@ -116,6 +116,31 @@ class ReferenceMotion:
             task.velocity.any() or (task.acceleration.any() and not vary_ends)
         )
 
+    def with_task(self, task: FormationTask) -> ReferenceMotion:
+        """Return the same reference functions for another manoeuvre."""
+        return ReferenceMotion(task, self.order, self.yaw_order, self.degree, self.vary_ends)
+
+    def fit(self, b: Array, s: Array, weights: Array, wanted: Array) -> Array:
+        """Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as `wanted`.
+
+        `wanted` (n, 2, K) are the second derivatives at the arcs s (K,), with quadrature `weights`
+        (K,). The yaw is at rest.
+        """
+        base = self.unpack(self.pack(b, np.zeros((len(b), 2, self.nf)))).position
+        bend = self.values(s, 2)
+        return self.pack(b, ((wanted - base @ bend.T) * weights) @ (bend @ self.basis.free))
+
+    def raise_order(self, low: ReferenceMotion, z: Array) -> Array:
+        """Varied parameters (n, P) of the same motions as `low` with z, of lower order, has."""
+        motion = low.unpack(z)
+        nodes, weights = np.polynomial.legendre.leggauss(self.order + 3)
+        s = (nodes + 1) / 2
+        raised = self.fit(motion.rates, s, weights / 2, motion.position @ low.values(s, 2).T)
+        if self.ny:
+            own, its = self.size - self.ny, low.size - low.ny
+            raised[:, own:] = z[:, its:]
+        return raised
+
     def unpack(self, z: Array) -> FormationMotion:
         """Motions at the scaled varied parameters z (n, P)."""
         task, n = self.task, self.task.n

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
+from tdm_planner.plants.robot_replay import compile_robot_replay
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_checks import check_task
 from tdm_planner.problems.formation_compiled import compile_terms
@@ -47,6 +48,7 @@ def _compile() -> None:
     """Compile the kernels, once in a process: they take arrays of all sizes."""
     compile_terms(Form().model(RobotFormation().task))
     compile_following()
+    compile_robot_replay()
 
 
 @dataclass(frozen=True)

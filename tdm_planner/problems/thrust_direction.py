@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.compilation import COMPILED, compiled
 
 Array = NDArray[np.float64]
 
@@ -85,6 +85,10 @@ class ThrustDirection:
         if not np.isnan(self.alpha):
             upper[0] = lower[0] = self.alpha
         d = self.reach
+        if COMPILED:
+            envelopes = Envelopes(upper, lower)
+            _enclose(*envelopes, np.diff(d))
+            return envelopes
         highest = np.minimum(
             np.minimum.accumulate(upper - d) + d,
             np.minimum.accumulate((upper + d)[::-1])[::-1] - d,
@@ -162,7 +166,9 @@ class ThrustDirection:
 
 def compile_following() -> None:
     """Compile the kernel or load it from the disk; nothing to do without a compiler."""
-    _follow(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(1), 0.0, np.zeros(2))
+    if COMPILED:
+        _follow(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(1), 0.0, np.zeros(2))
+        _enclose(np.zeros(2), np.zeros(2), np.zeros(1))
 
 
 @compiled
@@ -176,3 +182,15 @@ def _follow(
         least, most = max(lower[k], angle - step), min(upper[k], angle + step)
         angle = max(min(max(wished[k], least), most, angle + step), angle - step)
         angles[k] = angle
+
+
+@compiled
+def _enclose(upper: Array, lower: Array, steps: Array) -> None:
+    """Tighten bounds (n,) to what can be reached from all others with `steps` (n - 1,) at most."""
+    last = steps.size
+    for k in range(last):
+        upper[k + 1] = min(upper[k + 1], upper[k] + steps[k])
+        lower[k + 1] = max(lower[k + 1], lower[k] - steps[k])
+    for k in range(last - 1, -1, -1):
+        upper[k] = min(upper[k], upper[k + 1] + steps[k])
+        lower[k] = max(lower[k], lower[k + 1] - steps[k])
