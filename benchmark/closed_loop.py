@@ -257,7 +257,7 @@ def table(figures: dict[str, Any]) -> str:
 
 def main() -> None:
     """Print the tables."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     options.add_argument('--seeds', type=int, default=SEEDS)
     options.add_argument('--mismatch', type=float, default=MISMATCH)
     chosen = options.parse_args()

@@ -135,7 +135,7 @@ def table(figures: dict[str, Any]) -> str:
 
 def main() -> None:
     """Print the table; with --only, one regime's figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--states', type=int, default=100, help='number of random states')
     parser.add_argument('--only', choices=tuple(REGIMES), help='one regime, as JSON')
     parser.add_argument('--json', type=Path, help='also write the figures to this file')

@@ -125,7 +125,7 @@ def _accelerations(
 
 def main() -> None:
     """Improve the file for a range of states."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--states', type=int, default=100)
     parser.add_argument('--first', type=int, default=0)
     arguments = parser.parse_args()

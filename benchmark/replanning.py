@@ -329,7 +329,7 @@ def _row(f: dict[str, Any]) -> str:
 def main() -> None:
     """Print the tables."""
     assert __doc__ is not None
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     options.add_argument('--seeds', type=int, default=SEEDS)
     options.add_argument('--no-replanning', action='store_true', help='the first plan is kept')
     options.add_argument('--air-bearing', action='store_true', help='slow robots as well')

@@ -161,7 +161,9 @@ def table(figures: Figures) -> str:
 
 def main() -> None:
     """Run from the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        description=__doc__.strip().splitlines()[0] if __doc__ else None
+    )
     parser.add_argument('--scenarios', type=int, default=100, help='three-robot crossings')
     parser.add_argument('--variants', action='store_true', help='also the variants of the method')
     parser.add_argument('--no-teams', action='store_true', help='three robots only')

@@ -74,7 +74,7 @@ def _say(text: str) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog='tdm', description=__doc__.split('\n')[0])
+    parser = argparse.ArgumentParser(prog='tdm', description=__doc__.strip().split('\n')[0])
     parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 

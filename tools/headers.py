@@ -57,7 +57,7 @@ def body_of(text: str) -> str | None:
 
 def main() -> int:
     """Check the headers, or rewrite them."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument('--check', action='store_true')
     form.add_argument('--long', action='store_true')

@@ -274,7 +274,7 @@ def told_slow(status: Mapping[str, Any]) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure; returns the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n')[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n')[0])
     kinds = parser.add_subparsers(dest='kind', required=True)
     asked = kinds.add_parser('clients')
     asked.add_argument('--seconds', type=float, default=60.0)

@@ -34,6 +34,7 @@ import yaml
 
 SETTLING = 3.0  # s; states flow for a while before the plan is asked for
 _PLANNING = 'planner'
+_OF_PLANNER = ('solver.', 'start.', 'torque_reserve:')
 
 
 def carry_out(
@@ -81,8 +82,8 @@ def _settings_for(module: str, settings: Sequence[str]) -> list[str]:
     """Return those settings that a node has: most are the trackers' alone."""
     kind = module.rsplit('.', 1)[-1]
     if kind == 'tracker':
-        return list(settings)
-    own = ('limits.', 'rate:') if kind != _PLANNING else ('limits.', 'solver.', 'start.')
+        return [s for s in settings if not s.startswith(_OF_PLANNER)]
+    own = ('limits.', 'rate:') if kind != _PLANNING else ('limits.', *_OF_PLANNER)
     return [s for s in settings if s.startswith(own)]
 
 
@@ -129,7 +130,7 @@ def _tracking(folder: Path, scene: Scene, outcome: Outcome) -> dict[str, list[fl
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Carry it out; returns the exit code: 0 whether the goal was reached or not."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n')[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n')[0])
     parser.add_argument('scene', choices=SCENES)
     parser.add_argument('folder', type=Path)
     parser.add_argument('--control', type=shlex.split, default=[], metavar='COMMAND')

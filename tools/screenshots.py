@@ -44,7 +44,7 @@ PICTURES = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the pictures; returns the exit status."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').split('\n')[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n')[0])
     for plant in ('pendulum', 'robots'):
         parser.add_argument(f'--{plant}', type=Path, metavar='BAG', help='default: run the demo')
     parser.add_argument('-o', '--output', type=Path, default=IMAGES, metavar='DIR')

@@ -218,7 +218,7 @@ def draw(record: Soak, path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run it; returns the exit code."""
     parser = argparse.ArgumentParser(
-        description=(__doc__ or '').split('\n')[0],
+        description=(__doc__ or '').strip().split('\n')[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument('--hours', type=float, default=1.0, help='how long')

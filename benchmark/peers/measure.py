@@ -107,7 +107,9 @@ def versions() -> dict[str, str]:
 
 def main() -> None:
     """Measure and write the figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(
+        description=__doc__.strip().splitlines()[0] if __doc__ else None
+    )
     parser.add_argument('--cases', type=int, default=100, help='random cases of every problem')
     parser.add_argument('--output', type=Path, required=True, help='JSON file to write')
     parser.add_argument('--quick', action='store_true', help='as little of the growth as shows it')
