@@ -8,7 +8,7 @@ import json
 import os
 from pathlib import Path
 
-NIGHTLY = os.environ.get('TDM_FAULTS') == 'nightly'
+EVERYTHING = os.environ.get('TDM_FAULTS') == 'all'
 FILE = 'TDM_FAULT_FIGURES'  # where `python -m tools.measure_faults` collects
 
 

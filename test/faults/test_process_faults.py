@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 
-from fault_figures import NIGHTLY, note
+from fault_figures import EVERYTHING, note
 import numpy as np
 from process_rig import COMMAND_TIMEOUT, ProcessRig, STATE_TIMEOUT
 import pytest
@@ -26,7 +26,7 @@ from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, seconds_of, to_s
 from trajectory_msgs.msg import JointTrajectory
 
 ON_THE_WAY = 0.1  # s that messages may take on a busy machine
-again = pytest.mark.parametrize('repetition', range(5 if NIGHTLY else 1))
+again = pytest.mark.parametrize('repetition', range(5 if EVERYTHING else 1))
 
 
 @pytest.fixture(scope='module')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """SIGINT, SIGTERM and a double Ctrl-C in every phase: code 0, no traceback, nobody left behind.
 
-One of the three each here, every one and more instants with TDM_FAULTS=nightly.
+One of the three each here, every one and more instants with TDM_FAULTS=all.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import time
 from typing import Any
 import uuid
 
-from fault_figures import NIGHTLY, note
+from fault_figures import EVERYTHING, note
 import pytest
 from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
@@ -42,8 +42,8 @@ WAYS: dict[str, list[tuple[signal.Signals, float]]] = {
 
 
 def cases(scenes: list[Any]) -> list[Any]:
-    """Return every scene with every way at night; by day each with one, and all of them."""
-    if NIGHTLY:
+    """Return every scene with every way if all is asked for; else each scene with one of them."""
+    if EVERYTHING:
         return [(*scene, way) for scene, way in itertools.product(scenes, WAYS)]
     return [(*scene, way) for scene, way in zip(scenes, itertools.cycle(WAYS))]
 
@@ -126,7 +126,7 @@ def begun(process: NodeProcess) -> bool:
 
 # Starting: from the first import on.
 
-DELAYS = [0.05 * k for k in range(40)] if NIGHTLY else [0.1, 0.5]
+DELAYS = [0.05 * k for k in range(40)] if EVERYTHING else [0.1, 0.5]
 STARTING = {
     'planner': ('tdm_planner.nodes.planner', {}, None),
     'tracker': ('tdm_planner.nodes.tracker', {}, None),
@@ -349,7 +349,7 @@ def demo(ros: Ros, tmp_path: Path) -> Iterator[Subject]:
 
 @pytest.mark.parametrize(
     ('phase', 'way'),
-    cases([(phase,) for phase in (PHASES if NIGHTLY else ('starting', 'executing'))]),
+    cases([(phase,) for phase in (PHASES if EVERYTHING else ('starting', 'executing'))]),
 )
 def test_the_demo(demo: Subject, phase: str, way: str) -> None:
     demo.wait(lambda: PHASES[phase] in demo.process.output)

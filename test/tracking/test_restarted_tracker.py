@@ -1,0 +1,66 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A tracker that starts while a plan is in force, and a planner that repeats it."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.tracker import Phase, TrajectoryRefused
+from tdm_planner.tracking.tracker_parameters import ReplanOnDeviation
+
+HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope='module')
+def plan():
+    problem = PendulumSwingUp.from_parameters({'limits.torque': 0.09, 'solver.deadline': 30.0})
+    return problem.solve().trajectory
+
+
+def tracker(on_deviation=True):
+    made = PendulumTracker(
+        PendulumTrackerParameters(replan=ReplanOnDeviation(on_deviation=on_deviation))
+    )
+    made.prepare_hold()
+    made.observe(HANGING, 100.0)
+    return made
+
+
+@pytest.mark.parametrize('since', [0.3, 2.0, 9.0])
+def test_what_it_has_missed_is_gone_on_with(plan, since):
+    made = tracker()
+    with pytest.raises(TrajectoryRefused):
+        made.accept(plan, 100.0 - since, 100.0)
+    assert made.phase is Phase.RECOVERING
+    assert made.command(100.01).phase is Phase.RECOVERING
+    assert made.wants_plan
+
+
+def test_not_unless_it_is_asked_to(plan):
+    made = tracker(on_deviation=False)
+    with pytest.raises(TrajectoryRefused):
+        made.accept(plan, 99.7, 100.0)
+    assert made.phase is Phase.IDLE
+
+
+def test_the_plan_of_yesterday_moves_nothing(plan):
+    made = tracker()
+    with pytest.raises(TrajectoryRefused, match='past'):
+        made.accept(plan, 100.0 - 86400.0, 100.0)
+    assert made.phase is Phase.IDLE
+    assert made.command(100.01).control == 0.0
+
+
+def test_a_plan_that_is_repeated_is_recognised(plan):
+    made = tracker()
+    assert not made.follows(plan, 101.0)
+    made.accept(plan, 101.0, 100.0)
+    repeated = replace(plan, states=plan.states + 1e-13)
+    assert made.follows(repeated, 101.0)
+    assert not made.follows(repeated, 101.1)
+    assert not made.follows(replace(plan, controls=0.5 * plan.controls), 101.0)
+    assert made.newest.start == 101.0
