@@ -25,6 +25,7 @@ from tdm_sim.report.plan_documents import (
     read_summary,
 )
 from tdm_sim.report.recorded_choice import choose
+from tdm_sim.report.recorded_clock import RecordedClock
 from tdm_sim.report.recorded_events import events, statuses
 from tdm_sim.report.recorded_gaps import gaps
 from tdm_sim.report.recorded_plans import in_force, read_plans, TimedPlan
@@ -127,7 +128,8 @@ def _mission(
     figures = _figures(topics, summaries, sites[0].planner, origin, plans)
     frame = _Frame(origin, {start: _number(figures, start, origin) for start in _starts(plans)})
     vehicles = [_vehicle(topics, site, names[site], plans[site], frame) for site in sites]
-    happened, left_out = events(topics, sites[0].planner, origin)
+    clock = RecordedClock.of(topics)
+    happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
     notes += gaps(topics, sites, vehicles, summaries, figures, names)
@@ -143,6 +145,7 @@ def _mission(
         counters=_counters(topics, sites[0].planner),
         source=str(path),
         recorded_at=origin * NANOSECOND,
+        speed=1.0 if clock is None else clock.speed,
     )
 
 

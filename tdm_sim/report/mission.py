@@ -228,7 +228,7 @@ class Mission:
     follows from it; `counters` are the planner's own (requests,
     failures), from the first plan on if there is one; `source` is the file or folder it was read
     from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a plan that
-    was not carried out.
+    was not carried out; `speed` is that of simulated time, relative to real time.
     """
 
     title: str
@@ -241,6 +241,7 @@ class Mission:
     counters: Mapping[str, int] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None
+    speed: float = 1.0
 
     @property
     def was_carried_out(self) -> bool:

@@ -11,6 +11,7 @@ from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Event, Severity
+from tdm_sim.report.recorded_clock import RecordedClock
 from tdm_sim.report.recorded_topics import DIAGNOSTICS, LOG, RecordedTopics
 
 MOST_EVENTS = 300
@@ -49,14 +50,16 @@ def statuses(topics: RecordedTopics) -> Iterator[Status]:
                 )
 
 
-def events(topics: RecordedTopics, namespace: str, origin: int) -> tuple[list[Event], int]:
+def events(
+    topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
+) -> tuple[list[Event], int]:
     """Return what happened, in order of time, and how many events were left out as too many.
 
     Of the nodes below `namespace` every change is told, of others errors and warnings. Times count
-    from `origin` [ns].
+    from `origin` [ns]. `clock` is the simulated one, where there is one: logs tell the computer's.
     """
     found = [*_changes(topics, namespace, origin)]
-    found += _logged(topics, origin, found)
+    found += _logged(topics, origin, found, clock)
     found.sort(key=lambda event: event.time)
     if len(found) <= MOST_EVENTS:
         return found, 0
@@ -77,7 +80,9 @@ def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Ev
             yield Event(time, status.level, status.source, status.message)
 
 
-def _logged(topics: RecordedTopics, origin: int, told: list[Event]) -> Iterator[Event]:
+def _logged(
+    topics: RecordedTopics, origin: int, told: list[Event], clock: RecordedClock | None
+) -> Iterator[Event]:
     near: dict[tuple[str, int], list[str]] = {}
     for event in told:
         near.setdefault((event.source, int(event.time // _SAME_TIME)), []).append(event.text)
@@ -86,8 +91,11 @@ def _logged(topics: RecordedTopics, origin: int, told: list[Event]) -> Iterator[
             log = item.message
             if log.level < _WARNING:
                 continue
+            instant = nanoseconds_of(log.stamp) or item.stamp
+            if clock is not None:
+                instant = clock.instant(instant)
             event = Event(
-                time=((nanoseconds_of(log.stamp) or item.stamp) - origin) * NANOSECOND,
+                time=(instant - origin) * NANOSECOND,
                 level=Severity.WARN if log.level < _ERROR else Severity.ERROR,
                 source='/' + untrusted.text(log.name, 200).replace('.', '/'),
                 text=untrusted.text(log.msg),

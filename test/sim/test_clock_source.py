@@ -1,0 +1,84 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""A plant that drives `/clock`, and nodes that follow it, over DDS."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import pytest
+from ros_harness import Ros
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
+from trajectory_msgs.msg import JointTrajectory
+
+STEP = 10_000_000  # ns
+
+
+@pytest.fixture(scope='module')
+def plant(ros: Ros) -> str:
+    parameters = {'publish_clock': True, 'real_time_factor': 0.5, 'rate': 100.0}
+    # With use_sim_time as well, as where all nodes are given it, it still is the one that tells.
+    ros.start(
+        'tdm_sim.pendulum_plant',
+        {**parameters, 'command_timeout': 1.0, 'use_sim_time': True},
+        namespace='slow',
+    )
+    return '/slow/pendulum_plant'
+
+
+def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(
+    ros: Ros, plant: str
+) -> None:
+    clocks = ros.subscribe('/clock', Clock, 100)
+    states = ros.subscribe('/slow/joint_states', JointState, 100)
+    assert ros.spin_until(lambda: len(clocks) > 50, 60.0)
+    shown = np.array([nanoseconds_of(clock.clock) for clock in clocks])
+    steps = np.diff(shown)
+    assert (steps > 0).all()
+    assert not (steps % STEP).any()
+    assert np.median(steps) == STEP
+    stamps = np.array([nanoseconds_of(state.header.stamp) for state in states])
+    assert not ((stamps - shown[0]) % STEP).any()
+    # Half the speed of real time, or less where the computer is busy.
+    elapsed = ros.node.get_clock().now().nanoseconds - shown[0]
+    assert shown[-1] - shown[0] < 0.75 * elapsed + 10 * STEP
+
+
+def test_planner_and_tracker_follow_the_clock(ros: Ros, plant: str) -> None:
+    tracking = {'use_sim_time': True, 'rate': 100.0, 'state_timeout': 1.0}
+    planning = {'use_sim_time': True, 'start.delay': 3.0, 'start.max_age': 2.0}
+    ros.start('tdm_planner.nodes.tracker', tracking, namespace='slow')
+    ros.start('tdm_planner.nodes.planner', planning, namespace='slow')
+    clocks = ros.subscribe('/clock', Clock, 10)
+    commands = ros.subscribe('/slow/joint_command', JointState, 10)
+    plans = ros.subscribe('/slow/trajectory', JointTrajectory, LATCHED)
+    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+    assert ros.spin_until(lambda: len(commands) > 5, 60.0)
+    assert not (nanoseconds_of(commands[-1].header.stamp) - nanoseconds_of(clocks[0].clock)) % STEP
+    before = nanoseconds_of(clocks[-1].clock)
+    done, answer = ros.trigger('/slow/plan', timeout=60.0)
+    assert done, answer
+    assert ros.spin_until(lambda: bool(plans))
+    after = nanoseconds_of(clocks[-1].clock)
+    start = nanoseconds_of(plans[-1].header.stamp)
+    assert before <= start - 3_000_000_000 <= after
+    assert ros.spin_until(
+        lambda: any(
+            status.name == '/slow/tracker: tracking' and status.message.startswith('holding')
+            for array in diagnostics
+            for status in array.status
+        ),
+        60.0,
+    )
+
+
+def test_the_speed_may_be_changed_on_the_way(ros: Ros, plant: str) -> None:
+    clocks = ros.subscribe('/clock', Clock, 100)
+    assert ros.set_parameters(plant, real_time_factor=2.0) == ['']
+    clocks.clear()
+    assert ros.spin_until(lambda: len(clocks) > 50, 30.0)
+    steps = np.diff([nanoseconds_of(clock.clock) for clock in clocks])
+    assert (steps > 0).all()
+    assert not (steps % STEP).any()
