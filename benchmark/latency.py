@@ -51,7 +51,7 @@ REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
 PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
 ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
 FIRST_MEMORY = 100  # replans after which memory is looked at first
-_LONGEST = 60.0  # s without an answer
+_LONGEST = 120.0  # s without an answer
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,12 @@ class RecedingHorizon:
             self._coming = None
         commands = {name: v.tracker.command(now) for name, v in self.vehicles.items()}
         seen = {
-            name: Observation(measured[name], now, tracker_mode(command))
+            name: Observation(
+                measured[name],
+                now,
+                tracker_mode(command),
+                None if command.action is None else command.action.error,
+            )
             for name, command in commands.items()
         }
         self._review(seen, now)

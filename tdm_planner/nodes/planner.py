@@ -83,7 +83,7 @@ class Planner(ManagedNode):
         if self._problem_class is not None:
             self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
         self._summary = self.create_publisher(String, SUMMARY, LATCHED)
-        self._replanning = Replanning(self, self._worker, self._take_over, self._replan)
+        self._replanning = Replanning(self, self._worker, self._take_over)
         self._replanning.set_up(self._adapter, self.parameter_values)
         self._prepared = threading.Event()
         Worker(self).submit(self._prepare, self._on_prepared)
@@ -245,15 +245,6 @@ class Planner(ManagedNode):
         for sentence in found:
             self.get_logger().warning(sentence)
         return found
-
-    def _replan(self) -> None:
-        """Plan anew from the measured state, for problems whose plans cannot be reviewed."""
-        if self._plan is None or self._adapter is None or not self._adapter.measures:
-            return
-        if self._superseded:
-            return
-        if self._now() < self._plan.start + self._plan.solution.duration / NANOSECOND:
-            self._solve({**self.parameter_values, 'start.source': 'measured'})
 
     def _on_other_plan(self, start: int) -> None:
         """Cease to review the own plan when another planner's starts after it."""

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.motion_clock import pacing_clock
 from tdm_planner.nodes.planning import Plan
 from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import build
@@ -25,19 +26,12 @@ _WARNING_PERIOD = 5.0  # s, the least time between warnings of a kind
 class Replanning:
     """Has the plan in force reviewed at a rate, and hands new plans to `publish`.
 
-    `worker` is shared with the planner: while it solves a request, no review is made. For problems
-    whose plans cannot be reviewed `replan` is called instead.
+    `worker` is shared with the planner: while it solves a request, no review is made. Where
+    nothing can be measured there is nothing to review a plan by.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        worker: Worker,
-        publish: Callable[[Plan], None],
-        replan: Callable[[], None],
-    ) -> None:
-        self._node, self._worker = node, worker
-        self._publish, self._replan = publish, replan
+    def __init__(self, node: Node, worker: Worker, publish: Callable[[Plan], None]) -> None:
+        self._node, self._worker, self._publish = node, worker, publish
         self._origin = int(node.get_clock().now().nanoseconds)
         self._timer: Timer | None = None
         self._replanner: Replanner | None = None
@@ -64,7 +58,9 @@ class Replanning:
             self._timer = None
         adapter.watch_trackers(rate > 0)
         if rate > 0:
-            self._timer = self._node.create_timer(1.0 / rate, self._on_timer)
+            self._timer = self._node.create_timer(
+                1.0 / rate, self._on_timer, clock=pacing_clock(self._node)
+            )
 
     @property
     def yields(self) -> bool:
@@ -93,7 +89,6 @@ class Replanning:
         if not self.active or plan is None or adapter is None or self._worker.busy:
             return
         if not adapter.replans:
-            self._replan()
             return
         now = int(self._node.get_clock().now().nanoseconds)
         try:
@@ -123,12 +118,13 @@ class Replanning:
         parameters = build(ReplanParameters, values, 'replan.')
         replanner = self._replanner
         if replanner is None or self._reviewed is not plan:
+            earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
             replanner = self._replanner = Replanner(execution, parameters)
             made = self._taken_over
             if made is None or made.solution is not plan.solution:
                 made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
-            replanner.adopt(made)
+            replanner.adopt(made, earlier)
             self._reviewed = plan
         replanner.parameters = parameters
         return replanner
@@ -166,6 +162,12 @@ class Replanning:
             waiting()
 
     def _take_over(self, review: Review) -> None:
+        if review.refused:
+            self._node.get_logger().warning(
+                f'the last plan was not taken over by {", ".join(review.refused)}: the one before '
+                'is still followed',
+                throttle_duration_sec=_WARNING_PERIOD,
+            )
         if review.plan is None:
             if review.necessary:
                 self._node.get_logger().warning(

@@ -200,6 +200,14 @@ class Problem(ABC):
         """
         return ()
 
+    def cost_to_go(self, solution: Solution, elapsed: float) -> float | None:
+        """Return J of what is left of a plan `elapsed` s after its start; None: it is not known.
+
+        It is that of the rest as a plan of its own, from time 0. Replanning on the way replaces a
+        plan that would do by a cheaper one only where this is known.
+        """
+        return None
+
     def describe(self, plan: Plan) -> str:
         """Return the summary of a plan, one sentence."""
         worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)

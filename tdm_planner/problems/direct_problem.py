@@ -32,6 +32,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
@@ -91,6 +92,16 @@ class DirectProblem(Formulation, Problem):
 
         names = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
         return tuple(Constraint(name, partial(margin, name)) for name in names)
+
+    def cost_to_go(self, solution: Solution, elapsed: float) -> float:
+        """Return J of what is left of a plan `elapsed` s after its start."""
+        whole = solution.trajectory
+        if elapsed >= whole.duration:
+            return 0.0
+        rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
+        running = stated.running_cost(rest.times[None], rest.states[None], rest.controls[None])
+        final = stated.final_cost(rest.times[-1:], rest.states[-1:])
+        return float(trapezoid(running[0], rest.times) + final[0])
 
     def describe(self, plan: Plan) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""

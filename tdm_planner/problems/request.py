@@ -52,6 +52,12 @@ class ReplanParameters(Validated):
         'share of the cost still to come that a new plan must save to replace one that would do',
         allowed=Range(0.0, 1.0),
     )
+    deviation: float = parameter(
+        0.05,
+        'of problems other than the pendulum and the robots: how far a state may be from the plan '
+        'in force, as a share of the range of its states of that unit, until another is necessary',
+        allowed=POSITIVE,
+    )
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.plan_in_force import PlanInForce
+from tdm_planner.tracking.tracker import TrajectoryTracker
 
 Array = NDArray[np.float64]
+
+_TAKEN_OVER = 0.05  # s after a plan's start until its tracker's errors are from it
+_TOLD_APART = 0.2  # of tolerance.start, by which plans must differ to be told apart
+_NEARER = 0.5  # share of the difference from the one that there may be from the other
 
 
 class Mode(str, Enum):
@@ -29,11 +34,16 @@ class Mode(str, Enum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does."""
+    """A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
+
+    `error` (nx,) is the deviation from the plan that the tracker follows, as the tracker tells it
+    at about that instant; None where it does not.
+    """
 
     state: Array
     stamp: float
     mode: Mode
+    error: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +60,13 @@ class Foreseen:
 
 
 class Execution(ABC):
-    """What the trackers of one kind of problem make of a plan, by the same laws as theirs."""
+    """What the trackers of one kind of problem make of a plan, by the same laws as theirs.
+
+    `holds_goal` says that the goal is held after a plan's end, so that it is in force until the
+    next.
+    """
+
+    holds_goal: ClassVar[bool] = True
 
     @abstractmethod
     def adopt(self, plan: PlanInForce) -> None:
@@ -66,6 +82,16 @@ class Execution(ABC):
     def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
         """Return what becomes of the plan in force if it is carried on from the instant `at`."""
 
+    def keeping(
+        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
+    ) -> list[str]:
+        """Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
+
+        Trackers refuse plans that begin too far from where the plant is. None by default: what is
+        not told is taken to be followed.
+        """
+        return []
+
     @abstractmethod
     def problem_from(self, problem: Any, foreseen: Mapping[str, Foreseen]) -> Problem:
         """Return the same problem with the foreseen states to start from.
@@ -79,3 +105,29 @@ class Execution(ABC):
     @abstractmethod
     def same_question(self, problem: Any, other: Any) -> bool:
         """Whether two problems differ in nothing but their start (and how they are solved)."""
+
+
+def keeping(
+    tracker: TrajectoryTracker,
+    earlier: PlanInForce,
+    newer: PlanInForce,
+    observations: Mapping[str, Observation],
+) -> list[str]:
+    """Tell by the errors that trackers like this one publish which of two plans they follow.
+
+    The error told is compared with the deviations from either plan. Where the plans hardly differ
+    as yet the newer one is believed to be followed; so it is until it has been for a while.
+    """
+    apart = _TOLD_APART * tracker.parameters.tolerance.start
+    found = []
+    for name, seen in observations.items():
+        if seen.error is None or seen.stamp < newer.start + _TAKEN_OVER:
+            continue
+        off = []
+        for plan in (earlier, newer):
+            reference = plan.solution.trajectories[name].sample(plan.elapsed(seen.stamp)).state
+            unlike = tracker.error(seen.state.copy(), reference) - seen.error
+            off.append(tracker.deviation(tracker.error(unlike, np.zeros_like(unlike))))
+        if off[1] > apart and off[0] < _NEARER * off[1]:
+            found.append(name)
+    return found

@@ -20,7 +20,13 @@ from scipy.integrate import trapezoid
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.execution import (
+    Execution,
+    Foreseen,
+    keeping,
+    Mode,
+    Observation,
+)
 from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.tracking.estimator import flow
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
@@ -164,6 +170,13 @@ class FormationExecution(Execution):
     def _problem(self, plan: PlanInForce) -> RobotFormation:
         assert isinstance(plan.problem, RobotFormation)
         return plan.problem
+
+    def keeping(
+        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
+    ) -> list[str]:
+        """Return the robots whose trackers tell that they follow the earlier plan."""
+        known = {n: seen for n, seen in observations.items() if n in earlier.solution.trajectories}
+        return keeping(RobotTracker(self._parameters), earlier, newer, known)
 
     def problem_from(
         self, problem: RobotFormation, foreseen: Mapping[str, Foreseen]

@@ -9,8 +9,8 @@ accepting a plan take.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 import math
 import time
 
@@ -24,6 +24,7 @@ from tdm_planner.replanning.plan_in_force import PlanInForce
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of that, where the plan in force would do
+_REMEMBERED = 3  # earlier plans that trackers may have kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,8 @@ class Review:
     """The outcome of a review; `plan` is the one to take over, None if the old one is kept.
 
     `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
-    where nothing had to be solved.
+    where nothing had to be solved. `refused` holds the vehicles whose trackers were found to have
+    kept the plan before the newest.
     """
 
     plan: PlanInForce | None
@@ -39,6 +41,7 @@ class Review:
     outlook: Outlook
     necessary: bool = False
     solve_time: float = 0.0
+    refused: tuple[str, ...] = ()
 
 
 class Replanner:
@@ -48,13 +51,25 @@ class Replanner:
         self.execution = execution
         self.parameters = parameters
         self.plan: PlanInForce | None = None
+        self._earlier: tuple[PlanInForce, ...] = ()
         self._reviews = 0
         self._improved_at = -math.inf
 
-    def adopt(self, plan: PlanInForce) -> None:
-        """Take note of the plan that is now in force, from its start on."""
+    @property
+    def history(self) -> tuple[PlanInForce, ...]:
+        """The last plans adopted, the one in force at the end."""
+        return self._earlier if self.plan is None else (*self._earlier, self.plan)
+
+    def adopt(self, plan: PlanInForce, earlier: Sequence[PlanInForce] | None = None) -> None:
+        """Take note of the plan that is now in force, from its start on.
+
+        It takes over from those before it (`earlier`, where they were adopted elsewhere). By what
+        the trackers tell, one of these may be found to be in force still: a plan that begins too
+        far from the plant is refused.
+        """
+        before = self.history if earlier is None else earlier
         self.execution.adopt(plan)
-        self.plan = plan
+        self.plan, self._earlier = plan, tuple(before)[-_REMEMBERED:]
 
     def review(
         self, problem: Problem, observations: Mapping[str, Observation], now: float
@@ -64,13 +79,45 @@ class Replanner:
         Only the start of the problem is replaced. A plan returned is verified; its motion starts
         `delay` after `now`.
         """
-        began = time.perf_counter()
-        plan = self.plan
-        if plan is None or plan.start > now:
+        newest = self.plan
+        if newest is None or newest.start > now:
             return Review(None, 'no plan is under way', Outlook(settled=True))
+        refused = self._refused(newest, observations)
+        plan = self.plan or newest
+        if not self.execution.holds_goal and now >= plan.end:
+            return Review(None, 'the plan has come to its end', Outlook(settled=True))
+        trouble = ''
+        if refused and plan is newest:
+            trouble = f"'{refused[0]}' has kept the plan before the one in force"
+        review = self._reviewed(plan, problem, observations, now, trouble)
+        return replace(review, refused=tuple(refused))
+
+    def _refused(self, newest: PlanInForce, observations: Mapping[str, Observation]) -> list[str]:
+        """Vehicles whose trackers keep an earlier plan; where all do, it is in force again."""
+        for count, earlier in reversed(list(enumerate(self._earlier))):
+            refused = self.execution.keeping(earlier, newest, observations)
+            if refused and len(refused) == len(observations):
+                self.execution.adopt(earlier)
+                self.plan, self._earlier = earlier, self._earlier[:count]
+            if refused:
+                return refused
+        return []
+
+    def _reviewed(
+        self,
+        plan: PlanInForce,
+        problem: Problem,
+        observations: Mapping[str, Observation],
+        now: float,
+        trouble: str,
+    ) -> Review:
+        """Review `plan`; `trouble` says what is known to be wrong with it, '' if nothing is."""
+        began = time.perf_counter()
         at = now + self.parameters.delay
         foreseen = self.execution.foresee(plan, observations, at)
         outlook = self.execution.outlook(plan, foreseen, at)
+        if trouble:
+            outlook = replace(outlook, trouble=trouble, settled=False)
         changed = not self.execution.same_question(problem, plan.problem)
         necessary = changed or bool(outlook.trouble)
         if not (necessary or self._may_improve(plan, outlook, now)):

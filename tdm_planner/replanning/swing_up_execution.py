@@ -15,7 +15,13 @@ from tdm_planner.plants.rotary_pendulum import PendulumMotor
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.execution import (
+    Execution,
+    Foreseen,
+    keeping,
+    Mode,
+    Observation,
+)
 from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.tracking.pendulum_tracking import (
     PendulumTracker,
@@ -92,6 +98,12 @@ class SwingUpExecution(Execution):
         if furthest > max(limit, abs(float(now.state[1]))):
             return Outlook(left, trouble=f'the disk would turn to {furthest:.3g} rad')
         return Outlook(left)
+
+    def keeping(
+        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
+    ) -> list[str]:
+        """Return whether the tracker tells that it follows the earlier plan."""
+        return keeping(self._tracker, earlier, newer, observations)
 
     def problem_from(
         self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]

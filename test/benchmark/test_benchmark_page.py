@@ -20,7 +20,10 @@ from benchmark.sections import SECTIONS
 import pytest
 import tdm_planner
 
-SOLVERS = ('tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing')
+SOLVERS = (
+    'tdm_planner', 'tdm_planner, warm', 'collocation, warm', 'collocation, swing',
+    'collocation, straight line', 'collocation, best of 3 guesses',
+)  # fmt: skip
 
 
 def figures(cases: int = 4) -> dict[str, Any]:

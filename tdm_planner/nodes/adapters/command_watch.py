@@ -4,12 +4,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import joint_motion, nanoseconds_of
 from tdm_planner.replanning import Mode
 
 _SILENCE = 200_000_000  # ns without a command after which nothing is commanded
@@ -25,7 +29,7 @@ class CommandWatch:
     def __init__(self, node: Node, prefix: str = '') -> None:
         self._node = node
         self._command: JointState | None = None
-        self._following_at = 0
+        self._error: JointState | None = None
         self._subscriptions = [
             node.create_subscription(
                 JointState, f'{prefix}joint_command', self._on_command, qos_profile_sensor_data
@@ -52,13 +56,26 @@ class CommandWatch:
         sent = nanoseconds_of(command.header.stamp)
         if now - sent > _SILENCE:
             return Mode.IDLE
-        if self._following_at > sent - _MISSED:
+        if self._error is not None and nanoseconds_of(self._error.header.stamp) > sent - _MISSED:
             return Mode.FOLLOWING
         acting = any(value != 0.0 for value in chain(command.effort, command.velocity))
         return Mode.RECOVERING if acting else Mode.IDLE
+
+    def error(self, instant: int, names: Sequence[str]) -> NDArray[np.float64] | None:
+        """Return what the tracker told of its deviation at about an instant [ns].
+
+        Those of the positions called `names`, then of their rates; None if none was told.
+        """
+        error = self._error
+        if error is None or abs(nanoseconds_of(error.header.stamp) - instant) > _MISSED:
+            return None
+        try:
+            return joint_motion(error, names)
+        except InvalidProblem:  # of another controller
+            return None
 
     def _on_command(self, message: JointState) -> None:
         self._command = message
 
     def _on_error(self, message: JointState) -> None:
-        self._following_at = nanoseconds_of(message.header.stamp)
+        self._error = message

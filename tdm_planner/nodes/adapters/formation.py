@@ -45,6 +45,9 @@ Array = NDArray[np.float64]
 # Deviations of a robot that follows its plan; the thruster's angle may be anything.
 _TRACKED = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
 _CARRIED = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+# Of the tracker's `tracking_error`, and where the states are among positions and their rates.
+_ERRORS = ('x', 'y', 'yaw', 'thruster')
+_OF_THE_STATE = [0, 1, 4, 5, 2, 6, 3]
 
 
 @dataclass(frozen=True)
@@ -207,8 +210,12 @@ class FormationAdapter(Adapter):
                 continue
             state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
             watch = self._watches.get(name)
-            mode = Mode.FOLLOWING if watch is None else watch.mode(now)
-            found[name] = Observation(state, seconds(newest.instant), mode)
+            mode, away = Mode.FOLLOWING, None
+            if watch is not None:
+                mode = watch.mode(now)
+                told = watch.error(newest.instant, _ERRORS)
+                away = None if told is None else told[_OF_THE_STATE]
+            found[name] = Observation(state, seconds(newest.instant), mode, away)
         if missing:
             raise NoState('; '.join(missing))
         return found

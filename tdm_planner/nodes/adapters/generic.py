@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 from typing import Any
 
@@ -16,6 +16,8 @@ from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.messages import joint_indices, LATCHED, to_duration, to_stamp, WORLD_FRAME
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.replanning import GenericExecution, Mode, Observation
+from tdm_planner.replanning.generic_execution import VEHICLE
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -43,9 +45,14 @@ class GenericAdapter(Adapter):
         ]
         self._state = NewestMeasurement(node, JointState, 'joint_states', self._read)
         self._publishers: dict[str, Any] = {}
+        self._execution: GenericExecution | None = None
+        self.values_changed(values)
 
     def values_changed(self, values: Mapping[str, Any]) -> None:
-        """Nothing to follow: topics come from the solutions."""
+        """Follow what counts as leaving a plan; topics come from the solutions."""
+        self._deviation = values['replan.deviation']
+        if self._execution is not None:
+            self._execution.tolerance = self._deviation
 
     @property
     def measures(self) -> bool:
@@ -64,6 +71,24 @@ class GenericAdapter(Adapter):
             prefix = f'{vehicle}/' if several else ''
             self._publish(f'{prefix}trajectory', _states(trajectory), start)
             self._publish(f'{prefix}controls', _controls(trajectory), start)
+
+    @property
+    def replans(self) -> bool:
+        """Plans are reviewed on the way, where there is a state to review them by."""
+        return self.measures
+
+    def execution(self, problem: Problem) -> GenericExecution:
+        """Return how plans are carried out: by a controller of which nothing is known."""
+        self._execution = GenericExecution(self._wanted, self._deviation)
+        return self._execution
+
+    def observations(
+        self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
+    ) -> dict[str, Observation]:
+        """Return the numbers measured last."""
+        newest = self._state.fresh(now, values['start.max_age'])
+        numbers = np.array(list(self._read(newest.message).values()))
+        return {VEHICLE: Observation(numbers, seconds(newest.instant), Mode.FOLLOWING)}
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""

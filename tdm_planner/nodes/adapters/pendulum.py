@@ -147,8 +147,12 @@ class PendulumAdapter(Adapter):
     ) -> dict[str, Observation]:
         """Return the newest state of the pendulum."""
         newest = self._state.fresh(now, values['start.max_age'])
-        mode = Mode.FOLLOWING if self._watch is None else self._watch.mode(now)
-        return {VEHICLE: Observation(_motion(newest.message), seconds(newest.instant), mode)}
+        mode, error = Mode.FOLLOWING, None
+        if self._watch is not None:
+            mode = self._watch.mode(now)
+            error = self._watch.error(newest.instant, PENDULUM_JOINTS)
+        stamp = seconds(newest.instant)
+        return {VEHICLE: Observation(_motion(newest.message), stamp, mode, error)}
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""

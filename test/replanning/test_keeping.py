@@ -1,0 +1,133 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans that trackers refuse are found out: the one that is followed is reviewed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.replanning import (
+    FormationExecution,
+    Mode,
+    Observation,
+    PlanInForce,
+    Replanner,
+    SwingUpExecution,
+)
+from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
+from tdm_sim.receding import RecedingHorizon, Vehicle
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+
+LIMIT, INTERVAL = 0.02, 0.005
+SWING = build(PendulumSwingUp, {'limits.torque': LIMIT})
+PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
+
+
+@pytest.fixture(scope='module')
+def swing() -> PlanInForce:
+    return PlanInForce(SWING, SWING.solve(deadline=10.0), start=0.0)
+
+
+@pytest.fixture(scope='module')
+def crossing() -> PlanInForce:
+    problem = RobotFormation()
+    return PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
+
+
+def following(plan: PlanInForce, at: float, away: np.ndarray) -> Observation:
+    """Return what is seen of a pendulum that follows `plan`, `away` from it."""
+    reference = plan.solution.trajectory.sample(plan.elapsed(at)).state
+    return Observation(reference + away, at, Mode.FOLLOWING, away)
+
+
+@pytest.mark.parametrize('away', [0.0, 0.25, -0.4])
+def test_the_plan_that_a_tracker_follows_is_told_by_its_error(
+    swing: PlanInForce, away: float
+) -> None:
+    execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
+    off = np.array([away, 0.1, 0.5, 0.5])
+    for followed, kept in ((swing, [VEHICLE]), (later, [])):
+        seen = {VEHICLE: following(followed, 0.9, off)}
+        assert execution.keeping(swing, later, seen) == kept
+
+
+def test_what_is_not_told_or_does_not_differ_is_taken_to_be_followed(swing: PlanInForce) -> None:
+    execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
+    seen = following(swing, 0.9, np.zeros(4))
+    assert not execution.keeping(swing, later, {VEHICLE: replace(seen, error=None)})
+    assert not execution.keeping(swing, replace(swing, start=1e-4), {VEHICLE: seen})
+    soon = following(swing, 0.52, np.zeros(4))
+    assert not execution.keeping(swing, later, {VEHICLE: soon})
+
+
+def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended(crossing: PlanInForce) -> None:
+    problem = crossing.problem
+    assert isinstance(problem, RobotFormation)
+    later, at = replace(crossing, start=3.0), 8.0
+    plans = {'robot1': crossing, 'robot2': later, 'robot3': later}
+    seen = {}
+    for name, plan in plans.items():
+        state = plan.solution.trajectories[name].sample(plan.elapsed(at)).state
+        seen[name] = Observation(state, at, Mode.FOLLOWING, np.zeros(7))
+    replanner = Replanner(FormationExecution(problem), ReplanParameters(rate=5.0, delay=3.0))
+    replanner.adopt(crossing)
+    replanner.adopt(later)
+    review = replanner.review(problem, seen, at)
+    assert review.refused == ('robot1',)
+    assert review.necessary
+    assert 'robot1' in review.outlook.trouble
+    assert replanner.plan is later
+
+
+def test_a_plan_that_all_refuse_is_forgotten(swing: PlanInForce) -> None:
+    later = replace(swing, start=0.5)
+    replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
+    replanner.adopt(swing)
+    replanner.adopt(later)
+    seen = {VEHICLE: following(swing, 0.9, np.zeros(4))}
+    review = replanner.review(SWING, seen, 0.9)
+    assert review.refused == (VEHICLE,)
+    assert replanner.plan is swing
+    assert replanner.history == (swing,)
+    assert not review.necessary
+    assert not replanner.review(SWING, seen, 0.9).refused
+
+
+def test_in_closed_loop_the_next_review_but_one_mends_a_refusal(swing: PlanInForce) -> None:
+    setup = PlantSetup(
+        SWING.plant, swing.solution.trajectory.states[0], np.array([-LIMIT]), np.array([LIMIT]),
+        np.zeros(4),
+    )  # fmt: skip
+    tracker = PendulumTracker(build(PendulumTrackerParameters, {'limits.torque': LIMIT}))
+    vehicles = {VEHICLE: Vehicle(tracker, SimulatedPlant(setup))}
+    replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
+    loop = RecedingHorizon(vehicles, SWING, INTERVAL, replanner)
+    loop.begin(swing)
+    usual = tracker.parameters
+    strict = replace(usual, tolerance=replace(usual.tolerance, start=1e-9))
+    turns = round(swing.solution.trajectory.states[-1, 0] / math.tau)
+    loop.problem = replace(SWING, goal=replace(SWING.goal, turns=1 - turns))
+    tracker.parameters = strict
+    while not loop.refusals:
+        loop.tick()
+        assert loop.time < 3.0
+    tracker.parameters = usual
+    refused = loop.plans[-1]
+    while len(loop.plans) < 3 and loop.time < refused.start + 3.0:
+        loop.tick()
+    assert any(review.refused for review in loop.reviews)
+    # Seen when the plans have parted, at the next review; the new plan follows.
+    mended = loop.plans[2]
+    assert mended.start < refused.start + 1.0 + 2 / PARAMETERS.rate + PARAMETERS.delay
+    while loop.time < mended.end + 1.5:
+        loop.tick()
+    assert tracker.phase is Phase.HOLDING
+    theta = float(vehicles[VEHICLE].plant.state[0])
+    assert theta == pytest.approx(math.tau * (1 - turns), abs=0.05)
