@@ -16,6 +16,7 @@ import json
 import os
 from pathlib import Path
 import shlex
+import signal
 import sys
 from typing import Any
 
@@ -137,6 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('-p', dest='settings', action='append', default=[], metavar='NAME:=VALUE')
     parser.add_argument('--real-time', type=int, default=0)
     given = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the nodes are ended as well
     given.folder.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault('ROS_LOG_DIR', str(given.folder / 'log' / 'ros'))
     try:
