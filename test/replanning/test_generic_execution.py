@@ -34,6 +34,7 @@ class Cart(DirectProblem, Validated):
     name: ClassVar[str] = 'test_cart'
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('u',), ('m/s^2',)
+    nodes, starts = 101, 1  # one first guess, and no refinement: quick even on a busy machine
 
     start: Start = group(Start)
     limit: float = parameter(1.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
@@ -104,21 +105,21 @@ def test_a_plan_that_is_followed_is_kept(plan: PlanInForce) -> None:
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     # A long way, so that a busy machine does not decide the outcome.
-    problem = Cart(start=Start(x=-16.0))
+    problem = Cart(start=Start(x=-1600.0))
     plan = PlanInForce(problem, problem.solve(deadline=10.0), start=10.0)
-    made, delay = replanner(plan), 3.0
+    made, delay = replanner(plan), 10.0
     made.parameters = replace(PARAMETERS, delay=delay)
-    at = plan.start + 1.0
-    review = made.review(problem, seen(plan, at, (-2.0, 0.0)), at)
+    at = plan.start + 10.0
+    review = made.review(problem, seen(plan, at, (-200.0, 0.0)), at)
     assert review.necessary
-    assert "'x' is 2 m away from the plan in force" in review.outlook.trouble
+    assert "'x' is 200 m away from the plan in force" in review.outlook.trouble
     assert review.plan is not None, review.reason
     assert review.plan.start == pytest.approx(at + delay)
     assert review.plan.solution.verification.ok
     # It begins where the planned force will have brought the cart, not where it was.
     ahead = plan.solution.trajectory.sample(plan.elapsed(at + delay)).state
     first = review.plan.solution.trajectory.states[0]
-    np.testing.assert_allclose(first, ahead + np.array([-2.0, 0.0]), atol=0.02)
+    np.testing.assert_allclose(first, ahead + np.array([-200.0, 0.0]), atol=2.0)
 
 
 def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: PlanInForce) -> None:
@@ -132,12 +133,12 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: PlanInFo
 
 
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
-    quick = Cart(start=Start(x=-16.0))
+    quick = Cart(start=Start(x=-1600.0))
     rough = replace(quick, limit=0.3)
     # The plan of a weaker cart, taken for this one's: half of the time would do.
     lazy = PlanInForce(quick, rough.solve(deadline=10.0), start=0.0)
     made, at = replanner(lazy), 0.1
-    made.parameters = replace(PARAMETERS, delay=5.0)
+    made.parameters = replace(PARAMETERS, delay=10.0)
     review = made.review(quick, seen(lazy, at), at)
     assert not review.necessary
     assert review.plan is not None, review.reason
