@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+import ctypes
 import fcntl
 import json
 import os
@@ -73,6 +74,12 @@ def ros_arguments(parameters: Mapping[str, Any], namespace: str = '') -> list[st
     return arguments
 
 
+def _end_with_the_tests() -> None:
+    """Have the kernel kill this process when the tests die, as by SIGTERM or a crash."""
+    set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
+
+
 class NodeProcess:
     """One node in a process group of its own, started as ``python -m MODULE``."""
 
@@ -94,6 +101,7 @@ class NodeProcess:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                preexec_fn=_end_with_the_tests,
             )
 
     @property
