@@ -26,8 +26,8 @@ from tdm_planner.problems.switching_seeds import starts
 Array = NDArray[np.float64]
 Arcs = tuple[Array, Array, int]  # durations, torques, turns
 
-COARSE, FINE = 12, 96  # RK4 steps an arc
-_ROUNDS, _ROUND, _POLISHED, _CHECKED = 5, 60, 10, 4
+STEERED, COARSE, FINE = 8, 12, 96  # RK4 steps an arc
+_ROUNDS, _ROUND, _POLISHED, _CHECKED = 3, 100, 10, 4
 _TIGHT = 1e-8
 
 
@@ -77,12 +77,12 @@ def arrivals(made: PendulumSwingUp, rng: np.random.Generator) -> list[Arcs]:
         batch = starts(n.task, rng, _ROUND, made.switching_arcs)
         durations, torques, arcs, costs = batch.durations, batch.torques, batch.arcs, batch.costs
         steer_arcs(
-            n.k, n.start, durations, arcs, torques, batch.turns, n.psi_max, n.w0, COARSE, 25,
+            n.k, n.start, durations, arcs, torques, batch.turns, n.psi_max, n.w0, STEERED, 25,
             1e-20, costs,
         )  # fmt: skip
         for i in np.flatnonzero(costs < 1e-12):
             d, u = durations[i, : arcs[i]].copy(), torques[i, : arcs[i]].copy()
-            end = _roll(n, d, u, COARSE)[-1]
+            end = _roll(n, d, u, STEERED)[-1]
             found.append((d, u, round(float(end[0]) / (2 * math.pi))))
     kept: list[Arcs] = []
     for d, u, turns in sorted(found, key=lambda arcs: float(arcs[0].sum())):

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 ARRIVED = 1e-12
 _TARGET = 1e-20
 _ITERATIONS = 25
-_CHUNK = 64  # starts between two looks at the clock
+_CHUNK = 50  # starts between two looks at the clock
 
 
 @dataclass(frozen=True)

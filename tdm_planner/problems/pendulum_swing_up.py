@@ -30,6 +30,7 @@ from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
+from tdm_planner.problems.switching_minimiser import compile_minimiser
 from tdm_planner.problems.switching_seeds import previous_arcs
 from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
@@ -131,6 +132,7 @@ class PendulumSwingUp(Problem, Validated):
         compile_kernels(self.plant)
         compile_kernel(self.plant)
         compile_replay(self.plant)
+        compile_minimiser(self.plant)
         if self.method == 'virtual_arc':
             compile_arc_kernel(self.plant)
 

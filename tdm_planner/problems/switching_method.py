@@ -35,13 +35,13 @@ Array = NDArray[np.float64]
 
 # Starts of the first rounds, and candidates polished: without a compiler a start costs ten times
 # as much.
-_ROUNDS, _POLISHED = ((60, 60, 60, 60, 60), 10) if COMPILED else ((32, 48), 3)
+_ROUNDS, _POLISHED = ((100, 100, 100), 10) if COMPILED else ((32, 48), 3)
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
-_START_TIME = 4e-3  # s of the deadline for one start of a round
+_START_TIME = 1e-3 if COMPILED else 4e-3  # s of the deadline for one start of a round
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -110,13 +110,17 @@ class SwitchingMethod(Search[Candidate]):
         return DeadlineExceeded(self._reason())
 
     def _arrivals(self) -> list[Candidate]:
-        """Steer rounds of starts; all distinct arrivals, quickest first."""
+        """Steer rounds of starts; all distinct arrivals, quickest first.
+
+        Polishing makes up for steering with fewer steps, which most starts are not worth.
+        """
         budget, found = self.budget, list[Candidate]()
         rounds = 0
         while budget.elapsed < _STEERED * budget.seconds:
             size = min(_ROUNDS[min(rounds, len(_ROUNDS) - 1)], self._affordable)
             batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
-            found += steered(self._task, batch, self._steps, budget, _STEERED * budget.seconds)
+            until = _STEERED * budget.seconds
+            found += steered(self._task, batch, 2 * self._steps // 3, budget, until)
             self._remember_closest(batch)
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())

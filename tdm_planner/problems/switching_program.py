@@ -24,12 +24,14 @@ from tdm_planner.direct_method.nonlinear_program import (
 )
 from tdm_planner.plants.pendulum_rollout import roll, roll_ends
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.switching_motion import (
+    ArcProgram,
+    DIFFERENCE,
+    NEAR_LIMIT,
+    SMALLEST_CURVATURE,
+)
 
 Array = NDArray[np.float64]
-
-_DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
-_SMALLEST_CURVATURE = 2e-2
-_NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,19 @@ class SwitchingProgram(NonlinearProgram):
         # Margins of all arcs where the disk is far from its limit.
         self._far = np.full(torques.size, np.inf), np.zeros((torques.size, torques.size))
 
+    @property
+    def numbers(self) -> ArcProgram:
+        """The program as the compiled minimiser takes it."""
+        return ArcProgram(
+            k=np.array(self.plant.coefficients),
+            start=self.start,
+            torques=self.torques,
+            goal=2.0 * math.pi * self.turns,
+            disk_angle=self.disk_angle,
+            w0=self.plant.natural_frequency,
+            steps=self.steps,
+        )
+
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled time, and violations of the ends (group 0) and of |psi| (group 1)."""
         self.evaluations += 1
@@ -82,7 +97,7 @@ class SwitchingProgram(NonlinearProgram):
         sensitivities = sensitivities / w0
         jacobian = sensitivities[-1] * self._scale[:, None]
         ends, beyond = float(np.abs(residual).max()), 0.0
-        if np.abs(states[1:, 1]).max() < self.disk_angle - _NEAR_LIMIT:
+        if np.abs(states[1:, 1]).max() < self.disk_angle - NEAR_LIMIT:
             motion = _Motion(residual, jacobian, *self._far)
         else:
             heights, slopes = _peaks(states, sensitivities, xi / w0, self.steps, w0)
@@ -95,7 +110,7 @@ class SwitchingProgram(NonlinearProgram):
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """First derivatives, and the Hessian reduced to the null space of the end conditions."""
         motion: _Motion = point.cache
-        near = np.flatnonzero((motion.margins < _NEAR_LIMIT) & (point.xi > 0))
+        near = np.flatnonzero((motion.margins < NEAR_LIMIT) & (point.xi > 0))
         if multipliers is None:
             varied = point.xi > 1e-7
             least_squares = np.linalg.lstsq(
@@ -119,19 +134,19 @@ class SwitchingProgram(NonlinearProgram):
         """Curvature of the Lagrangian along the end conditions, by directional differences."""
         _, _, basis = np.linalg.svd(jacobian)
         across, along = basis[:4], basis[4:]
-        hessian: Array = _SMALLEST_CURVATURE * (across.T @ across)
+        hessian: Array = SMALLEST_CURVATURE * (across.T @ across)
         if not len(along):
             return hessian
         w0 = self.plant.natural_frequency
-        moved = np.ascontiguousarray((xi + _DIFFERENCE * along) / w0)
+        moved = np.ascontiguousarray((xi + DIFFERENCE * along) / w0)
         ends = roll_ends(self.plant, self.start, moved, self.torques, self.steps)
         self.evaluations += len(along)
         weights = duals * self._scale / w0
-        change = (np.einsum('m,bmk->bk', weights, ends) - jacobian.T @ duals) / _DIFFERENCE
+        change = (np.einsum('m,bmk->bk', weights, ends) - jacobian.T @ duals) / DIFFERENCE
         reduced = change @ along.T
         values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
         directions = along.T @ vectors
-        curvatures = np.maximum(np.abs(values), _SMALLEST_CURVATURE)
+        curvatures = np.maximum(np.abs(values), SMALLEST_CURVATURE)
         hessian += (directions * curvatures) @ directions.T
         return hessian
 

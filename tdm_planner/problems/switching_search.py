@@ -11,10 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_program import SwitchingProgram
 from tdm_planner.problems.switching_seeds import FEWEST_ARCS
 from tdm_planner.trajectory import to_nanoseconds, Trajectory

@@ -1,0 +1,157 @@
+# Copyright 2026 The tdm_planner authors
+# SPDX-License-Identifier: Apache-2.0
+"""The program of `switching_program`, compiled: ends, peaks of |psi|, curvature."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.pendulum_kernels import roll_arcs
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
+SMALLEST_CURVATURE = 2e-2
+NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
+
+
+class ArcProgram(NamedTuple):
+    """Numbers that make a `SwitchingProgram`: `k` the plant's coefficients, `goal` 2 pi n."""
+
+    k: Array
+    start: Array
+    torques: Array
+    goal: float
+    disk_angle: float
+    w0: float
+    steps: int
+
+
+class ArcPoint(NamedTuple):
+    """The program's values at `xi` (K,).
+
+    `cost`; `ends` and `beyond`, the violations; `residual` (4,) of the ends with its `jacobian`
+    (4, K), `margins` (K,) of the arcs' peaks with `slopes` (K, K), infinite if far from the limit.
+    """
+
+    xi: Array
+    cost: float
+    ends: float
+    beyond: float
+    residual: Array
+    jacobian: Array
+    margins: Array
+    slopes: Array
+
+
+@compiled_with(roll_arcs)
+def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
+    """Integrate the motion, with derivatives; see `SwitchingProgram.evaluate`."""
+    arcs, w0, steps = xi.size, program.w0, program.steps
+    nodes = arcs * steps + 1
+    durations = xi / w0
+    states, sensitivities = np.empty((nodes, 4)), np.empty((nodes, 4, arcs))
+    roll_arcs(
+        program.k, program.start, durations, program.torques, steps, states, sensitivities, True
+    )
+    residual, jacobian = states[-1].copy(), sensitivities[-1] / w0
+    residual[0] -= program.goal
+    residual[2:] /= w0
+    jacobian[2:] /= w0
+    ends, highest = np.abs(residual).max(), np.abs(states[1:, 1]).max()
+    margins, slopes, beyond = np.full(arcs, np.inf), np.zeros((arcs, arcs)), 0.0
+    if not highest < program.disk_angle - NEAR_LIMIT:
+        for arc in range(arcs):
+            height = _peak(states, sensitivities, arc, durations[arc], steps, w0, slopes[arc])
+            margins[arc] = program.disk_angle - height
+            beyond = max(beyond, -margins[arc])
+    if not ends + highest < np.inf:
+        ends = beyond = np.inf
+    return ArcPoint(xi, xi.sum(), ends, beyond, residual, jacobian, margins, slopes)
+
+
+@compiled_with()
+def _peak(
+    states: Array,
+    sensitivities: Array,
+    arc: int,
+    duration: float,
+    steps: int,
+    w0: float,
+    slope: Array,
+) -> float:
+    """Largest |psi| of an arc; `slope` (K,) receives that of the margin, by w0 d.
+
+    Between the two nodes where psi' changes its sign the peak is that of the parabola through
+    psi and both psi'.
+    """
+    first = arc * steps
+    node = first + 1
+    for other in range(first + 2, first + steps + 1):
+        if abs(states[other, 1]) > abs(states[node, 1]):
+            node = other
+    sign = -1.0 if states[node, 1] < 0.0 else 1.0
+    height = sign * states[node, 1]
+    left = node if sign * states[node, 3] > 0.0 else node - 1
+    right = min(left + 1, first + steps)
+    rising, falling = sign * states[left, 3], sign * states[right, 3]
+    if not (right > left and rising > 0.0 and falling < 0.0):
+        slope[:] = -sign / w0 * sensitivities[node, 1]
+        return float(height)
+    h, bend = duration / steps, rising - falling
+    height = sign * states[left, 1] + 0.5 * h * rising**2 / bend
+    by_rising = 0.5 * h * (2.0 * rising * bend - rising**2) / bend**2
+    by_falling = 0.5 * h * rising**2 / bend**2
+    for p in range(slope.size):
+        slope[p] = (
+            sensitivities[left, 1, p]
+            + by_rising * sensitivities[left, 3, p]
+            + by_falling * sensitivities[right, 3, p]
+        )
+        slope[p] *= -sign / w0
+    slope[arc] -= 0.5 * rising**2 / bend / (steps * w0)
+    return float(height)
+
+
+@compiled_with()
+def first_multipliers(point: ArcPoint) -> Array:
+    """Multipliers (4,) of the ends that come nearest to a stationary Lagrangian."""
+    columns, right = point.jacobian.T.copy(), -np.ones(point.xi.size)
+    for p in range(point.xi.size):
+        if not point.xi[p] > 1e-7:
+            columns[p], right[p] = 0.0, 0.0
+    duals: Array = np.linalg.lstsq(columns, right, 1e-6)[0].astype(np.float64)
+    return duals
+
+
+@compiled_with(roll_arcs)
+def curvature(program: ArcProgram, point: ArcPoint, duals: Array) -> Array:
+    """Hessian of the Lagrangian along the end conditions, see `SwitchingProgram`."""
+    arcs, w0, steps = point.xi.size, program.w0, program.steps
+    basis = np.linalg.svd(point.jacobian)[2]
+    across, along = np.ascontiguousarray(basis[:4]), np.ascontiguousarray(basis[4:])
+    hessian: Array = SMALLEST_CURVATURE * (across.T @ across)
+    free = arcs - 4
+    if free <= 0:
+        return hessian
+    nodes = arcs * steps + 1
+    states, sensitivities = np.empty((nodes, 4)), np.empty((nodes, 4, arcs))
+    weights = duals / w0
+    weights[2:] /= w0
+    slope, change = duals @ point.jacobian, np.empty((free, arcs))
+    for b in range(free):
+        moved = (point.xi + DIFFERENCE * along[b]) / w0
+        roll_arcs(
+            program.k, program.start, moved, program.torques, steps, states, sensitivities, True
+        )
+        change[b] = (weights @ sensitivities[-1] - slope) / DIFFERENCE
+    reduced = change @ along.T
+    values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
+    directions = np.ascontiguousarray(vectors.T) @ along
+    for b in range(free):
+        size = max(abs(values[b]), SMALLEST_CURVATURE)
+        hessian += size * np.outer(directions[b], directions[b])
+    return hessian
