@@ -53,7 +53,10 @@ class RepetitionWatch:
         moves = not bool((np.abs(state - sample) <= far).all())
         # A plant that nobody drives may rest where the model does not.
         self.stuck = moves and (driven or self.stuck)
-        if self.stuck or self._next >= _LONGEST:
+        if self.stuck:
+            self._begin(stamp)
+            self._next = _LONGEST  # about upright it takes that long to tell falling from resting
+        elif self._next >= _LONGEST:
             self._begin(stamp)
         else:
             self._next *= 2

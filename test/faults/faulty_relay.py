@@ -23,11 +23,12 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
+from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.runtime import run
+from tdm_planner.parameters import ParameterSpec
 
 SECOND = 1_000_000_000  # ns
 PERIOD = 0.002  # s between looks at what is held back
@@ -64,9 +65,9 @@ class Line:
 
     def __init__(self) -> None:
         self._last: Any = None
-        self.set(Fault())
+        self.suffer(Fault())
 
-    def set(self, fault: Fault) -> None:
+    def suffer(self, fault: Fault) -> None:
         """Put a fault in force in place of the one before."""
         self.fault = fault
         self._random = random.Random(fault.seed)
@@ -118,15 +119,20 @@ class Line:
         return [(0.0, message)]
 
 
-class FaultyRelay(Node):
+_TOPICS = ParameterSpec(
+    name='topics', kind=list[str], default=['joint_states'], description='what to pass on'
+)
+
+
+class FaultyRelay(ParameterNode):
     """Passes topics on through a `Line` each; one fault for all."""
 
     def __init__(self) -> None:
-        super().__init__('faulty_relay')
+        super().__init__('faulty_relay', {_TOPICS.name: _TOPICS})
         self._order = itertools.count()
         self._held: list[tuple[float, int, Any, Any]] = []
         self._lines: dict[str, Line] = {}
-        for topic in self.declare_parameter('topics', ['joint_states']).value:
+        for topic in self.parameter_values[_TOPICS.name]:
             self._connect(topic)
         self._taken = self.create_publisher(String, 'fault_taken', LATCHED)
         self.create_subscription(String, 'fault', self._on_fault, LATCHED)
@@ -144,7 +150,7 @@ class FaultyRelay(Node):
     def _on_fault(self, message: String) -> None:
         fault = Fault(**json.loads(message.data))
         for number, line in enumerate(self._lines.values()):
-            line.set(Fault(**{**vars(fault), 'seed': fault.seed + number}))
+            line.suffer(Fault(**{**vars(fault), 'seed': fault.seed + number}))
         self._taken.publish(message)
 
     def _pass_on(self, line: Line, publisher: Any, message: Any) -> None:

@@ -29,6 +29,7 @@ from tdm_planner.nodes.runtime import run
 SECOND = 1_000_000_000  # ns
 BEGIN = 1000 * SECOND
 STEP = 2_500_000  # ns
+LONGEST_PAUSE = 1.0  # s after which it goes on by a step: a timer may wait for that, too
 LAG = 12_500_000  # ns that a follower may be behind
 PATIENCE = 10.0  # s after which a silent follower is not waited for any more
 
@@ -53,6 +54,7 @@ class LockstepClock(Node):
         self._now = BEGIN
         self._order = Order()
         self._count = 0
+        self._moved = time.monotonic()
         self._seen: dict[str, tuple[int, float]] = {}
         self._publisher = self.create_publisher(Clock, '/clock', 10)
         self._taken = self.create_publisher(String, 'clock_order_taken', LATCHED)
@@ -86,8 +88,10 @@ class LockstepClock(Node):
         )
 
     def _advance(self) -> None:
-        if not self._order.paused and self._in_step:
+        now = time.monotonic()
+        if not self._order.paused and (self._in_step or now - self._moved > LONGEST_PAUSE):
             self._now += STEP
+            self._moved = now
         self._publisher.publish(Clock(clock=to_stamp(self._now)))
         self._count += 1
         if self._order.odd and self._count % 20 == 0:

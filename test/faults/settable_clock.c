@@ -1,9 +1,13 @@
 // Copyright 2026 The tdm_planner authors
 // SPDX-License-Identifier: Apache-2.0
 // Preloaded into a process, lets its time of day be set without that of the machine: it is off by
-// the nanoseconds in the file that TIME_OF_DAY_OFFSET names. Steady clocks are left alone.
+// the nanoseconds in the file that TIME_OF_DAY_OFFSET names. Steady clocks are left alone. What waits
+// until a time of day is told that of the machine, which the kernel goes by.
 #define _GNU_SOURCE
+#include <dlfcn.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <semaphore.h>
 #include <stdlib.h>
 #include <sys/mman.h>
 #include <sys/syscall.h>
@@ -47,4 +51,39 @@ time_t time(time_t *found) {
   clock_gettime(CLOCK_REALTIME, &now);
   if (found) *found = now.tv_sec;
   return now.tv_sec;
+}
+
+// Times before 2001 are those of a steady clock, which began when the machine did.
+static struct timespec of_machine(const struct timespec *until) {
+  struct timespec found = *until;
+  if (offset && until->tv_sec > 1000000000) {
+    long long time = until->tv_sec * 1000000000LL + until->tv_nsec - *offset;
+    found.tv_sec = time / 1000000000LL;
+    found.tv_nsec = time % 1000000000LL;
+  }
+  return found;
+}
+
+int pthread_cond_timedwait(pthread_cond_t *restrict condition, pthread_mutex_t *restrict mutex,
+                           const struct timespec *restrict until) {
+  static int (*wait)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
+  struct timespec machine = of_machine(until);
+  if (!wait) *(void **)&wait = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
+  if (!wait) *(void **)&wait = dlsym(RTLD_NEXT, "pthread_cond_timedwait");
+  return wait(condition, mutex, &machine);
+}
+
+int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,
+                           const struct timespec *until) {
+  static int (*wait)(pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
+  struct timespec machine = clock == CLOCK_REALTIME ? of_machine(until) : *until;
+  if (!wait) *(void **)&wait = dlsym(RTLD_NEXT, "pthread_cond_clockwait");
+  return wait(condition, mutex, clock, &machine);
+}
+
+int sem_timedwait(sem_t *restrict semaphore, const struct timespec *restrict until) {
+  static int (*wait)(sem_t *, const struct timespec *);
+  struct timespec machine = of_machine(until);
+  if (!wait) *(void **)&wait = dlsym(RTLD_NEXT, "sem_timedwait");
+  return wait(semaphore, &machine);
 }

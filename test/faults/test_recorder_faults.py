@@ -79,7 +79,7 @@ def check_what_was_said(text: str) -> None:
 
 
 def check_bag(bag: Path, topic: str, said: str) -> None:
-    """The bag is whole: as many messages as was said, among them those of the plant."""
+    """Check that it is whole: as many messages as was said, those of the plant among them."""
     with AnyReader([bag]) as reader:
         found = [connection.topic for connection, _, _ in reader.messages()]
     assert re.search(rf'with {len(found)} messages', said), (len(found), said)

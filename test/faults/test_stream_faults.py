@@ -55,7 +55,7 @@ def test_so_they_do_where_it_is_worse(rig: PendulumRig, kind: str, amount: float
 
 
 def check_whole_mission(rig: PendulumRig, kind: str, amount: float) -> None:
-    """From mid-swing on until held for a second and a half."""
+    """Let it go on from mid-swing until held for a second and a half."""
     start, end = rig.begin()
     rig.fault(kind, amount, **stamps(0.5 * (start + end)))
     assert rig.wait_until(end + 1.8), rig.story()
@@ -79,7 +79,7 @@ def test_the_hold_goes_on(rig: PendulumRig, kind: str, amount: float) -> None:
 
 
 def check_safe(rig: PendulumRig, kind: str, amount: float, at: float, silence: float) -> None:
-    """The torque goes off in time, and the mission is completed once the states are back."""
+    """Check that the torque goes off in time, and that the mission is completed afterwards."""
     assert rig.wait_until(at + silence), rig.story()
     rig.mend()
     safe = rig.last_torque(at, at + silence)
