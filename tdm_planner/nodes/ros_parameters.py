@@ -67,12 +67,12 @@ class ParameterNode(Node):
         self.declare(specifications or {})
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Callable[[Any], None], *args: Any, **kw: Any
+        self, kind: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
     ) -> Any:
         """As rclpy's; of the simulated clock, times that rclpy cannot hold are left out."""
-        if msg_type is Clock:
+        if kind is Clock:
             callback = self._with_possible_times(callback)
-        return super().create_subscription(msg_type, topic, callback, *args, **kw)
+        return super().create_subscription(kind, topic, callback, *args, **kwargs)
 
     def _with_possible_times(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         def take(message: Clock) -> None:
