@@ -9,9 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 
 SECOND = 10**9

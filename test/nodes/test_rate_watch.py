@@ -7,6 +7,8 @@ from tdm_planner.nodes.rate_watch import RateWatch
 
 
 class Clock:
+    """A clock that is set by hand."""
+
     def __init__(self) -> None:
         self.now = 100.0
 

@@ -8,11 +8,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pytest
-
-pytest.importorskip('plotly')
-
 from mission_bags import (
     header,
     Item,
@@ -25,7 +20,11 @@ from mission_bags import (
     START,
     write,
 )
+import numpy as np
+import pytest
 from tdm_planner.cli import main
+
+pytest.importorskip('plotly')
 
 EVIL = (
     '</script><script>hacked()</script>',
