@@ -11,15 +11,18 @@ finalized      as unconfigured, for good
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from enum import Enum
+import math
+import time
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
-from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.nodes.configured_entities import ConfiguredEntities
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import ParameterSpec, specifications
@@ -37,7 +40,7 @@ class Stage(str, Enum):
     FINALIZED = 'finalized'
 
 
-class ManagedNode(LifecycleNodeMixin, ParameterNode):
+class ManagedNode(ConfiguredEntities):
     """A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
     With `autostart` it configures and activates itself, with parameters that are wrong as well:
@@ -48,8 +51,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     Subclasses call `bring_up` at the end of their constructor.
     """
 
-    _scoped = False
-    _configuration = 0
+    last_words = 0.0  # s that a message sent on deactivation has to arrive before topics go
 
     def __init__(
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
@@ -62,7 +64,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._on_change_state
         self._diagnostics = Diagnostics(self, title, self._report_stage)
-        self._permanent: frozenset[int] = frozenset()
+        self._rested_at = -math.inf
 
     # What subclasses say.
 
@@ -107,9 +109,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     def bring_up(self) -> None:
         """Configure and activate, unless a lifecycle manager is to do it."""
-        if not self._permanent:
-            self._permanent = frozenset(id(item) for item, _ in self._entities())
-            self._scoped = True
+        self.keep_entities()
         if not self.parameter_values[AUTOSTART.name]:
             return
         self._starting = True
@@ -126,39 +126,13 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         if self._start_failed and self._stage is Stage.UNCONFIGURED:
             self.bring_up()
 
-    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
-        """Create a publisher that speaks while the node is active only."""
-        if not self._scoped:
-            return super().create_publisher(*args, **kwargs)
-        publisher = self.create_lifecycle_publisher(*args, **kwargs)
+    def destroy_node(self) -> None:
+        """Leave the plant safe before the node is gone."""
         if self.active:
-            publisher.on_activate(None)
-        return publisher
-
-    def create_timer(self, period: float, callback: Any, *args: Any, **kwargs: Any) -> Any:
-        """Create a timer that ends with the configuration."""
-
-        def guarded() -> None:
-            if configuration == self._configuration:
-                callback()
-
-        configuration = self._configuration
-        return super().create_timer(period, guarded if self._scoped else callback, *args, **kwargs)
-
-    def create_subscription(
-        self, kind: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
-    ) -> Any:
-        """Create a subscription that ends with the configuration."""
-
-        def guarded(message: Any) -> None:
-            if configuration == self._configuration:
-                callback(message)
-
-        configuration = self._configuration
-        scoped = self._scoped and kind is not Clock
-        return super().create_subscription(
-            kind, topic, guarded if scoped else callback, *args, **kwargs
-        )
+            with suppress(Exception):  # of a context that is shut down: nothing can be sent
+                self._rest()
+                time.sleep(self.last_words)
+        super().destroy_node()
 
     # Transitions.
 
@@ -240,38 +214,22 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         try:
             self.deactivate()
         finally:
+            self._rested_at = time.monotonic()
             self._stage = Stage.INACTIVE
             super().on_deactivate(None)
 
     def _release(self) -> None:
-        """Destroy what was created from `configure` on.
-
-        EventsExecutor may still call what was about to be called: this comes to nothing.
-        """
-        self._configuration += 1
+        """Destroy what was created from `configure` on, when the last message is well away."""
+        time.sleep(max(self._rested_at + self.last_words - time.monotonic(), 0.0))
         try:
             self.cleanup()
         finally:
-            for item, destroy in list(self._entities()):
-                of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
-                if id(item) not in self._permanent and not of_rclpy:
-                    destroy(item)
+            self.destroy_entities()
 
     def _give_up(self) -> None:
         if self.active:
             self._rest()
         self._release()
-
-    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
-        for items, destroy in (
-            (self.timers, self.destroy_timer),
-            (self.subscriptions, self.destroy_subscription),
-            (self.services, self.destroy_service),
-            (self.clients, self.destroy_client),
-            (self.publishers, self.destroy_lifecycle_publisher),
-        ):
-            for item in items:
-                yield item, destroy
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response

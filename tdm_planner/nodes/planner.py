@@ -74,6 +74,7 @@ class Planner(ManagedNode):
         self._requests = self._failures = 0
         self._worker = Worker(self)
         self._prepared = threading.Event()
+        self._preparing = False
         self._activation = 0
         self._unanswered: list[_Reply] = []
         self.bring_up()
@@ -85,8 +86,9 @@ class Planner(ManagedNode):
         self._summary = self.create_publisher(String, SUMMARY, LATCHED)
         self._replanning = Replanning(self, self._worker, self._take_over)
         self._replanning.set_up(self._adapter, self.parameter_values)
-        self._prepared = threading.Event()
-        Worker(self).submit(self._prepare, self._on_prepared)
+        if not self._preparing:  # once: what is compiled stays
+            self._preparing = True
+            Worker(self).submit(self._prepare, self._on_prepared)
         DeferredService(self, Trigger, 'plan', self._on_request)
         self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
         if self._adapter is not None:
@@ -262,10 +264,10 @@ class Planner(ManagedNode):
         problem_class, adapter, values = self._problem_class, self._adapter, self.parameter_values
         if problem_class is None or adapter is None or self._others.published(start):
             return
-        activation, prepared = self._activation, self._prepared
+        activation = self._activation
 
         def job() -> Plan | Failure:
-            prepared.wait()
+            self._prepared.wait()
             try:
                 return Plan(*adapter.recognised(problem_class, values, trajectories), start)
             except Exception as error:  # noqa: B902
@@ -300,10 +302,10 @@ class Planner(ManagedNode):
             failure = Failure.of(InvalidProblem('; '.join(faults)))
             self._answer(reply, self._settle(failure, title=title))
             return
-        activation, prepared = self._activation, self._prepared
+        activation = self._activation
 
         def job() -> Plan | Failure:
-            prepared.wait()
+            self._prepared.wait()
             return make_plan(problem_class, values, adapter, self._now)
 
         def done(outcome: Plan | Failure) -> None:

@@ -68,6 +68,8 @@ def tracker_specifications(plant: str) -> dict[str, ParameterSpec]:
 class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
+    last_words = 0.1  # s; the command that switches the actuators off
+
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_PLANT.name: _PLANT}, **options)
         self.plant = PLANTS[self.parameter_values[_PLANT.name]]()

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 import os
 from pathlib import Path
 import shutil
+import signal
 import time
 from typing import Any
 
@@ -182,12 +182,11 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(
 def test_by_itself_a_node_with_wrong_parameters_starts_when_they_are_corrected(
     ros: Ros, started: Any
 ) -> None:
-    started(TRACKER, {'weights.torque': 1e-300, 'weights.theta': 1e12}, 'corrected')
+    started(TRACKER, {'plant.mass': 1e-300}, 'corrected')
     manager, status = Manager(ros, '/corrected/tracker'), Status(ros, '/corrected/tracker')
     assert manager.state() == 'unconfigured'
-    assert status.says('lie too far apart to be computed with')
-    reasons = ros.set_parameters('/corrected/tracker', weights__torque=2.0, weights__theta=1.0)
-    assert reasons[-1] == ''
+    assert status.says("cannot configure: parameters 'plant.*' do not make a rig")
+    assert ros.set_parameters('/corrected/tracker', plant__mass=0.024) == ['']
     assert manager.state() == 'active'
     assert status.says('no state has been received')
 
@@ -263,13 +262,6 @@ class Rig:
             lambda: len(self.commands) > 2 and abs(self.commands[-1].effort[0]) > 1e-3
         )
 
-    def upright(self) -> bool:
-        theta, rate = self.states[-1].position[0], self.states[-1].velocity[0]
-        return abs(math.remainder(theta, math.tau)) < 0.05 and abs(rate) < 0.2
-
-    def at_rest(self) -> bool:
-        return all(abs(rate) < 0.05 for rate in self.states[-1].velocity)
-
 
 @pytest.fixture
 def rig(ros: Ros, started: Any) -> Rig:
@@ -320,7 +312,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros: Ros, r
     rig.tracker.become(Transition.TRANSITION_ACTIVATE, 'active')
     rig.tracked()
     rig.planner.bring_down()  # the tracker has the plan
-    assert ros.spin_until(rig.upright)
+    rig.tracked()
     for manager, transition in (
         (rig.tracker, Transition.TRANSITION_ACTIVE_SHUTDOWN),
         (rig.planner, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN),
@@ -360,3 +352,17 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
     assert commands[-1].effort[0] == 0.0
     manager.bring_up()
     assert 'Traceback' not in process.output
+
+
+def test_a_tracker_whose_process_is_ended_switches_the_actuators_off(ros: Ros, rig: Rig) -> None:
+    rig.tracker.bring_up()
+    rig.planner.bring_up()
+    assert ros.spin_until(lambda: bool(rig.states))
+    done, answer = ros.trigger('/rig/plan')
+    assert done, answer
+    rig.tracked()
+    os.killpg(rig.process.process.pid, signal.SIGINT)
+    assert ros.spin_until(lambda: rig.process.process.poll() is not None)
+    ros.spin_for(0.2)
+    assert rig.commands[-1].effort[0] == 0.0
+    assert rig.states[-1].effort[1] == 0.0

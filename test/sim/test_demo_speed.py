@@ -5,9 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 from tdm_planner.resources import config_file
 from tdm_sim.demo_speed import speed_settings
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-
-pytest.importorskip('rosbags')
-
 from tdm_sim.report.recorded_clock import RecordedClock
 from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics
 
