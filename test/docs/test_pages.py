@@ -106,6 +106,7 @@ def check_ros2(command: list[str]) -> None:
         'run': check_run,
         'service': check_service,
         'param': check_param,
+        'lifecycle': check_lifecycle,
         'bag': lambda _: None,
     }[command[1]](command)
 
@@ -123,6 +124,20 @@ def check_param(command: list[str]) -> None:
         for found, parameters in parameters_by_node().items()
         if found.split()[0] == kind
     ), command
+
+
+def check_lifecycle(command: list[str]) -> None:
+    """Check that the node is a managed one, and the transition one that it has."""
+    pytest.importorskip('rclpy')
+    from rclpy.lifecycle import LifecycleNode
+    from tdm_planner.nodes.planner import Planner
+    from tdm_planner.nodes.tracker import TrackerNode
+
+    _, _, verb, node, transition = command
+    assert verb == 'set', command
+    kind = {'planner': Planner, 'tracker': TrackerNode}[node.rsplit('/', 1)[-1]]
+    assert issubclass(kind, LifecycleNode)
+    assert hasattr(kind, f'trigger_{transition}'), command
 
 
 def check_launch(command: list[str]) -> None:
@@ -154,7 +169,9 @@ def check_run(command: list[str]) -> None:
     for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
         assert option in ('-p', '-r'), command
         name, value = assignment.split(':=')
-        if option == '-p':
+        if option == '-p' and name == 'use_sim_time':  # of every node, by rclpy
+            assert isinstance(yaml.safe_load(value), bool), command
+        elif option == '-p':
             specifications = [specs[name] for specs in found.values() if name in specs]
             assert specifications, command
             specifications[0].check(yaml.safe_load(value))
