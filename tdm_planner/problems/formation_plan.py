@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
 from tdm_planner.problems.formation_task import FormationTask
@@ -30,6 +29,7 @@ _SHORTEST_STEP = 0.01
 _SHOTS, _CAREFUL_SHOTS = 9, 10
 _STEP = 0.1  # of the error, by which corrections are differenced
 _WEAK = 0.1  # of F_max: a manoeuvre may begin with less thrust in a wrong direction
+_TURNED = 1e-12  # rad, rad/s: what is left of an error of the attitude at the end
 _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 
 
@@ -89,11 +89,12 @@ def trajectory(
     robot: int,
     budget: Budget | None = None,
     enough: float = 1.0,
+    careful: bool = True,
 ) -> Trajectory:
     """Return controls of one robot and the states that follow from them by forward integration.
 
     The end is corrected until it misses the goal by `enough` times .2 mm, .1 mm/s, or until the
-    `budget` is spent.
+    `budget` is spent; by differences, where nothing else leads there, only if `careful`.
     """
     task, goal = model.task, model.task.goal[robot]
     aim = _turnable(task, robot, wanted(model, motion, robot))
@@ -116,7 +117,7 @@ def trajectory(
         error = flown.states[-1, [0, 2, 1, 3]] - [goal[0], 0.0, goal[1], 0.0]
         return Shot(sizes, flown, error / _AIM)
 
-    return _shoot(fly, effects, budget, enough).flown
+    return _shoot(fly, effects, budget, enough, _CAREFUL_SHOTS if careful else 0).flown
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +135,17 @@ class Shot:
 
 
 def _shoot(
-    fly: Callable[[Array], Shot], effects: Array, budget: Budget | None, enough: float
+    fly: Callable[[Array], Shot],
+    effects: Array,
+    budget: Budget | None,
+    enough: float,
+    careful_shots: int,
 ) -> Shot:
     """Correct until the end is hit within `enough`, or the nearest shot where none is.
 
     Broyden's method from the `effects` (4, 4) that corrections had on the errors, were thrust
-    ideal; then, where that has not led there, carefully, by what differences say they really do.
+    ideal; then, where that has not led there, carefully, by what differences say they really do,
+    in `careful_shots` at most.
     """
     best = shot = fly(np.zeros(4))
     first = effects
@@ -156,7 +162,7 @@ def _shoot(
         first = first + np.outer(gained, change) / (change @ change)
         best = min(best, shot, key=lambda each: each.miss)
     share = 1.0
-    for _ in range(_CAREFUL_SHOTS):
+    for _ in range(careful_shots):
         if done():
             break
         if share == 1.0:
@@ -177,8 +183,10 @@ def _differenced(fly: Callable[[Array], Shot], at: Shot) -> Array:
 
 def _effects(times: Array, shapes: Array) -> Array:
     """Return what accelerations `shapes` (N, m) add to final position and velocity (2, m)."""
-    left = (times[-1] - times)[:, None]
-    return np.stack([trapezoid(left * shapes, times, axis=0), trapezoid(shapes, times, axis=0)])
+    half = np.diff(times) / 2
+    weights = np.append(half, 0.0)  # of the trapezoidal rule
+    weights[1:] += half
+    return np.stack([weights * (times[-1] - times), weights]) @ shapes
 
 
 def _turnable(task: FormationTask, robot: int, aim: Wanted) -> Wanted:
@@ -198,12 +206,16 @@ def _turnable(task: FormationTask, robot: int, aim: Wanted) -> Wanted:
 
     room = np.where(torque == 0.0, 0.0, 1.0 - np.abs(torque) / task.torque)
     shapes = room[:, None] * np.stack([np.ones_like(left), left / left[0]], axis=1)
+    effects = _effects(aim.times, shapes)
+    yaw, rate = integrate(torque)
     for _ in range(3 if room.any() else 0):
-        yaw, rate = integrate(torque)
         error = np.array([yaw[-1] - task.goal_yaw[robot], rate[-1]])
-        change = shapes @ np.linalg.lstsq(_effects(aim.times, shapes), -error, rcond=None)[0]
+        if np.abs(error).max() < _TURNED:
+            break
+        change = shapes @ np.linalg.lstsq(effects, -error, rcond=None)[0]
         torque = np.clip(torque + change, -task.torque, task.torque)
-    return Wanted(aim.times, aim.acceleration, integrate(torque)[0], torque)
+        yaw, rate = integrate(torque)
+    return Wanted(aim.times, aim.acceleration, yaw, torque)
 
 
 def _room(acceleration: Array, thrust: float) -> Array:

@@ -25,6 +25,7 @@ from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
 Array = NDArray[np.float64]
 
+_IRRELEVANT = 2.0  # a margin that makes no row, or one without effect
 _CURVATURE_FLOOR = 1e-3  # smallest eigenvalue of a robot's Hessian, relative to its largest
 
 
@@ -43,6 +44,8 @@ class FormationProgram(NonlinearProgram):
     Staying robots have only their times (and attitudes) varied. Constraints that are violated
     count relative to their limits. Group 0 holds all but the thruster's rate; with
     `limit_thruster_rate` group 1 holds that. `scale` is a typical J, by which the cost is divided.
+    `held` (n, P) holds the varied parameters of robots whose motion is not varied but avoided by
+    the others, NaN for those of the others.
     """
 
     def __init__(
@@ -51,8 +54,12 @@ class FormationProgram(NonlinearProgram):
         nodes: int | None = None,
         common_instants: int = 32,
         limit_thruster_rate: bool = False,
+        held: Array | None = None,
     ) -> None:
         self.model = model
+        shape = model.task.n, model.size
+        self.held = np.full(shape, np.nan) if held is None else held
+        self._kept = ~np.isnan(self.held[:, 0])
         self.grid = NodeGrid(
             model=model,
             nodes=nodes or max(21, 5 * model.order - 14),
@@ -81,6 +88,7 @@ class FormationProgram(NonlinearProgram):
         shape, nb = (task.n, model.size), model.nb
         free = np.ones(shape, dtype=bool)
         free[task.staying, slice(nb, nb + 2 * model.nf)] = False
+        free[self._kept] = False
         self.free = np.flatnonzero(free.ravel())
         self.all_free = bool(free.all())
         lower, upper = np.full(shape, -np.inf), np.full(shape, np.inf)
@@ -105,7 +113,7 @@ class FormationProgram(NonlinearProgram):
 
     def full(self, xi: Array) -> Array:
         """Scaled varied parameters of every robot (n, P), those not varied being zero."""
-        z = np.zeros(self.model.task.n * self.model.size)
+        z = np.where(self._kept[:, None], self.held, 0.0).ravel()
         z[self.free] = xi
         return z.reshape(self.model.task.n, -1)
 
@@ -128,6 +136,7 @@ class FormationProgram(NonlinearProgram):
         if self.thruster is not None:
             motion = self.motion(xi)
             hodograph = self.thruster.values(motion)
+            hodograph.margins[self._kept] = _IRRELEVANT
             violations.append(max(0.0, -hodograph.margins.min()))
         return Point(
             np.asarray(xi),
@@ -138,7 +147,19 @@ class FormationProgram(NonlinearProgram):
 
     def values(self, xi: Array) -> FormationValues:
         """Gas and margins at Xi."""
-        return self.terms.values(self.full(xi))
+        values = self.terms.values(self.full(xi))
+        if self._kept.any():
+            self._ignore_kept(values)
+        return values
+
+    def _ignore_kept(self, values: FormationValues) -> None:
+        """Leave limits out that depend on nothing varied: the check has the last word on them."""
+        for margins in (values.thrust, values.torque, values.walls):
+            margins[self._kept] = _IRRELEVANT
+        values.circles.margins[self._kept[values.circles.robot]] = _IRRELEVANT
+        if values.pairs.margins.size:
+            first, second = self.grid.pairs.robots(values.pairs)
+            values.pairs.margins[self._kept[first] & self._kept[second]] = _IRRELEVANT
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of gas and thrust rows, see the base class."""

@@ -20,6 +20,7 @@ from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve, verify_formation
+from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.warm_start import warm_parameters
@@ -36,6 +37,9 @@ _ROUNDS = 4  # of guesses, each keeping more distance, before giving up
 _SIMPLE = 7  # order of the polynomials with which first guesses are minimised
 _RAISE = 4  # by which the order is raised where the rest of an earlier plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is given up
+# Robots keep the rest of their motions that have less time left than so many half-turns of the
+# thruster take; those late on the way do where they could not be planned anew.
+_LAST_LEG = 1.0
 _KEPT = 0.03  # margin of a separation that binds nobody
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
@@ -151,6 +155,10 @@ class FormationSearch(Search[Candidate]):
         self._found = False
         self._previous = previous
         self._first: Array | None = None
+        self._kept: dict[str, Trajectory] = {}
+        self._held: Array | None = None
+        self._late: dict[str, Trajectory] | None = None
+        self._half_turns = _LAST_LEG
         simple = form.of_order(min(form.order, _SIMPLE))
         self._aim(task, simple if previous is None else form)
         self._start_from(previous)
@@ -159,27 +167,44 @@ class FormationSearch(Search[Candidate]):
 
     def _aim(self, task: FormationTask, form: Form) -> None:
         self.task, self._form = task, form
+        self._kept, self._held = {}, None
         self._use(task)
         self.seeds = BowSeeds(self.model, self._rng)
         self._guesses = iter(self.seeds)
 
     def _use(self, task: FormationTask) -> None:
         self.model = self._form.model(task)
-        self.program = FormationProgram(self.model, self._form.nodes)
+        self.program = FormationProgram(self.model, self._form.nodes, held=self._held)
 
     def _start_from(self, previous: Solution | None) -> None:
-        """Take the remaining motion of a plan for the first guess, and nothing else for now."""
-        if previous is not None:
-            self._first = warm_parameters(self.model, self.seeds, previous)
-            self._turn_first()
+        """Take the remaining motion of a plan for the first guess, and nothing else for now.
 
-    def _turn_first(self) -> None:
-        """Reckon with the turning that the first guess needs from the outset."""
+        Robots about to arrive keep theirs; the turning that the guess needs is reckoned with from
+        the outset.
+        """
+        if previous is None:
+            return
+        self._first = warm_parameters(self.model, self.seeds, previous)
         if self._first is None:
             return
+        if self._late is None:
+            self._late = kept_motions(self._required, previous.trajectories, LATE)
+        leg = self._half_turns * turning_time(self.task.thruster_rate)
+        self._kept = {name: m for name, m in self._late.items() if m.duration < leg}
         coast = self._needed_coast(self.model, self.model.unpack(self._first))
-        if coast.any():
+        if self._kept:
+            kept = np.array([name in self._kept for name in self.task.names])
+            self._held = np.where(kept[:, None], self._first, np.nan)
+            coast[kept] = 0.0
+        if coast.any() or self._kept:
             self._use(self.task.with_coast(1.03 * coast))
+
+    @property
+    def _may_keep_more(self) -> bool:
+        """Whether, should this not do, more robots can keep their motions."""
+        if self._first is None or self._late is None or self._half_turns >= LATE:
+            return False
+        return len(self._late) > len(self._kept)
 
     def _needed_coast(self, model: ReferenceMotion, motion: FormationMotion) -> Array:
         """Time [s] that every thruster needs to turn before a motion begins (n,)."""
@@ -199,6 +224,8 @@ class FormationSearch(Search[Candidate]):
             turned = self.turned(candidate) or candidate
             kept.append(turned)
             yield turned
+        if self._may_keep_more:
+            return
         for candidate in kept:
             refined = self.refined(candidate)
             if refined is not None:
@@ -207,8 +234,11 @@ class FormationSearch(Search[Candidate]):
     def plans(self, candidate: Candidate) -> Iterator[Plan]:
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         task, model, motion = self._required, candidate.program.model, candidate.motion
+        careful = not self._may_keep_more
         motions = {
-            name: trajectory(model, motion, i, self.budget, self._enough)
+            name: self._kept[name]
+            if name in self._kept
+            else trajectory(model, motion, i, self.budget, self._enough, careful)
             for i, name in enumerate(task.names)
         }
         yield assessed(task, motions, self._penalty_weights, candidate.point.xi)
@@ -220,9 +250,14 @@ class FormationSearch(Search[Candidate]):
     def widen(self) -> bool:
         """Keep more distance, where plans failed the check; else go on with other guesses.
 
-        Where the rest of an earlier plan did not do, it is tried with polynomials of higher order,
-        then guesses are, one by one: on the way there is little time.
+        Where the rest of an earlier plan did not do, more robots keep theirs, then polynomials of
+        higher order are tried, then guesses, one by one: on the way there is little time.
         """
+        if self._may_keep_more:
+            self._half_turns = LATE
+            self._aim(self._required, self.form)
+            self._start_from(self._previous)
+            return True
         simple = self.form.of_order(min(self.form.order, _SIMPLE))
         if self._first is not None and self._form == self.form and self.form.order <= 15 - _RAISE:
             self._aim(self._required, self.form.of_order(self.form.order + _RAISE))
@@ -293,6 +328,8 @@ class FormationSearch(Search[Candidate]):
             iterations=_ITERATIONS if self._first is None else _WARM_ITERATIONS,
             cutoff=cutoff,
         )
+        if not program.free.size:
+            return Candidate(program, program.evaluate(np.zeros(0))), True
         before = program.evaluations
         # What is left when the search must end is for the check.
         check = min(_CHECK_TIME * program.model.task.n, _CHECK_SHARE * self.budget.seconds)
@@ -324,13 +361,16 @@ class FormationSearch(Search[Candidate]):
         for spare in (1.0, 1.03, 1.1):
             model = candidate.program.model
             needed = self._needed_coast(model, candidate.motion)
+            needed[~np.isnan(candidate.program.held[:, 0])] = 0.0
             # A thruster that is off by little turns on, thrusting, as the shooting reckons with.
             short = needed - _ALIGNED / self.task.thruster_rate
             kept = model.task.coast
             if ((short <= kept) & (kept <= 1.2 * needed + 0.1)).all():
                 return candidate
             task = self.task.with_coast(spare * needed)
-            program = FormationProgram(model.with_task(task), candidate.program.grid.nodes)
+            program = FormationProgram(
+                model.with_task(task), candidate.program.grid.nodes, held=candidate.program.held
+            )
             again = program.reduce(candidate.program.full(candidate.point.xi))
             candidate, converged = self._minimise(program, again, _REFINING_RADIUS)
             if not converged:
@@ -341,6 +381,8 @@ class FormationSearch(Search[Candidate]):
         """Minimise again with the thruster's rate limited in the program; None if infeasible."""
         model = candidate.program.model
         nodes = candidate.program.grid.nodes
-        program = FormationProgram(model, nodes, limit_thruster_rate=True)
+        program = FormationProgram(
+            model, nodes, limit_thruster_rate=True, held=candidate.program.held
+        )
         better, converged = self._minimise(program, candidate.point.xi, _REFINING_RADIUS)
         return better if converged else None

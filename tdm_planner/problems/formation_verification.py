@@ -58,7 +58,7 @@ def verify_formation(
             TERMINAL_TOLERANCE,
             robot_constraints(task),
             consistency=_CONSISTENCY,
-            start=_start(task, i),
+            start=start_state(task, i),
         )
         for i, name in enumerate(task.names)
     }
@@ -83,8 +83,8 @@ def verify_formation(
     return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
 
 
-def _start(task: FormationTask, robot: int) -> Array:
-    """State (7,) to begin in, NaN where the thruster's angle is free."""
+def start_state(task: FormationTask, robot: int) -> Array:
+    """State (7,) of a robot to begin in, NaN where the thruster's angle is free."""
     return np.array(
         [
             *task.start[robot],

@@ -51,6 +51,7 @@ class ThrustDirection:
         self.times, self.yaw = times, yaw
         self.rate, self.thrust, self.alpha = rate, thrust, alpha
         self.reach = _RATE_SHARE * rate * times
+        self.steps = np.diff(self.reach)
         self.turns = np.zeros(len(wanted))
         self.heading = np.unwrap(self._headings(wanted))
         if not np.isnan(alpha):
@@ -87,7 +88,7 @@ class ThrustDirection:
         d = self.reach
         if COMPILED:
             envelopes = Envelopes(upper, lower)
-            _enclose(*envelopes, np.diff(d))
+            _enclose(*envelopes, self.steps)
             return envelopes
         highest = np.minimum(
             np.minimum.accumulate(upper - d) + d,
@@ -152,7 +153,7 @@ class ThrustDirection:
         if np.isnan(first):
             first = min(max(float(direction[0]), float(lower[0])), float(upper[0]))
         angles = np.empty(direction.size)
-        _follow(direction, lower, upper, np.diff(self.reach), first, angles)
+        _follow(direction, lower, upper, self.steps, first, angles)
         return self._smoothed(angles)
 
     def _smoothed(self, angles: Array) -> tuple[Array, Array]:

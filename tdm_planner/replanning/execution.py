@@ -16,6 +16,7 @@ from tdm_planner.problems.base import Problem
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.tracking.tracker import TrajectoryTracker
+from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]
 
@@ -50,13 +51,15 @@ class Observation:
 class Foreseen:
     """State (nx,) of a vehicle at a later instant, and the controls (nu,) in force there.
 
-    `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way.
+    `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way; `planned` what
+    the plan has there, given where the vehicle is to be taken to be on it.
     """
 
     state: Array
     control: Array
     mode: Mode
     arrived: float = 0.0
+    planned: Sample | None = None
 
 
 class Execution(ABC):

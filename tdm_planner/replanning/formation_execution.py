@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from tdm_planner.problems.formation_parameters import RobotStart
+from tdm_planner.problems.kept_motion import LATE, turning_time
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
@@ -32,6 +33,7 @@ from tdm_planner.tracking.estimator import flow
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import Motion
+from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]
 
@@ -42,6 +44,8 @@ _RETURN = 3.0  # s, time constant with which the feedback brings a robot back
 _RESERVE = 0.25  # of arena.tracking_margin that must be left of the distances
 # A robot so near to its goal, and so slow, is kept there by its tracker: m, m/s, rad, rad/s.
 _AT_GOAL = np.array([0.03, 0.015, 0.05, 0.02])
+# A robot late on its way that is so near to its plan is brought back on it by its tracker.
+_ON_PLAN = np.array([0.03, 0.015, 0.05, 0.04])
 _TRACKED = 0.8  # of tolerance.path that a deviation may come to
 
 
@@ -77,8 +81,22 @@ class FormationExecution(Execution):
             arrived = float(task.arrived[i]) if task.staying[i] else 0.0
             duration = 0.0 if arrived else plan.solution.trajectories[name].duration
             arrived = max(arrived + plan.elapsed(at) - duration, 0.0)
-            found[name] = replace(self._foresee(name, observations[name], at), arrived=arrived)
+            robot = replace(self._foresee(name, observations[name], at), arrived=arrived)
+            found[name] = replace(robot, planned=self._planned(plan, name, robot, at))
         return found
+
+    def _planned(self, plan: PlanInForce, name: str, robot: Foreseen, at: float) -> Sample | None:
+        """Return what the plan has for a robot late on its way and well on it, else None.
+
+        The feedback takes its deviation away; planned from that it would only be later.
+        """
+        trajectory = plan.solution.trajectories[name]
+        left = trajectory.duration - plan.elapsed(at)
+        late = LATE * turning_time(self._problem(plan).limits.thruster_rate)
+        if robot.mode is not Mode.FOLLOWING or not 0.0 < left < late:
+            return None
+        planned = trajectory.sample(plan.elapsed(at))
+        return planned if self._near(planned.state, robot.state, _ON_PLAN) else None
 
     def _foresee(self, name: str, seen: Observation, at: float) -> Foreseen:
         tracker, motion = self._motions[name]
@@ -189,6 +207,9 @@ class FormationExecution(Execution):
             goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
             x, y, u, v, yaw, omega, alpha = robot.state.tolist()
             torque, thrust = float(robot.control[2]), float(robot.control[0])
+            if robot.planned is not None and self._leads_to(name, goal):
+                x, y, u, v, yaw, omega, alpha = robot.planned.state.tolist()
+                thrust, _, torque = robot.planned.control.tolist()
             if self._at_goal(goal, robot.state):
                 x, y, u, v, yaw, omega, alpha = goal.tolist()
                 torque = thrust = 0.0
@@ -210,9 +231,18 @@ class FormationExecution(Execution):
         """Whether two manoeuvres differ in nothing but starts and solver."""
         return replace(problem, starts=other.starts, solver=other.solver) == other
 
+    def _leads_to(self, name: str, goal: Array) -> bool:
+        """Whether the plan in force takes a robot to a goal (7,)."""
+        assert self._adopted is not None
+        return self._at_goal(goal, self._adopted.solution.trajectories[name].states[-1])
+
+    @classmethod
+    def _at_goal(cls, goal: Array, state: Array) -> bool:
+        return cls._near(goal, state, _AT_GOAL)
+
     @staticmethod
-    def _at_goal(goal: Array, state: Array) -> bool:
-        away = state - goal
+    def _near(planned: Array, state: Array, allowed: Array) -> bool:
+        away = state - planned
         turn = math.remainder(away[4], math.tau)
         sizes = [math.hypot(*away[:2]), math.hypot(*away[2:4]), abs(turn), abs(away[5])]
-        return bool((np.array(sizes) < _AT_GOAL).all())
+        return bool((np.array(sizes) < allowed).all())
