@@ -136,8 +136,7 @@ def check_lifecycle(command: list[str]) -> None:
     _, _, verb, node, transition = command
     assert verb == 'set', command
     kind = {'planner': Planner, 'tracker': TrackerNode}[node.rsplit('/', 1)[-1]]
-    assert issubclass(kind, LifecycleNode)
-    assert hasattr(kind, f'trigger_{transition}'), command
+    assert callable(getattr(kind, f'trigger_{transition}', None)), command
 
 
 def check_launch(command: list[str]) -> None:
