@@ -22,9 +22,14 @@ def crossing() -> PlanInForce:
     return PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
 
 
+def problem_of(plan: PlanInForce) -> RobotFormation:
+    assert isinstance(plan.problem, RobotFormation)
+    return plan.problem
+
+
 def late(plan: PlanInForce) -> float:
     """Return an instant at which the first robot is on its last leg."""
-    rate = plan.problem.limits.thruster_rate
+    rate = problem_of(plan).limits.thruster_rate
     return plan.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
 
 
@@ -36,9 +41,9 @@ def seen_at(plan: PlanInForce, at: float, away: dict[str, np.ndarray]) -> dict[s
 
 
 def asked_at(plan: PlanInForce, at: float, away: dict[str, np.ndarray]) -> RobotFormation:
-    execution = FormationExecution(plan.problem)
+    execution = FormationExecution(problem_of(plan))
     return execution.problem_from(
-        plan.problem, execution.foresee(plan, seen_at(plan, at, away), at)
+        problem_of(plan), execution.foresee(plan, seen_at(plan, at, away), at)
     )
 
 
@@ -68,7 +73,9 @@ def test_a_robot_that_was_pushed_is_planned_from_where_it_is(
     pushed = np.array([0.0, 0.0, push, 0.0, 0.0, 0.0, 0.0])
     problem = asked_at(crossing, at, {'robot1': pushed + AWAY})
     planned = crossing.solution.trajectories['robot1'].sample(at).state
-    kept = kept_motions(problem.task, crossing.remainder(at).trajectories, LATE)
+    rest = crossing.remainder(at)
+    assert rest is not None
+    kept = kept_motions(problem.task, rest.trajectories, LATE)
     if push:
         np.testing.assert_allclose(problem.task.start[0], planned[:2] + AWAY[:2], atol=1e-9)
         assert 'robot1' not in kept
@@ -81,12 +88,12 @@ def test_no_motion_is_kept_that_leads_elsewhere(crossing: PlanInForce) -> None:
     at = late(crossing)
     rest = crossing.remainder(at)
     assert rest is not None
-    x, y, turn = crossing.problem.formation.anchor
+    x, y, turn = problem_of(crossing).formation.anchor
     moved = replace(
-        crossing.problem,
-        formation=replace(crossing.problem.formation, anchor=(x + 0.1, y, turn)),
+        problem_of(crossing),
+        formation=replace(problem_of(crossing).formation, anchor=[x + 0.1, y, turn]),
     )
-    execution = FormationExecution(crossing.problem)
+    execution = FormationExecution(problem_of(crossing))
     foreseen = execution.foresee(crossing, seen_at(crossing, at, {'robot1': AWAY}), at)
     problem = execution.problem_from(moved, foreseen)
     np.testing.assert_allclose(problem.task.start[0], foreseen['robot1'].state[:2], atol=1e-9)
