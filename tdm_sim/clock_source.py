@@ -4,37 +4,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 import time
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.qos import NEWEST
 
 _QUEUE = 10
 _NANOSECOND = 1e-9
-_MOST_STEPS = 10  # that simulated time takes at once; where more are due it falls behind
+_MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
+_LAG = 3  # steps, or intervals between its messages, that a follower may be behind
+_PATIENCE = 0.5  # s of real time after which a silent follower is not waited for any more
+
+
+class _Follower:
+    """A topic whose stamps show how far another node has come."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self.stamp = self.interval = 0  # ns
+        self.heard_at = -math.inf
+        node.create_subscription(JointState, topic, self._on_message, NEWEST)
+
+    def _on_message(self, message: JointState) -> None:
+        stamp = nanoseconds_of(message.header.stamp)
+        self.interval = max(stamp - self.stamp, 0) if self.stamp else 0
+        self.stamp, self.heard_at = stamp, time.monotonic()
+
+    def lags(self, now: int, step: int) -> bool:
+        """Whether it is to be waited for at the simulated instant `now` [ns]."""
+        if time.monotonic() - self.heard_at > _PATIENCE:
+            return False
+        return now - self.stamp >= _LAG * max(step, min(self.interval, _LAG * step))
 
 
 class ClockSource:
     """Publishes `/clock` in steps of `step` [s]; the node's own clock shows the same time.
 
     Simulated time begins with the computer's and runs `speed` times as fast. It goes on in whole
-    steps, so that timers of its period fire in every one of them, and never in leaps: where the
-    process does not keep up, it runs slower than asked.
+    steps, so that timers of its period fire in every one of them, and never in leaps. Where this
+    process, or one that publishes on a topic of `followers`, does not keep up, it runs slower than
+    asked: a busy computer makes a motion longer to wait for, and does not change it.
     """
 
-    def __init__(self, node: Node, step: float, speed: float) -> None:
+    def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
         if node.get_clock().ros_time_is_active:
             # The node is the one that tells the time: what it would hear is its own.
             off = Parameter('use_sim_time', value=False)
             Node.set_parameters_atomically(node, [off])
         self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, _QUEUE)
-        self._source = TimeSource()
+        self._source: Any = TimeSource()
         self._source.ros_time_is_active = True
         self._source.attach_clock(node.get_clock())
+        self._followers = [_Follower(node, topic) for topic in followers]
         self._step = round(step / _NANOSECOND)
         self._time = time.time_ns()
         self._due = 0.0  # steps, with the fraction of the next
@@ -43,15 +72,17 @@ class ClockSource:
         self._tell()
 
     def advance(self) -> None:
-        """Bring the time up to the present, and tell it."""
+        """Bring the time up to the present, as far as all have come along, and tell it."""
         now = time.monotonic()
         elapsed, self._last = now - self._last, now
-        self._due += elapsed * self.speed / (self._step * _NANOSECOND)
-        steps = math.floor(self._due)
-        if steps < 1:
+        self._due = min(
+            self._due + elapsed * self.speed / (self._step * _NANOSECOND), _MOST_STEPS + 1.0
+        )
+        steps = min(math.floor(self._due), _MOST_STEPS)
+        if steps < 1 or any(one.lags(self._time, self._step) for one in self._followers):
             return
-        self._due = min(self._due - steps, 1.0)
-        self._time += min(steps, _MOST_STEPS) * self._step
+        self._due -= steps
+        self._time += steps * self._step
         self._tell()
 
     def _tell(self) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+import json
 from pathlib import Path
 from typing import Any
 
@@ -44,14 +45,22 @@ class Scene(ABC):
         """
         arguments = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
         executable = module.rsplit('.', 1)[-1]
-        settings = speed_settings(executable, self.file, self.speed, drives_clock, self.rates)
+        settings = speed_settings(
+            executable, self.file, self.speed, drives_clock, self.rates, self.followers
+        )
         for key, value in settings.items():
-            arguments += ['-p', f'{key}:={value}']
+            arguments += ['-p', f'{key}:={json.dumps(value)}']
         return name, module, arguments
 
     @abstractmethod
     def nodes(self) -> list[NodeCommand]:
         """Name, module and arguments of every node to start."""
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """Topics of what simulated time waits for: commands, and states of all plants."""
+        own = [f'{plant}/joint_command' for plant in self.plants]
+        return (*own, *(f'{plant}/joint_states' for plant in self.plants[1:]))
 
     @property
     @abstractmethod

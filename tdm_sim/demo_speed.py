@@ -9,7 +9,7 @@ rates are lowered so that the computer has no more to do in a second than it can
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +37,17 @@ _DECLARED: Mapping[str, Callable[[], Mapping[str, ParameterSpec]]] = {
 
 
 def speed_settings(
-    executable: str, file: Path, speed: float, drives_clock: bool, rates: float = 1.0
+    executable: str,
+    file: Path,
+    speed: float,
+    drives_clock: bool,
+    rates: float = 1.0,
+    followers: Sequence[str] = ('joint_command',),
 ) -> Settings:
     """Return what a node is told beside the parameter file, for a demo `speed` times real time.
 
-    `rates` is how many times more often than at real time the nodes may be called in a second.
+    `rates` is how many times more often than at real time the nodes may be called in a second;
+    `followers` are the topics whose publishers the clock waits for.
     """
     if speed == 1.0:
         return {}
@@ -49,6 +55,7 @@ def speed_settings(
     settings: Settings = {'use_sim_time': not drives_clock}
     if drives_clock:
         settings |= {'publish_clock': True, 'real_time_factor': speed}
+        settings['clock_followers'] = list(followers)
     for name in _COVER_REAL_TIME[executable]:
         spec = declared[name]
         value = float(given.get(name, spec.default)) * max(speed, 1.0)

@@ -71,6 +71,12 @@ class SimulationParameters(Validated):
         'drive /clock, for other nodes with use_sim_time; one node alone must do so',
         read_only=True,
     )
+    clock_followers: list[str] = parameter(
+        ['joint_command'],
+        'topics of commands or joint states whose publishers the clock waits for when they fall '
+        'behind',
+        read_only=True,
+    )
     command_timeout: float = parameter(
         0.1,
         'simulated time without a command after which the actuators are switched off',
@@ -151,7 +157,8 @@ class PlantNode(ParameterNode):
     def _make_clock_source(self) -> ClockSource | None:
         if not self.parameters.publish_clock:
             return None
-        return ClockSource(self, 1.0 / self.parameters.rate, self.parameters.real_time_factor)
+        given = self.parameters
+        return ClockSource(self, 1.0 / given.rate, given.real_time_factor, given.clock_followers)
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate

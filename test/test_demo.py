@@ -4,6 +4,7 @@
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -60,6 +61,24 @@ def test_pendulum(tmp_path):
     last = np.array(theta[-900:])  # 4.5 s at 200 Hz
     upright = 2 * np.pi * np.round(last / (2 * np.pi))
     assert np.abs(last - upright).max() < 0.05
+
+
+def test_at_another_speed_the_mission_is_the_same(tmp_path):
+    done = run_demo(tmp_path, 'pendulum', '--speed', '4', '-o', 'out')
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'goal reached and held' in done.stdout
+    assert 'speed of simulated time' in done.stdout
+    report = (tmp_path / 'out' / 'report.html').read_text(encoding='utf-8')
+    # A busy computer holds less than it was asked for.
+    assert re.search(r'simulated time at [1-4][.0-9]* times real time', report)
+
+
+@pytest.mark.parametrize('speed', ['0', '-1', '100', 'nan'])
+def test_a_speed_that_cannot_be_is_refused(tmp_path, speed):
+    done = run_demo(tmp_path, 'pendulum', f'--speed={speed}', '-o', 'out')
+    assert done.returncode == 2
+    assert "parameter 'speed'" in done.stderr
+    assert 'Traceback' not in done.stderr + done.stdout
 
 
 def test_a_goal_that_cannot_be_planned_is_no_success(tmp_path):

@@ -31,6 +31,7 @@ def test_faster_what_covers_real_time_is_longer_and_rates_are_lower():
         'use_sim_time': False,
         'publish_clock': True,
         'real_time_factor': 4.0,
+        'clock_followers': ['joint_command'],
         'command_timeout': pytest.approx(0.4),
         'rate': 100.0,
     }
