@@ -129,7 +129,6 @@ def check_param(command: list[str]) -> None:
 def check_lifecycle(command: list[str]) -> None:
     """Check that the node is a managed one, and the transition one that it has."""
     pytest.importorskip('rclpy')
-    from rclpy.lifecycle import LifecycleNode
     from tdm_planner.nodes.planner import Planner
     from tdm_planner.nodes.tracker import TrackerNode
 
