@@ -339,7 +339,9 @@ class FormationSearch(Search[Candidate]):
         violation = float(minimum.point.violations[0])
         if self.closest is None or violation < self.closest.point.violations[0]:
             self.closest = candidate
-        return candidate, violation <= _FEASIBLE
+        # Constants so extreme that a motion has no numbers leave its margins without meaning.
+        finite = bool(np.isfinite(candidate.motion.position).all())
+        return candidate, finite and violation <= _FEASIBLE
 
     def raised(self, candidate: Candidate) -> Candidate:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""
