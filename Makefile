@@ -4,6 +4,7 @@
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
 # make test       run every test
 # make fuzz       over 10,000 cases of bad input, 1,000 plans of sabotaged solvers (15 minutes)
+# make faults     kill, starve and mislead the nodes, over and over (about 30 minutes)
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
 # make benchmark  measure everything and write docs/benchmarks.md (25 minutes); OPTIONS=--quick to try it
@@ -42,10 +43,10 @@ else
   WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
 
-.PHONY: help setup demo test fuzz lint docs benchmark config clean
+.PHONY: help setup demo test fuzz faults lint docs benchmark config clean
 
 help:
-	@sed -n '3,13s/^# //p' Makefile
+	@sed -n '3,14s/^# //p' Makefile
 
 setup: $(READY)
 
@@ -92,6 +93,9 @@ test: $(READY)-test
 # The nightly profile; what it finds is printed as JSON, to be kept in test/fuzz/corpus.
 fuzz: $(READY)-test
 	@TDM_FUZZ=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/fuzz test/adversarial
+
+faults: $(READY)-test
+	@TDM_FAULTS=all $(BIN)/python -m pytest --timeout 1800 -rP test/faults
 
 lint: $(READY)-test
 	@echo 'ruff check' && $(BIN)/ruff check .

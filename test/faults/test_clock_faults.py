@@ -23,6 +23,7 @@ from tdm_planner.nodes.messages import nanoseconds_of
 
 STEPS = [5.0, -5.0]
 ALL = os.environ.get('TDM_FAULTS') == 'all'
+pytestmark = pytest.mark.skipif(not ALL, reason='missions of minutes: set TDM_FAULTS=all')
 
 
 def told(*what: object) -> None:
@@ -89,7 +90,6 @@ def test_the_time_of_day_is_set_and_nothing_stops(
         process.end_cleanly()
 
 
-@pytest.mark.skipif(not ALL, reason='a longer mission in real time: set TDM_FAULTS=all')
 @pytest.mark.parametrize('phase', ['swing', 'hold'])
 @pytest.mark.parametrize('step', STEPS)
 def test_the_time_of_day_is_set_and_the_mission_goes_on(

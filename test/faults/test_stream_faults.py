@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams of states that freeze, come late, lose, repeat or mix up messages: a mission over DDS.
 
-What is promised is written in docs/reliability.md. TDM_FAULTS=all adds the longer missions and
-prints what was measured.
+What is promised is written in docs/reliability.md. They run with TDM_FAULTS=all, and
+print what was measured.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pytest
 from ros_harness import Ros
 
 ALL = os.environ.get('TDM_FAULTS') == 'all'
-only_when_all = pytest.mark.skipif(not ALL, reason='a longer mission: set TDM_FAULTS=all')
+pytestmark = pytest.mark.skipif(not ALL, reason='missions of minutes: set TDM_FAULTS=all')
 
 HARMLESS = [('delay', 0.05), ('drop', 0.05), ('duplicate', 0.03), ('reorder', 0.03)]
 MORE_HARMLESS = [('delay', 0.07), ('drop', 0.5), ('unstamped', 0.0)]
@@ -48,7 +48,6 @@ def test_the_swing_up_and_the_hold_go_on(rig: PendulumRig, kind: str, amount: fl
     check_whole_mission(rig, kind, amount)
 
 
-@only_when_all
 @pytest.mark.parametrize(('kind', 'amount'), MORE_HARMLESS, ids=ids(MORE_HARMLESS))
 def test_so_they_do_where_it_is_worse(rig: PendulumRig, kind: str, amount: float) -> None:
     check_whole_mission(rig, kind, amount)
@@ -66,7 +65,6 @@ def check_whole_mission(rig: PendulumRig, kind: str, amount: float) -> None:
     assert held < HELD_LEAN, rig.story()
 
 
-@only_when_all
 @pytest.mark.parametrize(('kind', 'amount'), HARMLESS + MORE_HARMLESS)
 def test_the_hold_goes_on(rig: PendulumRig, kind: str, amount: float) -> None:
     at = rig.swing_up() + 0.5
@@ -98,7 +96,6 @@ def test_without_states_while_holding_it_is_safe_and_swings_up_again(
     check_safe(rig, kind, amount, at, SILENCE)
 
 
-@only_when_all
 @pytest.mark.parametrize(('kind', 'amount'), MORE_SILENT)
 def test_so_it_does_with_stamps_that_make_no_sense(
     rig: PendulumRig, kind: str, amount: float
@@ -145,7 +142,6 @@ def test_a_sensor_that_repeats_itself_is_noticed(rig: PendulumRig, phase: str) -
     assert safe < STUCK_SAFE + JITTER, rig.story()
 
 
-@only_when_all
 def test_the_largest_delay(rig: PendulumRig) -> None:
     """What state_timeout leaves, and more where it is raised."""
     assert rig.ros.set_parameters(f'/{rig.namespace}/tracker', state_timeout=1.0) == ['']
