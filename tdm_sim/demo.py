@@ -166,8 +166,11 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
             )
             for name, module, arguments in scene.nodes():
                 processes.start(name, module, arguments)
-            if not wait(lambda: scene.complete(node) and client.service_is_ready(), _START_LIMIT):
-                raise DemoFailed(f'not up after {_START_LIMIT:g} s: {scene.missing(node, client)}')
+            if not wait(lambda: not scene.missing(client), _START_LIMIT):
+                raise DemoFailed(
+                    f'not up and connected after {_START_LIMIT:g} s: '
+                    + ', '.join(scene.missing(client))
+                )
             progress.phase('asking for a plan')
             answer = _ask(client, wait)
             scene.answered(answer)

@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 import numpy as np
-from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -73,6 +72,7 @@ class PendulumScene(Scene):
 
     def listen(self, node: Node) -> None:
         """Subscribe to the state and the trajectory."""
+        super().listen(node)
         node.create_subscription(
             JointState, 'joint_states', self._measured, qos_profile_sensor_data
         )
@@ -92,22 +92,14 @@ class PendulumScene(Scene):
         self.trajectory = pendulum_trajectory(message)
         self.starts_at = seconds_of(message.header.stamp)
 
-    def complete(self, node: Node) -> bool:
-        """Whether the plant publishes and the tracker listens to plan and state."""
-        return bool(self._states) and self._tracker_listens(node)
-
-    def _tracker_listens(self, node: Node) -> bool:
-        # this process and the tracker
-        return bool(node.count_subscribers(f'{self.namespace}/trajectory') >= 2)
-
-    def missing(self, node: Node, client: Client) -> str:
-        """Name the nodes that are not up."""
+    def unconnected(self) -> list[str]:
+        """Name plant and tracker where they are not up and connected."""
+        plant, tracker = f'{self.namespace}/pendulum_plant', f'{self.namespace}/tracker'
         up = {
-            'pendulum_plant': bool(self._states),
-            'tracker': self._tracker_listens(node),
-            'planner': client.service_is_ready(),
+            'pendulum_plant': bool(self._states) and self.connections.plant(plant),
+            'tracker': self.connections.tracker(tracker),
         }
-        return ', '.join(name for name, there in up.items() if not there)
+        return [name for name, there in up.items() if not there]
 
     @property
     def planned(self) -> bool:

@@ -12,7 +12,6 @@ from typing import Any
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -125,6 +124,7 @@ class RobotsScene(Scene):
 
     def listen(self, node: Node) -> None:
         """Subscribe to state and plan of every robot."""
+        super().listen(node)
         for name, robot in self.robots.items():
             node.create_subscription(
                 Odometry,
@@ -192,26 +192,19 @@ class RobotsScene(Scene):
         motions = [robot.motion for robot in self.robots.values() if robot.motion is not None]
         return seconds_of(motions[0].header.stamp) if motions else math.inf
 
-    def complete(self, node: Node) -> bool:
-        """Whether every plant publishes and every tracker listens."""
-        return not self._silent_plants() and not self._deaf_trackers(node)
-
     def _silent_plants(self) -> list[str]:
         return [n for n, robot in self.robots.items() if not (robot.poses and robot.actuators)]
 
-    def _deaf_trackers(self, node: Node) -> list[str]:
-        # this process and the tracker
-        return [
-            name
-            for name in self.robots
-            if node.count_subscribers(f'{self.namespace}/{name}/trajectory') < 2
-        ]
-
-    def missing(self, node: Node, client: Client) -> str:
-        """Name the nodes that are not up."""
-        found = [f'robot_plant of {name}' for name in self._silent_plants()]
-        found += [f'tracker of {name}' for name in self._deaf_trackers(node)]
-        return ', '.join(found + ([] if client.service_is_ready() else ['planner']))
+    def unconnected(self) -> list[str]:
+        """Name every plant and tracker that is not up and connected."""
+        silent, found = self._silent_plants(), []
+        for name in self.robots:
+            space = f'{self.namespace}/{name}'
+            if name in silent or not self.connections.plant(f'{space}/robot_plant'):
+                found.append(f'robot_plant of {name}')
+            if not self.connections.tracker(f'{space}/tracker'):
+                found.append(f'tracker of {name}')
+        return found
 
     @property
     def planned(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.client import Client
 from rclpy.node import Node
+from tdm_sim.connections import Connections
 from tdm_sim.demo_speed import speed_settings
 from tdm_sim.verdict import Verdict
 
@@ -35,6 +36,7 @@ class Scene(ABC):
         self.file = file
         self.speed = 1.0  # of simulated time
         self.answer: dict[str, Any] = {}
+        self.connections = Connections()
 
     def command(
         self, name: str, module: str, namespace: str, drives_clock: bool = False
@@ -73,15 +75,19 @@ class Scene(ABC):
 
     @abstractmethod
     def listen(self, node: Node) -> None:
-        """Subscribe to everything that is judged."""
+        """Subscribe to everything that is judged, and to what the nodes say of themselves."""
+        self.connections.listen(node)
+
+    def missing(self, client: Client) -> list[str]:
+        """Name what is not up, or has not found the others; `client` is of the planner's service.
+
+        Whoever asks earlier has a plan that some node receives when its motion is over.
+        """
+        return self.unconnected() + ([] if client.service_is_ready() else ['planner'])
 
     @abstractmethod
-    def complete(self, node: Node) -> bool:
-        """Whether all nodes are up and connected."""
-
-    @abstractmethod
-    def missing(self, node: Node, client: Client) -> str:
-        """Return what is not up, in words."""
+    def unconnected(self) -> list[str]:
+        """Name the plants that are not heard or not driven, and the trackers that hear nobody."""
 
     def answered(self, answer: Mapping[str, Any]) -> None:
         """Keep the planner's answer to the request."""

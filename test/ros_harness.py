@@ -213,7 +213,7 @@ class Ros:
             self._clients[service] = client
             assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
             # The server may match a little later; until then its answers to us are lost.
-            self.spin_for(0.2)
+            self.spin_for(0.4)  # longer than between two announcements, see DISCOVERY_PROFILE
         assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
         return client.call_async(request or service_type.Request())
 

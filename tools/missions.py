@@ -116,13 +116,13 @@ class MissionControl:
             Naming what is not.
         """
         for name, scene in self.scenes.items():
-            node, clients = self._nodes[name], [self._plan[name], *self._reset[name]]
+            plan, resets = self._plan[name], self._reset[name]
 
-            def up(scene: Scene = scene, node: Any = node, clients: Any = clients) -> bool:
-                return scene.complete(node) and all(c.service_is_ready() for c in clients)
+            def up(scene: Scene = scene, plan: Any = plan, resets: Any = resets) -> bool:
+                return not scene.missing(plan) and all(c.service_is_ready() for c in resets)
 
             if not self.wait(up, UP_LIMIT):
-                missing = scene.missing(node, self._plan[name]) or 'a service'
+                missing = ', '.join(scene.missing(plan)) or 'a service'
                 raise MissionFailed(f'not up after {UP_LIMIT:g} s: {missing}')
 
     def fly(self, name: str) -> Outcome:

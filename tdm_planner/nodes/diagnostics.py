@@ -10,8 +10,8 @@ from enum import IntEnum
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from tdm_planner.nodes.motion_clock import pacing_clock
 
 TOPIC = '/diagnostics'
 PERIOD = 1.0  # s
@@ -47,7 +47,9 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        self._timer = node.create_timer(PERIOD, self.publish, clock=pacing_clock(node))
+        # Simulated time may stand still, and that is worth telling.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD, self.publish, clock=clock)
 
     def update(self) -> None:
         """Publish if level or message have changed."""

@@ -11,6 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from tdm_planner.trajectory import NANOSECOND
 
+NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /clock'
+
 _SMALLEST_STEP = 1_000_000  # ns; less is the jitter of reading two clocks
 _QUICK = 500_000  # ns that reading them may take, lest a pause between looks like a step
 
@@ -41,6 +43,12 @@ class MotionClock:
         self._begin = time.monotonic_ns()
         self._offset = int(self._clock.now().nanoseconds) - self._begin
         self._simulated_begin = self._begin + self._offset
+
+    @property
+    def runs(self) -> bool:
+        """Whether the time is known: simulated time is not until a message came on `/clock`."""
+        clock = self._clock
+        return not clock.ros_time_is_active or bool(clock.now().nanoseconds > 0)
 
     def now(self) -> float:
         """Present instant [s]."""

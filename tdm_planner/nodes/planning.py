@@ -13,10 +13,12 @@ from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
     InvalidProblem,
+    NoState,
     TdmError,
     VerificationFailed,
 )
 from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.motion_clock import NO_TIME
 from tdm_planner.plan_files import figures_of, finite
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import NANOSECOND
@@ -79,6 +81,8 @@ def make_plan(
     """
     try:
         now = clock()
+        if now <= 0:
+            raise NoState(NO_TIME)
         if values['start.source'] == 'measured' and adapter.measures:
             return _plan_from_measured(problem_class, values, adapter, now)
         problem = problem_class.from_parameters(values)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 PERIOD = 1.0  # s between looks
@@ -24,7 +25,8 @@ class SolePublisher:
         self._node, self._topic = node, topic
         self._consequence, self._changed = consequence, changed
         self.count = 0
-        self._timer = node.create_timer(PERIOD, self.look)
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD, self.look, clock=clock)
 
     @property
     def warning(self) -> str:

@@ -25,7 +25,7 @@ from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.in_force import InForce
 from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
 from tdm_planner.nodes.messages import nanoseconds_of
-from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
+from tdm_planner.nodes.motion_clock import MotionClock, NO_TIME, pacing_clock
 from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
@@ -113,9 +113,7 @@ class TrackerNode(ManagedNode):
         self._last, self._refusal = (Phase.IDLE, ''), ''
         if self._newest is not None:
             self.tracker.observe(*self._newest)
-        offered, self._offered = self._offered, None
-        if offered is not None:
-            self.on_trajectory(*offered)
+        self._take_offered()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
         self._timer = self.create_timer(
@@ -172,7 +170,7 @@ class TrackerNode(ManagedNode):
         """Take a state; one that cannot be read, or is from the future, is left out."""
         try:
             state = read()
-            if state is None:
+            if state is None or not self._time.runs:
                 return
             now, at = self._time.now(), self._instant(stamp)
             self._delay = now - at
@@ -197,9 +195,9 @@ class TrackerNode(ManagedNode):
         """Put a trajectory in force, or refuse it with a reason; the old one then stays.
 
         One that is in force already, as a planner that was restarted repeats it, changes nothing.
-        While the node is not active the newest one is kept until it is.
+        The newest one is kept while the node is not active, or does not know the simulated time.
         """
-        if not self.active:
+        if not self.active or not self._time.runs:
             self._offered = stamp, read, messages
             return
         began = time.perf_counter()
@@ -226,6 +224,11 @@ class TrackerNode(ManagedNode):
             )
         self._diagnostics.update()
 
+    def _take_offered(self) -> None:
+        offered, self._offered = self._offered, None
+        if offered is not None:
+            self.on_trajectory(*offered)
+
     def _check_latest(self, start: float) -> None:
         """Of several planners' plans keep the one that starts last, in whatever order they come.
 
@@ -243,6 +246,7 @@ class TrackerNode(ManagedNode):
     def _on_tick(self) -> None:
         if self._rate is not None:
             self._rate.tick()
+        self._take_offered()
         now, stamp = self._time.now(), self.get_clock().now()
         command = self.tracker.command(now)
         self._send(command.control, stamp)
@@ -305,7 +309,12 @@ class TrackerNode(ManagedNode):
         phase, problem = self._last
         level, message = Level.OK, phase.value
         slow = '' if self._rate is None else self._rate.problem()
-        told = [self._refusal, self._planners.warning, f'commands at {slow}' if slow else '']
+        told = [
+            '' if self._time.runs else NO_TIME,
+            self._refusal,
+            self._planners.warning,
+            f'commands at {slow}' if slow else '',
+        ]
         told = [text for text in told if text]
         if told:
             level, message = Level.WARN, '; '.join([message, *told])
