@@ -106,3 +106,17 @@ def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Ros, rig: Rig) -
     for _ in range(5):
         done, answer = ros.trigger('/replanning/plan')
         assert done or answer['code'] != 'BUSY', answer
+
+
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(ros: Ros, rig: Rig) -> None:
+    """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
+    assert ros.spin_until(lambda: rig.upright_for(1.0), 30.0)
+    assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']
+    done, answer = ros.trigger('/replanning/plan')
+    assert done, answer
+    assert ros.spin_until(lambda: 'was not taken over by' in rig.planner.output, 10.0), (
+        rig.planner.output
+    )
+    assert 'trajectory refused' in rig.tracker.output
+    ros.spin_for(2.0)
+    assert rig.upright_for(2.0)

@@ -152,3 +152,71 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(plan: PlanInForce
     assert review.plan is None
     assert review.necessary
     assert 'INVALID_PROBLEM' in review.reason
+
+
+@pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
+def test_where_the_plan_is_followed_its_rest_is_the_first_guess(
+    plan: PlanInForce, monkeypatch: pytest.MonkeyPatch, mode: Mode
+) -> None:
+    guesses = []
+    solve = PendulumSwingUp.solve
+
+    def noted(self: PendulumSwingUp, *args: Any, **options: Any) -> Any:
+        guesses.append(options['warm_start'])
+        return solve(self, *args, **options)
+
+    monkeypatch.setattr(PendulumSwingUp, 'solve', noted)
+    replanner = Replanner(SwingUpExecution(PROBLEM), PARAMETERS)
+    replanner.adopt(plan)
+    at = 0.3
+    state = plan.solution.trajectory.sample(at).state + np.array([0.1, 0.0, 1.0, 0.0])
+    replanner.review(PROBLEM, {VEHICLE: Observation(state, at, mode)}, at)
+    rest = plan.remainder(at + PARAMETERS.delay)
+    assert rest is not None
+    (guess,) = guesses
+    if mode is Mode.FOLLOWING:
+        left = guess.trajectory
+        np.testing.assert_array_equal(left.times, rest.trajectory.times)
+        np.testing.assert_array_equal(left.states, rest.trajectory.states)
+    else:
+        assert guess is None
+
+
+def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through replanner and tracker: what the plant is told goes on where plans change."""
+    solve = PendulumSwingUp.solve
+
+    def at_leisure(self: PendulumSwingUp, deadline: float, **options: Any) -> Any:
+        return solve(self, deadline=10.0, **options)
+
+    monkeypatch.setattr(PendulumSwingUp, 'solve', at_leisure)
+    limit = 0.09
+    problem = build(PendulumSwingUp, {'limits.torque': limit, 'method': 'smooth'})
+    first = PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
+    setup = PlantSetup(
+        problem.plant,
+        first.solution.trajectory.states[0],
+        np.array([-limit]),
+        np.array([limit]),
+        np.zeros(4),
+    )
+    tracker = PendulumTracker(build(PendulumTrackerParameters, {'limits.torque': limit}))
+    replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
+    vehicles = {VEHICLE: Vehicle(tracker, SimulatedPlant(setup))}
+    loop = RecedingHorizon(vehicles, problem, interval := 0.002, replanner)
+    loop.begin(first)
+    torques = []
+    while loop.time < first.end:
+        if len(torques) == 20:
+            # Another question, which is answered at once, on the way.
+            loop.problem = replace(problem, limits=replace(problem.limits, disk_angle=1.8))
+        loop.tick()
+        torques.append(float(vehicles[VEHICLE].plant.control[0]))
+    handed_over = [made for made in loop.plans[1:] if made.start < first.end - 0.05]
+    assert handed_over, [review.reason for review in loop.reviews]
+    for made in handed_over:
+        at = round(made.start / interval)
+        around = np.diff(torques[at - 2 : at + 3])
+        planned = made.solution.trajectory.control('torque')
+        steepest = np.abs(np.diff(planned) / np.diff(made.solution.trajectory.times)).max()
+        assert np.abs(around).max() < 1.5 * steepest * interval + 0.03 * limit
