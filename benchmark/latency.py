@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""How quick replanning is; its deadlines, its memory, the rate of commands meanwhile.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How quick replanning is; its deadlines, its memory, the rate of commands meanwhile.
 
     python -m benchmark.latency [--replans N] [--no-nodes]
 
@@ -334,7 +347,7 @@ def table(figures: dict[str, Any]) -> str:
 def main() -> None:
     """Print the tables."""
     assert __doc__ is not None
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     options.add_argument('--replans', type=int, default=2000)
     options.add_argument('--no-nodes', action='store_true')
     chosen = options.parse_args()

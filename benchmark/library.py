@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The direct method as a library: speed of a problem that is only stated, its length, overhead."""
 
 from __future__ import annotations
@@ -39,7 +51,8 @@ def run(
     free: Sequence[int] = (2, 3, 6, 9),
     intervals: Sequence[int] = (40, 80),
 ) -> dict[str, Any]:
-    """Measure evaluations per second of the landing with 21 parameters, lines, and optimality.
+    """
+    Measure evaluations per second of the landing with 21 parameters, lines, and optimality.
 
     The overhead is measured for swing-ups from `states` states, `repetitions` times each; the
     landing is planned with `free` parameters an output, and by collocation on `intervals`.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""How fast and how good plans of robot formations are, on random crossings.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How fast and how good plans of robot formations are, on random crossings.
 
     python -m benchmark.robots [--scenarios 100] [--variants] [--no-teams]
 
@@ -58,7 +71,8 @@ def references() -> dict[int, float]:
 
 
 def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
-    """Plan the crossings `seeds` of `n` robots with changed parameters.
+    """
+    Plan the crossings `seeds` of `n` robots with changed parameters.
 
     Returns counts, quantiles of the time [ms], of J / J_ref (three robots) and the largest end
     errors [m], [rad].

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Random crossings of n robots into a formation: the family on which the planner is measured."""
 
 from __future__ import annotations
@@ -31,7 +43,8 @@ SLOW_RIG: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Crossing:
-    """Starts at rest and goals: positions (n, 2) m, yaw (n,) rad, in a square arena of `side` m.
+    """
+    Starts at rest and goals: positions (n, 2) m, yaw (n,) rad, in a square arena of `side` m.
 
     The goals are `anchor` [x, y, yaw] and `offsets` (n, 2) in the anchor's frame.
     """
@@ -66,7 +79,8 @@ class Crossing:
 
 
 def crossing(seed: int, n: int = 3) -> Crossing:
-    """Draw starts and goals until straight, simultaneous motions would collide.
+    """
+    Draw starts and goals until straight, simultaneous motions would collide.
 
     Starts are uniform, .3 m from the walls and two separations apart; goals are a polygon (n <= 3)
     or a grid of spacing .65 to .9 m, turned and placed at random, dealt out at random.

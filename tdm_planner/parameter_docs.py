@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Parameter files and tables written from the parameters' declarations.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Parameter files and tables written from the parameters' declarations.
 
 Whoever adds a problem gets its commented ROS 2 parameter file and its table for a README here:
 
@@ -23,7 +36,8 @@ _WIDTH = 99
 def parameter_file(
     nodes: Mapping[str, tuple[Mapping[str, ParameterSpec], Mapping[str, Any]]], title: str = ''
 ) -> str:
-    """Return a commented ROS 2 parameter file.
+    """
+    Return a commented ROS 2 parameter file.
 
     `nodes` maps a node's name to its parameters and to the values that differ from the defaults;
     the sections apply in any namespace. Optional parameters without a value stand as comments.
@@ -32,6 +46,7 @@ def parameter_file(
     ------
     InvalidProblem
         If a value is not allowed.
+
     """
     lines = [f'# {line}'.rstrip() for line in title.splitlines()]
     for node, (specifications, values) in nodes.items():
@@ -55,7 +70,8 @@ def parameter_table(specifications: Mapping[str, ParameterSpec]) -> str:
 
 
 def yaml_value(value: Any) -> str:
-    """Return `value` as YAML on one line, of the same type for PyYAML and for ROS 2.
+    """
+    Return `value` as YAML on one line, of the same type for PyYAML and for ROS 2.
 
     A number keeps its decimal point (``1.0e-08``): without it PyYAML reads a string, and ROS 2 an
     integer.
@@ -82,7 +98,8 @@ def _nested(specifications: Mapping[str, ParameterSpec]) -> dict[str, Any]:
 
 
 def _keys(name: str, names: Container[str]) -> list[str]:
-    """Split a dotted name into keys, but not after a group that is itself a parameter.
+    """
+    Split a dotted name into keys, but not after a group that is itself a parameter.
 
     With `plant` and `plant.mass` both parameters, the latter stays ``plant.mass``, one key.
     """

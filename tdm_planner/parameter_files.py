@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """ROS 2 parameter files and ``name=value`` settings, read without ROS."""
 
 from __future__ import annotations
@@ -17,7 +29,8 @@ _LONGEST = 300  # letters of an error
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML as ROS 2 reads it, without objects of Python.
+    """
+    YAML as ROS 2 reads it, without objects of Python.
 
     ``1e-4`` is a number (PyYAML alone takes it for a string). Aliases are refused, as ROS 2 does:
     a few of them make a document without end.
@@ -52,12 +65,14 @@ def parse_yaml(text: str) -> Any:
 def read_parameters(
     path: Path | None, settings: Sequence[str] = (), node: str = 'planner'
 ) -> dict[str, Any]:
-    """Return a node's flat parameters from a parameter file and ``name=value`` settings.
+    """
+    Return a node's flat parameters from a parameter file and ``name=value`` settings.
 
     Raises
     ------
     InvalidProblem
         If the file cannot be read or a setting is not of that form.
+
     """
     values: dict[str, Any] = {}
     if path is not None:

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Parameters declared once: type, default, unit, range and description stand with the field.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Parameters declared once: type, default, unit, range and description stand with the field.
 
 From these declarations come the validation of Python arguments and YAML files, the descriptors of
 the ROS parameters, the default YAML files and the tables of the documentation.
@@ -71,7 +84,8 @@ ANY = Range()
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """One parameter as users see it.
+    """
+    One parameter as users see it.
 
     `kind` is one of float, int, bool, str, list[float], list[str]; `optional` parameters may be
     unset (None). `length` fixes the number of elements of a list.
@@ -90,7 +104,7 @@ class ParameterSpec:
 
     @property
     def allowed(self) -> str:
-        """What is allowed, in words that fit an error message."""
+        """Return what is allowed, in words that fit an error message."""
         if self.choices:
             return 'one of ' + ', '.join(self.choices)
         kind: str = _TYPE_NAMES[self.kind]
@@ -102,12 +116,14 @@ class ParameterSpec:
         return kind
 
     def check(self, value: Any) -> Any:
-        """Return `value` in the declared type.
+        """
+        Return `value` in the declared type.
 
         Raises
         ------
         InvalidProblem
             Naming the parameter, the value and what is allowed.
+
         """
         if value is None and self.optional:
             return None
@@ -243,12 +259,14 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
 
 
 def build(cls: type[T], values: Mapping[str, Any], prefix: str = '') -> T:
-    """Make a dataclass of parameters from dotted names; names that are absent keep the default.
+    """
+    Make a dataclass of parameters from dotted names; names that are absent keep the default.
 
     Raises
     ------
     InvalidProblem
         For the first value that is not allowed.
+
     """
     specs = specifications(cls, prefix)
     arguments: dict[str, Any] = {}
@@ -266,12 +284,14 @@ class Validated:
     """Mixin for a frozen dataclass of parameters: its fields are checked when it is made."""
 
     def __post_init__(self) -> None:
-        """Check every declared field.
+        """
+        Check every declared field.
 
         Raises
         ------
         InvalidProblem
             For the first value that is not allowed.
+
         """
         assert dataclasses.is_dataclass(self)
         for name, spec in specifications(type(self)).items():
@@ -280,12 +300,14 @@ class Validated:
 
 
 def flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
+    """
+    Nested mappings as dotted names: ``{"plant": {"mass": 1}}`` to ``{"plant.mass": 1}``.
 
     Raises
     ------
     InvalidProblem
         If it is not a mapping, or one nested without end.
+
     """
     if not isinstance(mapping, Mapping):
         raise InvalidProblem(
@@ -329,7 +351,8 @@ def to_mapping(instance: Any, prefix: str = '') -> dict[str, Any]:
 
 
 def ros_parameters(document: Any, node: str = 'planner') -> dict[str, Any]:
-    """Return the flat parameters of `node` in a ROS 2 parameter file's document.
+    """
+    Return the flat parameters of `node` in a ROS 2 parameter file's document.
 
     Accepts ``{node: {ros__parameters: {...}}}``, with ``/**`` and any namespace before the node's
     name, as well as a plain mapping of parameters.
@@ -338,6 +361,7 @@ def ros_parameters(document: Any, node: str = 'planner') -> dict[str, Any]:
     ------
     InvalidProblem
         If the document is not a mapping, or holds parameters only for other nodes.
+
     """
     if document is None:
         return {}

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Plans as files: JSON (everything), CSV (a table), NPZ (arrays); chosen by the file's ending."""
 
 from __future__ import annotations
@@ -109,12 +121,14 @@ WRITERS: dict[str, Callable[[Mapping[str, Any]], bytes]] = {
 
 
 def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
-    """Refuse a path that cannot be written, before anything long is done.
+    """
+    Refuse a path that cannot be written, before anything long is done.
 
     Raises
     ------
     UnusableFile
         If the ending is unknown or the folder does not exist.
+
     """
     if path.suffix.lower() not in endings:
         raise UnusableFile(f"the file '{path}' must end in one of {', '.join(endings)}")
@@ -125,12 +139,14 @@ def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
 
 
 def save_plan(plan: Mapping[str, Any], path: Path) -> None:
-    """Write a plan (`Solution.to_dict`) in the format of the path's ending.
+    """
+    Write a plan (`Solution.to_dict`) in the format of the path's ending.
 
     Raises
     ------
     UnusableFile
         If the path is not one that can be written.
+
     """
     check_path(path)
     data = WRITERS[path.suffix.lower()](plan)
@@ -141,12 +157,14 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
 
 
 def load_plan(path: Path) -> dict[str, Any]:
-    """Read a plan from its JSON file.
+    """
+    Read a plan from its JSON file.
 
     Raises
     ------
     UnusableFile
         If the file cannot be read or is not a plan.
+
     """
     try:
         plan = json.loads(path.read_text())

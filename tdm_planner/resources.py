@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Where the package's files (parameter files, launch files) are, however it was installed."""
 
 from __future__ import annotations
@@ -13,7 +25,8 @@ PACKAGE = 'tdm_planner'
 
 
 def share_directory() -> Path:
-    """Folder that holds `config` and `launch`.
+    """
+    Folder that holds `config` and `launch`.
 
     The first of: the prefixes of a sourced ROS 2 workspace (colcon), the Python environment (pip),
     the source tree (an editable installation, or none).
@@ -22,6 +35,7 @@ def share_directory() -> Path:
     ------
     FileNotFoundError
         Naming the folders that were tried.
+
     """
     tried = list(_candidates())
     for folder in tried:
@@ -42,12 +56,14 @@ def _candidates() -> Iterator[Path]:
 
 
 def config_file(name: str) -> Path:
-    """Path of the parameter file `name`, e.g. ``pendulum.yaml``.
+    """
+    Path of the parameter file `name`, e.g. ``pendulum.yaml``.
 
     Raises
     ------
     FileNotFoundError
         Listing the parameter files there are.
+
     """
     folder = share_directory() / 'config'
     path = folder / name

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Work done once when the package is set up: ``python -m tdm_planner.set_up``.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Work done once when the package is set up: ``python -m tdm_planner.set_up``.
 
 Compiles the kernels of every problem, so that the first request to a planner is answered at once.
 """
@@ -15,7 +28,8 @@ from tdm_planner.problems.registry import load_problem, problem_names
 
 
 def prepare_problems() -> dict[str, str]:
-    """Let every problem compile and tabulate what does not depend on a request.
+    """
+    Let every problem compile and tabulate what does not depend on a request.
 
     Returns what was wrong, by problem; empty if all is well.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Nodes and `tdm` end quietly on a signal from their first moment on, while they are importing.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Nodes and `tdm` end quietly on a signal from their first moment on, while they are importing.
 
 The imports take about a second, in which Ctrl-C would end in a traceback. From when a node runs,
 `tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruption`.
@@ -18,7 +31,8 @@ EXECUTABLES = ('planner', 'tracker', 'pendulum_plant', 'robot_plant')
 
 
 def end_quietly_on_signals() -> None:
-    """End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
+    """
+    End the process on SIGINT and SIGTERM, if it is that of a node or of `tdm`.
 
     The code is 0 for nodes and recordings, which have done what they were asked to.
     """

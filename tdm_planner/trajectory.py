@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A trajectory: time stamps, named states and controls with units, read at any instant."""
 
 from __future__ import annotations
@@ -34,7 +46,8 @@ def to_nanoseconds(times: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """States and controls over time, on exactly the samples that are written or published.
+    """
+    States and controls over time, on exactly the samples that are written or published.
 
     `times` (N,) s, strictly increasing from 0; `states` (N, nx); `controls` (N, nu).
     `interpolation` says how controls run between samples: `zero_order_hold` (the value at t_k acts
@@ -47,6 +60,7 @@ class Trajectory:
     ------
     InvalidProblem
         For lengths that do not match, values that are not finite, or times that do not increase.
+
     """
 
     times: Array
@@ -113,7 +127,8 @@ class Trajectory:
         return replace(self, rates=rates)
 
     def after(self, elapsed: float) -> Trajectory:
-        """Return the rest of the motion from `elapsed` s after the first sample, times from zero.
+        """
+        Return the rest of the motion from `elapsed` s after the first sample, times from zero.
 
         `elapsed` must be less than the duration. A cubic spline through fewer samples is another
         one, so that the controls of the rest may differ a little between samples.
@@ -194,12 +209,14 @@ class Trajectory:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Trajectory:
-        """Inverse of `to_dict`; the samples are the same to the last bit.
+        """
+        Inverse of `to_dict`; the samples are the same to the last bit.
 
         Raises
         ------
         InvalidProblem
             If a key is missing or the samples do not fit together.
+
         """
         try:
             states, controls = dict(data['states']), dict(data['controls'])

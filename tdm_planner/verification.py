@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
 
 The replay integrates the plant with DOP853 (scipy), independently of the solver's own integration,
 from the first state, under the controls read between samples as `Trajectory.interpolation` says.
@@ -39,7 +52,8 @@ class Constraint:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of a check.
+    """
+    The result of a check.
 
     `terminal_error` (nx,) is the signed difference of the replayed final state from the goal;
     `worst` holds the smallest margin of every constraint by name (negative: violated),
@@ -77,7 +91,8 @@ class SelfReplaying(Protocol):
 
 
 def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
-    """Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
+    """
+    Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
 
     The integration restarts wherever a held control jumps, so that no step spans a switch; where
     it cannot go on, the remaining states are NaN, which no check passes. A plant
@@ -154,7 +169,8 @@ def dense_times(trajectory: Trajectory, resolution: float) -> Array:
 
 
 def evenly_spaced(first: float, last: float, resolution: float) -> Array:
-    """Instants from `first` to `last`, `resolution` s apart or less, at most MOST_INSTANTS.
+    """
+    Instants from `first` to `last`, `resolution` s apart or less, at most MOST_INSTANTS.
 
     A check must end in the time allowed, however long the motion.
     """
@@ -173,7 +189,8 @@ def verify(
     consistency: Array | None = None,
     start: Array | None = None,
 ) -> Verification:
-    """Replay and check a trajectory.
+    """
+    Replay and check a trajectory.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states at
@@ -208,7 +225,8 @@ def judge(
     consistency: Array | None = None,
     start: Array | None = None,
 ) -> Verification:
-    """Check a trajectory replayed at `times` (n,): states (n, nx); see `verify`.
+    """
+    Check a trajectory replayed at `times` (n,): states (n, nx); see `verify`.
 
     Every sample of the trajectory is among the `times`.
     """

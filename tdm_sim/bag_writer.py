@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A rosbag2 being written, by way of the Python package `rosbags`."""
 
 from __future__ import annotations
@@ -25,7 +37,8 @@ class RecordingError(TdmError):
 
 
 class BagWriter:
-    """A context: the bag's folder is made on entering, and closed as a valid bag on leaving.
+    """
+    A context: the bag's folder is made on entering, and closed as a valid bag on leaving.
 
     `storage` is one of `STORAGES`. All calls must come from one thread. When a message cannot be
     written, as on a full disk, `failure` says why from then on, further messages are left out, and
@@ -36,6 +49,7 @@ class BagWriter:
     RecordingError
         On entering, if the folder exists or cannot be made; at once, if `storage` is unknown or
         the package `rosbags` is not installed.
+
     """
 
     def __init__(self, path: Path, storage: str = 'mcap') -> None:
@@ -80,7 +94,8 @@ class BagWriter:
         return sizes
 
     def add_topic(self, topic: str, type_name: str, publishers: Sequence[Any]) -> Any:
-        """Register a topic with what its publishers offer; returns the handle for `write`.
+        """
+        Register a topic with what its publishers offer; returns the handle for `write`.
 
         `publishers` are rclpy's TopicEndpointInfo.
         """

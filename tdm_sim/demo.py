@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The demo: real nodes in processes of their own, a plan by service, a recording, a verdict."""
 
 from __future__ import annotations
@@ -63,7 +75,8 @@ def run_demo(
     quiet: bool = False,
     speed: float = 1.0,
 ) -> bool:
-    """Run the demo of a plant and leave bag, plan, picture and report in `output`.
+    """
+    Run the demo of a plant and leave bag, plan, picture and report in `output`.
 
     Simulated time runs `speed` times as fast as real time.
 
@@ -75,6 +88,7 @@ def run_demo(
         If the parameter file or the folder cannot be used.
     DemoFailed, ProcessFailed
         If a node did not come up, ended, or did not answer.
+
     """
     require_one_ros()
     file = config_file(f'{plant}.yaml') if parameters is None else parameters

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a demo is made of: its nodes, what it listens to, when it is over, how it is judged."""
 
 from __future__ import annotations
@@ -22,7 +34,8 @@ _FIGURES = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
 class Scene(ABC):
-    """A plant, or several, with planner and tracker(s), seen from outside over ROS topics.
+    """
+    A plant, or several, with planner and tracker(s), seen from outside over ROS topics.
 
     `parameters` are the planner's, by dotted name; `file` is the parameter file of all nodes.
     """
@@ -41,7 +54,8 @@ class Scene(ABC):
     def command(
         self, name: str, module: str, namespace: str, drives_clock: bool = False
     ) -> NodeCommand:
-        """Return the command of a node in a namespace, with the scene's parameter file.
+        """
+        Return the command of a node in a namespace, with the scene's parameter file.
 
         One plant drives the clock where the scene's speed is not that of real time.
         """
@@ -79,7 +93,8 @@ class Scene(ABC):
         self.connections.listen(node)
 
     def missing(self, client: Client) -> list[str]:
-        """Name what is not up, or has not found the others; `client` is of the planner's service.
+        """
+        Name what is not up, or has not found the others; `client` is of the planner's service.
 
         Whoever asks earlier has a plan that some node receives when its motion is over.
         """

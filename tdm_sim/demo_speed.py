@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A demo faster or slower than real time: what its nodes are told so that the mission is the same.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A demo faster or slower than real time: what its nodes are told so that the mission is the same.
 
 One plant drives `/clock`, all others follow it. Solving takes real time, and so does sending a
 message: where simulated time runs faster, what must cover them is longer in simulated time. The
@@ -44,7 +57,8 @@ def speed_settings(
     rates: float = 1.0,
     followers: Sequence[str] = ('joint_command',),
 ) -> Settings:
-    """Return what a node is told beside the parameter file, for a demo `speed` times real time.
+    """
+    Return what a node is told beside the parameter file, for a demo `speed` times real time.
 
     `rates` is how many times more often than at real time the nodes may be called in a second;
     `followers` are the topics whose publishers the clock waits for.

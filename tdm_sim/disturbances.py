@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What disturbs a simulated plant: measurement noise, lost commands, pushes."""
 
 from __future__ import annotations
@@ -37,7 +49,8 @@ class Disturbances:
 
 
 def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
-    """State (4,) after an impulse [N m s] about the pendulum's pivot; the disk is free to react.
+    """
+    State (4,) after an impulse [N m s] about the pendulum's pivot; the disk is free to react.
 
     The generalized momentum of theta, A theta' + B psi', jumps by `impulse`, that of psi,
     B theta' + J psi', does not.
@@ -51,7 +64,8 @@ def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
 
 
 def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: float) -> Array:
-    """State (nx,) after an impulse [N s] at the robot's centre of mass.
+    """
+    State (nx,) after an impulse [N s] at the robot's centre of mass.
 
     `direction` [rad] is an angle in the arena's frame; the state begins with x, y, u, v.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What makes a bag survive a full disk, or a recorder that is killed.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What makes a bag survive a full disk, or a recorder that is killed.
 
 `rosbags` writes MCAP in blocks of a megabyte and SQLite in a single transaction. Here blocks are
 completed and transactions committed every second, or sooner if they get large; and space is kept
@@ -50,7 +63,8 @@ class Keeper(Protocol):
         """Make what has been written last to what survives a kill."""
 
     def rescue(self, counts: dict[int, int]) -> None:
-        """Bring the storage in order after a failed write, with the reserve given up.
+        """
+        Bring the storage in order after a failed write, with the reserve given up.
 
         `counts`, messages by topic, are made those of the storage.
         """
@@ -95,7 +109,8 @@ class _McapKeeper:
 
 
 class _SqliteKeeper:
-    """Transactions of a database: SQLite rolls back the open one when the disk is full.
+    """
+    Transactions of a database: SQLite rolls back the open one when the disk is full.
 
     The messages in it are kept here until they are committed, to be written again.
     """

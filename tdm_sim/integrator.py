@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The classical Runge-Kutta method with held controls, the clockwork of the simulated plants."""
 
 from __future__ import annotations
@@ -33,7 +45,8 @@ def integrate(
     largest_step: float = LARGEST_STEP,
     after_step: Callable[[Array], Array] | None = None,
 ) -> Array:
-    """State(s) after `duration` s under held control(s), in equal steps of at most `largest_step`.
+    """
+    State(s) after `duration` s under held control(s), in equal steps of at most `largest_step`.
 
     `after_step`, where given, replaces the state after every step (contacts). A duration of zero
     returns the state unchanged; a negative one raises ValueError.

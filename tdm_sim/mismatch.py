@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A plant whose physical constants are not those its controller believes in."""
 
 from __future__ import annotations
@@ -14,7 +26,8 @@ PlantType = TypeVar('PlantType')
 
 
 def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
-    """Return a copy of a plant with every physical constant off by a random relative error.
+    """
+    Return a copy of a plant with every physical constant off by a random relative error.
 
     The errors are independent and uniform in +-`mismatch`; the same seed gives the same plant.
     Constants are the numbers declared as parameters of the plant's dataclass, groups included.
@@ -23,6 +36,7 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
     ------
     InvalidProblem
         If the disturbed constants do not make a plant (a mismatch of 1 or more may do that).
+
     """
     generator = np.random.default_rng(seed)
     constants = {
@@ -35,7 +49,8 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
 
 
 def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
-    """Return what each of `count` actuators really delivers per unit commanded, (count,).
+    """
+    Return what each of `count` actuators really delivers per unit commanded, (count,).
 
     Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
     """

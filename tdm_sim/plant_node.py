@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What the simulated plants have in common as nodes: real time, commands, services, diagnostics.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What the simulated plants have in common as nodes: real time, commands, services, diagnostics.
 
 A plant is integrated up to the present by time stamps whenever something happens (timer, command,
 service), so that late timers delay messages but never slow down or speed up the motion.
@@ -115,7 +128,8 @@ class MarkerParameters(Validated):
 
 
 class PlantNode(ParameterNode):
-    """A simulated plant in real time; subclasses say which plant and how it looks as messages.
+    """
+    A simulated plant in real time; subclasses say which plant and how it looks as messages.
 
     Subscribes `joint_command`, publishes measured states, `plant_markers` and `/diagnostics`,
     serves `reset` and `push`. Subclasses declare a group `markers` of `MarkerParameters`. Changed
@@ -125,6 +139,7 @@ class PlantNode(ParameterNode):
     ------
     InvalidProblem
         If the parameters given at the start do not make a plant together.
+
     """
 
     def __init__(self, name: str, parameters: type[SimulationParameters], **options: Any) -> None:

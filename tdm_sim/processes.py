@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Nodes as processes of their own: started, watched, and ended together."""
 
 from __future__ import annotations
@@ -26,7 +38,8 @@ class ProcessFailed(TdmError):
 
 
 class NodeProcesses:
-    """Python modules run as processes, each in a group of its own, output to ``FOLDER/NAME.log``.
+    """
+    Python modules run as processes, each in a group of its own, output to ``FOLDER/NAME.log``.
 
     As a context manager it ends everything on leaving, in the reverse order of starting.
     """
@@ -58,12 +71,14 @@ class NodeProcesses:
         return {name: process.pid for name, process in self._processes.items()}
 
     def check(self) -> None:
-        """Raise if a process has ended by itself.
+        """
+        Raise if a process has ended by itself.
 
         Raises
         ------
         ProcessFailed
             Naming the process, its exit code and the last line it printed.
+
         """
         for name, process in self._processes.items():
             code = process.poll()

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Trackers, simulated plants and the replanner stepped together, without ROS, planning late.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Trackers, simulated plants and the replanner stepped together, without ROS, planning late.
 
 The same code as the nodes': a plan made from the states measured at t reaches the trackers later
 and takes over at t + replan.delay; of the plants nothing is known but what their sensors say.
@@ -33,7 +46,8 @@ class Vehicle(NamedTuple):
 
 @dataclass
 class RecedingHorizon:
-    """Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
+    """
+    Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
 
     `plans` are those that were put in force, `reviews` what the replanner made of it (at most once
     an interval of 1 / replan.rate), `refusals` what the trackers did not accept. Without a

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command by which launch files record: that of ROS 2 where it is installed, else our own."""
 
 from __future__ import annotations
@@ -14,7 +26,8 @@ from tdm_sim.topic_choice import SHARED_TOPICS
 
 
 def record_command(namespace: str, bag: str = '') -> list[str]:
-    """Return the words of a command that records all topics in a namespace, and shared ones.
+    """
+    Return the words of a command that records all topics in a namespace, and shared ones.
 
     It records to the folder `bag`, by default one named after namespace and time, until it is
     interrupted.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Recorder of topics to a rosbag2, for machines without `ros2 bag`.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Recorder of topics to a rosbag2, for machines without `ros2 bag`.
 
 Messages are written as they came over the wire, with the quality of service their publishers
 offer and the wire's type hashes. One thread subscribes, opens, writes and closes.
@@ -37,7 +50,8 @@ PLAIN_PERIOD = 10.0  # s between plain lines, where there is no terminal
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a recording is.
+    """
+    How far a recording is.
 
     Seconds since its start, messages written by topic, messages that the middleware says were
     lost on the way here, bytes on disk, messages a second of late.
@@ -63,7 +77,8 @@ class Progress:
 
 
 class Recorder(Node):
-    """A node that subscribes topics as they appear and hands their messages to a writer.
+    """
+    A node that subscribes topics as they appear and hands their messages to a writer.
 
     `topics` are names as users give them, `namespace` adds all topics in it (`TopicChoice`).
     """
@@ -141,7 +156,8 @@ def record(
     on_start: Callable[[], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Progress:
-    """Record topics to the new folder `output` until SIGINT or SIGTERM.
+    """
+    Record topics to the new folder `output` until SIGINT or SIGTERM.
 
     Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
     and what nodes share (`TopicChoice`); topics that appear later are taken up. Ends earlier after
@@ -154,6 +170,7 @@ def record(
         If the folder exists or cannot be made, the storage is unknown, or `rosbags` is missing.
     IncompleteRecording
         If the disk gets full; the bag holds, and is closed with, what was recorded until then.
+
     """
     with (
         _signals_set(stop or threading.Event()) as ended,

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A simulated plant without ROS: true state, actuators that saturate, sensors that are noisy.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A simulated plant without ROS: true state, actuators that saturate, sensors that are noisy.
 
 The plant nodes run this in real time; closed-loop experiments step it as fast as they like.
 """
@@ -23,7 +36,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlantSetup:
-    """What a simulated plant is made of; arrays (nx,) or (nu,) in the plant's order and SI units.
+    """
+    What a simulated plant is made of; arrays (nx,) or (nu,) in the plant's order and SI units.
 
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
     multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are
@@ -61,7 +75,8 @@ class PlantSetup:
 
 
 class SimulatedPlant:
-    """A plant in motion.
+    """
+    A plant in motion.
 
     `time` [s] counts the simulated time since the start. A command acts from the moment it is
     given until the next one, for at most the command time-out. `breakdowns` counts how often the
@@ -80,7 +95,7 @@ class SimulatedPlant:
 
     @property
     def state(self) -> Array:
-        """True state, (nx,)."""
+        """Return the true state, (nx,)."""
         return self._state.copy()
 
     @property
@@ -90,7 +105,7 @@ class SimulatedPlant:
 
     @property
     def control(self) -> Array:
-        """What acts at this moment (nu,): saturated, times the gains; zero without a command."""
+        """Return what acts now (nu,): saturated, times the gains; zero without a command."""
         if not self.commanded:
             return np.zeros_like(self._command)
         saturated: Array = np.clip(self._command, self.setup.lower, self.setup.upper)

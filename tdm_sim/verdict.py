@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Was the goal reached and held? Judged on the measured states alone."""
 
 from __future__ import annotations
@@ -34,7 +46,8 @@ class MeasuredPendulum:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The judgement: `reasons` why the goal was missed; `rows` name, planned, achieved.
+    """
+    The judgement: `reasons` why the goal was missed; `rows` name, planned, achieved.
 
     `undecided` says why it cannot be told whether the goal would have been reached and held: what
     was measured ends too early, all being well until then; '' if it can be told.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The floating robot with its reaction wheel, and the walls it may bounce off."""
 
 from __future__ import annotations
@@ -17,7 +29,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WheeledRobot:
-    """The floating robot's seven states, then angle and speed of the wheel relative to the robot.
+    """
+    The floating robot's seven states, then angle and speed of the wheel relative to the robot.
 
     The wheel follows from the conservation of angular momentum; it does not act back on the
     robot's motion beyond the torque commanded.
@@ -44,7 +57,8 @@ class WheeledRobot:
 
 @dataclass(frozen=True)
 class Walls:
-    """Walls of the arena [0, length] x [0, width], off which a disk of `radius` bounces.
+    """
+    Walls of the arena [0, length] x [0, width], off which a disk of `radius` bounces.
 
     The contact is elastic and without friction. `on_collision` is called at every bounce, with
     the axis and the speed of the impact [m/s].

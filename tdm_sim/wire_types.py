@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Message types and qualities of service on the wire, in the terms of rclpy and rosbags."""
 
 from __future__ import annotations
@@ -20,12 +32,14 @@ _DEPTH = 1000
 
 
 def message_class(type_name: str) -> Any:
-    """Return the Python class of a message type such as ``sensor_msgs/msg/JointState``.
+    """
+    Return the Python class of a message type such as ``sensor_msgs/msg/JointState``.
 
     Raises
     ------
     InvalidProblem
         If the package of the type is not installed.
+
     """
     package, _, name = type_name.partition('/msg/')
     try:
@@ -74,7 +88,8 @@ def offered_profile(profile: QoSProfile) -> Any:
 
 
 def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
-    """Return the definition of a message type, those of its members appended, and its type hash.
+    """
+    Return the definition of a message type, those of its members appended, and its type hash.
 
     Standard types come with `rosbags`; others, or those whose hash on the wire differs, are read
     from their package's share folder.
@@ -83,6 +98,7 @@ def definition_and_hash(type_name: str, wire_hash: Any) -> tuple[str, str]:
     ------
     InvalidProblem
         If the definition of the type is not to be found.
+
     """
     on_wire = str(wire_hash) if getattr(wire_hash, 'version', 0) > 0 else ''
     store = _standard_types()

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a maintainer looks at before a release: manifest, changelog, citation, headers, forms."""
 
 from __future__ import annotations
@@ -16,7 +28,7 @@ from catkin_pkg import changelog, package
 import pytest
 import tdm_planner
 from tools import headers
-from tools.headers import body_of, FOLDERS, sources
+from tools.headers import bare, FOLDERS, sources
 import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
@@ -143,25 +155,27 @@ def test_citation_has_what_the_format_wants():
 
 
 def test_sources_begin_with_copyright_and_licence():
-    bare = [path for path in sources() if body_of(path.read_text(encoding='utf-8')) is None]
-    assert not bare
+    assert not bare()
     assert len(SOURCES) > 200
 
 
-def test_headers_are_rewritten_both_ways(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_missing_headers_are_told_and_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
     (tmp_path / 'tools').mkdir()
     for path in (tmp_path / 'setup.py', tmp_path / 'tools' / 'some.py'):
-        path.write_text(headers.SHORT + '"""Text."""\n')
-    monkeypatch.setattr(headers, 'sources', lambda: sources(tmp_path))
-    for form, header in (('--long', headers.LONG + '\n'), ('--short', headers.SHORT)):
-        monkeypatch.setattr(sys, 'argv', ['headers', form])
-        for _ in range(2):
-            assert headers.main() == 0
-            assert (tmp_path / 'tools' / 'some.py').read_text() == header + '"""Text."""\n'
-    (tmp_path / 'setup.py').write_text('import os\n')
-    monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
+        path.write_text('"""Text."""\n')
     monkeypatch.setattr(headers, 'ROOT', tmp_path)
+    monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
     assert headers.main() == 1
+    assert 'tools/some.py: no copyright' in capsys.readouterr().out
+    for _ in range(2):
+        monkeypatch.setattr(sys, 'argv', ['headers'])
+        assert headers.main() == 0
+        written = (tmp_path / 'tools' / 'some.py').read_text()
+        assert written == headers.HEADER + '\n"""Text."""\n'
+    monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
+    assert headers.main() == 0
 
 
 def test_licence_and_contributing_are_those_that_ament_knows():

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""One demo mission with the plants here and planner and trackers on another host.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+One demo mission with the plants here and planner and trackers on another host.
 
     python -m tools.mission_apart SCENE FOLDER [--control COMMAND] [-p NAME:=VALUE]...
 
@@ -41,12 +54,14 @@ _OF_PLANNER = ('solver.', 'start.', 'torque_reserve:')
 def carry_out(
     name: str, folder: Path, control: Sequence[str], settings: Sequence[str], real_time: int
 ) -> dict[str, Any]:
-    """Carry one mission out and return what is to be told of it.
+    """
+    Carry one mission out and return what is to be told of it.
 
     Raises
     ------
     ProcessFailed, MissionFailed
         If a node ended or did not come up.
+
     """
     values = {n: yaml.safe_load(v) for n, _, v in (s.partition(':=') for s in settings)}
     file = config_file(f'{name}.yaml').resolve()

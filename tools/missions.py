@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Demo missions, one after the other, with nodes that live on from mission to mission."""
 
 from __future__ import annotations
@@ -62,7 +74,8 @@ class Outcome:
 
 
 class MissionControl:
-    """Resets plants, asks for plans and judges what follows. A context manager.
+    """
+    Resets plants, asks for plans and judges what follows. A context manager.
 
     `processes` are watched all along; `each_moment` is called some 20 times a second at least.
     """
@@ -108,12 +121,14 @@ class MissionControl:
         return True
 
     def wait_for_nodes(self) -> None:
-        """Wait until everything is up and connected.
+        """
+        Wait until everything is up and connected.
 
         Raises
         ------
         MissionFailed
             Naming what is not.
+
         """
         for name, scene in self.scenes.items():
             plan, resets = self._plan[name], self._reset[name]

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Pictures of the nodes with what goes in and out, as SVG, from their topics and services."""
 
 from __future__ import annotations
@@ -20,7 +32,8 @@ _STYLE = (
 
 
 def node_picture(name: str, endpoints: Iterable[Endpoint]) -> str:
-    """Return the picture: what is taken to the left, what is given to the right of a box.
+    """
+    Return the picture: what is taken to the left, what is given to the right of a box.
 
     Services are dashed; those that the node offers are to the left, those it calls to the right.
     """

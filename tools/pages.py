@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The documentation's generated parts: what stands between markers in its pages, and pictures.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The documentation's generated parts: what stands between markers in its pages, and pictures.
 
 A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for the name, then
 ``<!-- end -->``.
@@ -34,12 +47,14 @@ _MARKED = re.compile(r'(<!-- generated: (.+?) -->\n).*?(<!-- end -->)', re.DOTAL
 
 
 def documentation(folder: Path) -> dict[Path, str]:
-    """Return path and content of every generated or partly generated file of the documentation.
+    """
+    Return path and content of every generated or partly generated file of the documentation.
 
     Raises
     ------
     SystemExit
         If a text has nothing to describe, or something public has no text.
+
     """
     check_texts()
     found = {}

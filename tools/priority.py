@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Priority of measured processes on a machine that does other things besides."""
 
 from __future__ import annotations
@@ -11,7 +23,8 @@ _FURTHER = 10  # levels of SCHED_RR between what takes long and what must be qui
 
 
 def make_real_time(identifiers: Mapping[str, int], level: int) -> None:
-    """Give processes just started, by name, and this one, real-time priority; needs root.
+    """
+    Give processes just started, by name, and this one, real-time priority; needs root.
 
     `level` is that of planners and the like, in 1..89; plants and trackers go before them, as on
     a robot's computer. 0 leaves everything as it is.

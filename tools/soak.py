@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Fly demo missions back to back for hours: does memory grow, is one missed.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Fly demo missions back to back for hours: does memory grow, is one missed.
 
     python -m tools.soak --hours 1 [-o FOLDER] [--real-time LEVEL]
 
@@ -68,7 +81,7 @@ class Soak:
 
     @property
     def growing(self) -> dict[str, float]:
-        """Processes whose memory grows too fast, or is not known [MB/h]."""
+        """Return the processes whose memory grows too fast, or is not known [MB/h]."""
         growth = self.memory.growth(self.warm_up)
         return {name: slope for name, slope in growth.items() if not slope < LARGEST_GROWTH}
 
@@ -118,12 +131,14 @@ def soak(
     rate: float = ROBOT_RATE,
     real_time: int = 0,
 ) -> Soak:
-    """Fly missions for `duration` s; writes soak.json after each.
+    """
+    Fly missions for `duration` s; writes soak.json after each.
 
     Raises
     ------
     ProcessFailed, MissionFailed
         If a node ended or did not come up.
+
     """
     folder.mkdir(parents=True, exist_ok=True)
     # Not in another's domain by mistake; whoever wants to listen knows where.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What became of a stream of stamped messages between where it was sent and where it arrived."""
 
 from __future__ import annotations
@@ -17,7 +29,8 @@ _SAME = 1e-6  # s between stamps that are one
 
 @dataclass(frozen=True)
 class Stream:
-    """Figures of a stream; times in ms.
+    """
+    Figures of a stream; times in ms.
 
     `lost` of `sent` never came. `age` is from stamp to arrival; `gap` is the time between two
     arrivals, `period_error` how far the time between two stamps is from the nominal one.
@@ -51,12 +64,14 @@ class Stream:
 
 
 def compare(sent: Array, arrived: Array, period: float, window: tuple[float, float]) -> Stream:
-    """Compare stamps and arrivals (n, 2) [s] at both ends, of stamps within a window [s].
+    """
+    Compare stamps and arrivals (n, 2) [s] at both ends, of stamps within a window [s].
 
     Raises
     ------
     ValueError
         If there are fewer than three messages at either end.
+
     """
     sent, arrived = (rows[(rows[:, 0] >= window[0]) & (rows[:, 0] <= window[1])]
                      for rows in (sent, arrived))  # fmt: skip

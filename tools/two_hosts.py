@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Fly the demos with planner and trackers on one host and the plants on another.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Fly the demos with planner and trackers on one host and the plants on another.
 
     python -m tools.two_hosts [--links clean bad] [--scenes pendulum robots] [-o FOLDER]
 
@@ -48,7 +61,8 @@ LONGEST = 240.0  # s
 def fly(
     scene: str, link: Link, folder: Path, settings: Sequence[str] = (), real_time: int = 0
 ) -> dict[str, Any]:
-    """Fly one demo over a link and return what is to be told of it.
+    """
+    Fly one demo over a link and return what is to be told of it.
 
     Raises
     ------
@@ -56,6 +70,7 @@ def fly(
         If this machine cannot make two hosts.
     RuntimeError
         If the mission could not be carried out; says why.
+
     """
     if not link.clean:
         settings = (f'command_delay:={link.delay:g}', *ON_BAD_LINKS[scene], *settings)

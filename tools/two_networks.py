@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Two hosts on one machine: network namespaces joined by a link that may delay and lose.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Two hosts on one machine: network namespaces joined by a link that may delay and lose.
 
 Root, iproute2 and Linux are needed. A clean link is a veth pair. A bad one is a veth pair with
 `tc netem` on both ends where the kernel has netem; elsewhere two TAP devices, between which a
@@ -31,7 +44,8 @@ class NotPossible(Exception):
 
 @dataclass(frozen=True)
 class Link:
-    """What happens to every packet, in either direction: delay [s], and the share that is lost.
+    """
+    What happens to every packet, in either direction: delay [s], and the share that is lost.
 
     The delay is uniformly distributed, `jitter` s to either side, so that packets overtake.
     """
@@ -92,7 +106,8 @@ def why_not() -> str:
 
 
 def environment() -> dict[str, str]:
-    """Return the variables of ROS processes on such hosts.
+    """
+    Return the variables of ROS processes on such hosts.
 
     Packets are to go over the link: without shared memory, which both hosts have in common.
     """
@@ -101,7 +116,8 @@ def environment() -> dict[str, str]:
 
 @contextmanager
 def two_hosts(link: Link, real_time: int = 0) -> Iterator[Hosts]:
-    """Yield two hosts joined by `link`; everything is removed at last.
+    """
+    Yield two hosts joined by `link`; everything is removed at last.
 
     `real_time` is for the process that makes the link, where there is one.
 
@@ -109,6 +125,7 @@ def two_hosts(link: Link, real_time: int = 0) -> Iterator[Hosts]:
     ------
     NotPossible
         If this machine cannot make them.
+
     """
     reason = why_not()
     if reason:

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """One solver, one case: what came out; and the figures of many."""
 
 from __future__ import annotations
@@ -13,7 +25,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Attempt:
-    """What a solver made of a case.
+    """
+    What a solver made of a case.
 
     `solved`: the controls, flown through the true dynamics, reach the goal within limits;
     `converged`: the solver says it is done. `seconds` is processor time, of the solver alone for
@@ -58,7 +71,8 @@ def alternate(
     limits: Mapping[str, int],
     report: Callable[[str], None],
 ) -> dict[str, list[Attempt]]:
-    """Solve every case by every method in turn, each time beginning with another one.
+    """
+    Solve every case by every method in turn, each time beginning with another one.
 
     `limits` holds how many of the cases a slow method is given, by name.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Hermite-Simpson collocation by CasADi and Ipopt: what the peers' formulations share.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Hermite-Simpson collocation by CasADi and Ipopt: what the peers' formulations share.
 
 States are piecewise cubic, controls piecewise linear (Hargraves and Paris, "Direct Trajectory
 Optimization Using Nonlinear Programming and Collocation", 1987). All derivatives are exact; a
@@ -110,7 +123,8 @@ class Solver:
 
 
 def defects(f: Any, x: Any, u: Any, h: Any) -> tuple[Any, Any]:
-    """Defects (nx, N) of intervals `h` (1, N), and the states at their middles (nx, N).
+    """
+    Defects (nx, N) of intervals `h` (1, N), and the states at their middles (nx, N).
 
     `x` (nx, N+1) and `u` (nu, N+1) are at the ends of the intervals, `f` the equations of motion
     as a function of one state and one control.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """First guesses of swing-ups for collocation: the straight line, and energy pumping."""
 
 from __future__ import annotations
@@ -58,7 +70,8 @@ def straight_line(task: SwingUpTask) -> Guess:
 
 
 def energy_swing(task: SwingUpTask, gains: Pumping) -> Guess:
-    """Return the motion under energy pumping, up to where it comes nearest to upright at rest.
+    """
+    Return the motion under energy pumping, up to where it comes nearest to upright at rest.
 
     The torque drives the pendulum's energy to that of upright (Astrom and Furuta, "Swinging up a
     pendulum by energy control", 2000) and the disk back to its zero.

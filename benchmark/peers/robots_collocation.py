@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The robots' formation by Hermite-Simpson collocation: CasADi and Ipopt.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The robots' formation by Hermite-Simpson collocation: CasADi and Ipopt.
 
 Every robot has all its states and controls at the nodes of common intervals: the time until the
 first arrival is one phase, each further arrival ends another. Separations are kept at nodes and
@@ -58,7 +71,8 @@ def dynamics(plant: FloatingRobot, limits: Array) -> Any:
 
 
 class FormationCollocation:
-    """Manoeuvres of n robots with the limits, arena and weights of `task`.
+    """
+    Manoeuvres of n robots with the limits, arena and weights of `task`.
 
     `first` intervals lead to the first arrival and `later` to each further one. Variables: the
     phases' durations, what the sequence is off by, states and controls of every robot's nodes.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What robots alone on an empty floor could do at best: motions by Ruckig along straight ways.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What robots alone on an empty floor could do at best: motions by Ruckig along straight ways.
 
 Thrust off, full thrust one way, coasting, full thrust the other way: no motion of the same time
 takes less gas. Without collisions, turning of thrusters and walls its J bounds every plan's from
@@ -46,7 +59,8 @@ def shortest_time(distance: float, acceleration: float) -> float:
 
 
 def bound(task: FormationTask) -> Bound:
-    """Return the bound of a manoeuvre from rest, its arrivals `interval` apart.
+    """
+    Return the bound of a manoeuvre from rest, its arrivals `interval` apart.
 
     Leaving that sequence cannot pay where a second of it costs as much as one of the first
     arrival.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Evidence for the misprints in the pendulum's equations of motion (7) of Yakimenko (2006).
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Evidence for the misprints in the pendulum's equations of motion (7) of Yakimenko (2006).
 
 Each is put, alone, into the right equations, and the energy balance is drawn up over 2 s of motion
 under a constant torque: what the energy gains must be the work of the torque. In the right
@@ -55,7 +68,8 @@ def accelerations(
 
 
 def energy_error(wrong: Collection[str], torque: float = 0.005) -> float:
-    """Largest error of the energy balance over 2 s, in units of m g l.
+    """
+    Largest error of the energy balance over 2 s, in units of m g l.
 
     A motion that exceeds 300 rad/s is followed no further.
     """

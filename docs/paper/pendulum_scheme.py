@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The pendulum's scheme (9)-(16) of Yakimenko (2006), as printed and mended, measured.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The pendulum's scheme (9)-(16) of Yakimenko (2006), as printed and mended, measured.
 
 The scheme prescribes both theta(tau) and T(tau). But the torque and the initial state already
 determine the motion: what theta(tau) prescribes is only where the nodes lie. Three forms of it:
@@ -66,7 +79,8 @@ def rates(theta: float, theta_dot: float, psi_dot: float, torque: float) -> tupl
 
 
 def printed(count: int, switches: Array, completed: bool = False) -> End:
-    """(11)-(15), Euler steps over the virtual arc; `completed` adds omega_(j-1) to (11).
+    """
+    (11)-(15), Euler steps over the virtual arc; `completed` adds omega_(j-1) to (11).
 
     The reference function begins at rest with P'' = -1: where P'' vanishes too, no time passes
     in the first step, or it passes at the wrong rate.
@@ -146,7 +160,8 @@ def transfers(angles: Array, torques: Array) -> Array:
 
 
 def share_solved(torque: float, starts: int) -> tuple[float, float]:
-    """Shares of random states from which virtual_arc finds a plan, and of monotone quickest ones.
+    """
+    Shares of random states from which virtual_arc finds a plan, and of monotone quickest ones.
 
     Any angle, psi within 1 rad, rates within 5 rad/s.
     """
@@ -166,7 +181,8 @@ def share_solved(torque: float, starts: int) -> tuple[float, float]:
 
 
 def landing_errors(theta: float, torque: float, counts: tuple[int, ...]) -> dict[int, float]:
-    """Distance from upright [rad] of the plant under the switching times of the scheme alone.
+    """
+    Distance from upright [rad] of the plant under the switching times of the scheme alone.
 
     By the number of nodes, for the transfer from rest at `theta`; nothing is corrected afterwards.
     """
@@ -195,7 +211,8 @@ def landing_errors(theta: float, torque: float, counts: tuple[int, ...]) -> dict
 
 
 def momentum_needed(theta: Array, theta_dot: Array, psi_dot: Array) -> Array:
-    """Rate of the momentum p = A theta. + B psi. that gravity and rotation give, over m g l.
+    """
+    Rate of the momentum p = A theta. + B psi. that gravity and rotation give, over m g l.
 
     The torque does not act on p. From rest to rest p begins and ends at zero, so that
     sin(theta) (m g l + c cos(theta) psi.^2 - m l r theta. psi.) must be zero on average: theta

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Double integrator in minimum time: the more varied parameters, the nearer to the optimum.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Double integrator in minimum time: the more varied parameters, the nearer to the optimum.
 
 x.. = u, |u| <= u_max, from x_0 at rest to the origin at rest. The optimal control is bang-bang,
 full thrust half the way, full brakes the other half, and takes 2 sqrt(|x_0|/u_max): 2 s here.

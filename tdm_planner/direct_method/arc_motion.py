@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A motion at the nodes of the arc, and the check that a first one is made of numbers."""
 
 from __future__ import annotations
@@ -31,13 +43,15 @@ class ArcMotion:
 
 
 def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
-    """Check all that is stated along the first candidate of a motion.
+    """
+    Check all that is stated along the first candidate of a motion.
 
     Raises
     ------
     NotFinite
         Naming function, node and value, for the first node where something is not finite: what is
         wrong there spoils the integration of all that follow.
+
     """
     last = nodes.size - 1
     found = [
@@ -56,12 +70,14 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
 def check_integrated(
     stated: CheckedFormulation, motion: ArcMotion, integrated: Mapping[str, Values], nodes: Array
 ) -> None:
-    """Check that the states of the first candidate are the `integrated` ones, (B, K) by name.
+    """
+    Check that the states of the first candidate are the `integrated` ones, (B, K) by name.
 
     Raises
     ------
     InvalidProblem
         Naming state, node and both values, where `invert` gives another state instead.
+
     """
     for name, values in integrated.items():
         expected = values[0]

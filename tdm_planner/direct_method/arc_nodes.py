@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Nodes along the virtual arc, and the weights that integrate over them."""
 
 from __future__ import annotations
@@ -19,24 +31,28 @@ _MOST_NODES = 100_000
 
 
 def chebyshev_nodes(count: int) -> Array:
-    """Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3.
+    """
+    Return `count` Chebyshev-Lobatto nodes on the unit interval, at least 3.
 
     Raises
     ------
     InvalidProblem
         If `count` is not allowed.
+
     """
     last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
 
 
 def check_nodes(nodes: Any) -> Array:
-    """Return nodes (K,), K >= 3.
+    """
+    Return nodes (K,), K >= 3.
 
     Raises
     ------
     InvalidProblem
         If they do not increase from 0 to 1.
+
     """
     found = real_array(nodes, 'the nodes')
     increasing = found.ndim == 1 and found.size >= 3 and bool((np.diff(found) > 0).all())
@@ -46,7 +62,8 @@ def check_nodes(nodes: Any) -> Array:
 
 
 def quadrature_weights(nodes: Array) -> Array:
-    """Return weights (K,) that integrate functions given at `nodes` (K,) from 0 to 1.
+    """
+    Return weights (K,) that integrate functions given at `nodes` (K,) from 0 to 1.
 
     On Chebyshev-Lobatto nodes those of Clenshaw and Curtis, which are exact for polynomials up to
     order K - 1; on others those of the cubic spline through the values.

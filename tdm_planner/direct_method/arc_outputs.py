@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Time and outputs along the virtual arc as functions of the varied parameters Xi."""
 
 from __future__ import annotations
@@ -35,7 +47,8 @@ class _Tabulated:
 
 
 class ArcOutputs:
-    """mu = dt/ds, t, and the outputs' derivatives by time at `points` (P,) of the unit interval.
+    """
+    mu = dt/ds, t, and the outputs' derivatives by time at `points` (P,) of the unit interval.
 
     The first elements of Xi are the coefficients of mu in units of the guessed duration, unless
     that is fixed; then come the free parameters of every output in units of its scale.
@@ -53,7 +66,7 @@ class ArcOutputs:
 
     @property
     def size(self) -> int:
-        """Number of varied parameters."""
+        """Return the number of varied parameters."""
         return int(self._slices[-1])
 
     @property

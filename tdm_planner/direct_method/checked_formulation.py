@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What a user states, called with care: what goes wrong in there is said in one sentence.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a user states, called with care: what goes wrong in there is said in one sentence.
 
 A user's function may raise, return too many or too few components, other shapes or types than it
 should, numbers that are not finite, or mix candidates that are computed at once.
@@ -31,7 +44,8 @@ Values = NDArray[Any]
 
 
 class CheckedFormulation:
-    """The functions of a formulation on arrays (B, K, n) of states and controls.
+    """
+    The functions of a formulation on arrays (B, K, n) of states and controls.
 
     Every method raises `InvalidProblem`, naming the function and what is wrong with it; an error
     of the user's function is its cause.
@@ -93,7 +107,8 @@ class CheckedFormulation:
         return values[0], values[1]
 
     def start(self) -> Array:
-        """Return the state at which the motion is to begin, (nx,), NaN where that is free.
+        """
+        Return the state at which the motion is to begin, (nx,), NaN where that is free.
 
         It is what `invert` makes of the boundary values at the start.
         """
@@ -115,7 +130,8 @@ class CheckedFormulation:
         return stacked
 
     def slopes(self, y: Outputs, z: Mapping[str, Values], index: Sequence[int]) -> Values:
-        """Return the rates of the states `index` at one point of the arc, (B, len(index)).
+        """
+        Return the rates of the states `index` at one point of the arc, (B, len(index)).
 
         For the integration, step after step: shapes are not checked again.
         """

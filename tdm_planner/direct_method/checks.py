@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Checks of what users pass in: numbers, orders of derivatives, ends of an arc."""
 
 from __future__ import annotations
@@ -24,12 +36,14 @@ def shown(value: Any, longest: int = 60) -> str:
 
 
 def number(value: Any, what: str, *, positive: bool = False) -> float:
-    """Return a finite real number.
+    """
+    Return a finite real number.
 
     Raises
     ------
     InvalidProblem
         Naming `what`, if the value is not one, or not positive where it must be.
+
     """
     allowed = 'a positive number' if positive else 'a finite number'
     try:
@@ -42,12 +56,14 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
 
 
 def whole(value: Any, what: str, least: int, most: int) -> int:
-    """Return an integer in [least, most].
+    """
+    Return an integer in [least, most].
 
     Raises
     ------
     InvalidProblem
         Naming `what`, if the value is not one.
+
     """
     is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not (is_whole and least <= value <= most):
@@ -58,12 +74,14 @@ def whole(value: Any, what: str, least: int, most: int) -> int:
 
 
 def real_array(value: Any, what: str) -> Array:
-    """Return finite real numbers of any shape.
+    """
+    Return finite real numbers of any shape.
 
     Raises
     ------
     InvalidProblem
         Naming `what`, if they are not, or not all of one shape.
+
     """
     try:
         found = np.asarray(value)
@@ -80,12 +98,14 @@ def real_array(value: Any, what: str) -> Array:
 
 
 def common_shape(values: Iterable[Any], what: str) -> Array:
-    """Return finite real values, broadcast to one shape and stacked, (m, ...).
+    """
+    Return finite real values, broadcast to one shape and stacked, (m, ...).
 
     Raises
     ------
     InvalidProblem
         Naming `what`, if they are not, or cannot share a shape.
+
     """
     arrays = [real_array(value, what) for value in values]
     try:
@@ -98,12 +118,14 @@ def common_shape(values: Iterable[Any], what: str) -> Array:
 
 
 def check_derivative(order: Any) -> int:
-    """Return the order of a derivative to be computed.
+    """
+    Return the order of a derivative to be computed.
 
     Raises
     ------
     InvalidProblem
         If it is not an integer from 0 to 60.
+
     """
     if type(order) is int and 0 <= order <= HIGHEST_ORDER:
         return order
@@ -111,12 +133,14 @@ def check_derivative(order: Any) -> int:
 
 
 def check_arc(tau_0: Any, tau_f: Any) -> tuple[float, float]:
-    """Return the ends of a virtual arc.
+    """
+    Return the ends of a virtual arc.
 
     Raises
     ------
     InvalidProblem
         If tau_f <= tau_0, or one of them is not a finite number.
+
     """
     first, last = number(tau_0, 'tau_0'), number(tau_f, 'tau_f')
     if not last > first:
@@ -127,12 +151,14 @@ def check_arc(tau_0: Any, tau_f: Any) -> tuple[float, float]:
 
 
 def arc_power(span: float, order: int) -> float:
-    """Return the length of an arc to the power of a derivative's order.
+    """
+    Return the length of an arc to the power of a derivative's order.
 
     Raises
     ------
     InvalidProblem
         If the arc is too long or too short for that derivative to be computed.
+
     """
     with np.errstate(all='ignore'):
         power = float(np.float64(span) ** order)
@@ -145,12 +171,14 @@ def arc_power(span: float, order: int) -> float:
 
 
 def scaled_values(values: Array, scales: Array) -> Array:
-    """Return boundary values by s on the unit interval from those by tau.
+    """
+    Return boundary values by s on the unit interval from those by tau.
 
     Raises
     ------
     InvalidProblem
         If one of them leaves the range of numbers.
+
     """
     with np.errstate(all='ignore'):
         found = values * scales
@@ -163,12 +191,14 @@ def scaled_values(values: Array, scales: Array) -> Array:
 
 
 def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
-    """Return the orders of the derivatives given at one end.
+    """
+    Return the orders of the derivatives given at one end.
 
     Raises
     ------
     InvalidProblem
         If an order is not an integer from 0 to 60, or repeated.
+
     """
     what = f'the order of a derivative given at the {where}'
     found = tuple(whole(order, what, 0, HIGHEST_ORDER) for order in orders)
@@ -180,12 +210,14 @@ def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
 
 
 def check_conditions(where: str, given: Any) -> None:
-    """Check that boundary values at one end are a mapping from order to value.
+    """
+    Check that boundary values at one end are a mapping from order to value.
 
     Raises
     ------
     InvalidProblem
         If they are not, or an order is not allowed.
+
     """
     if not hasattr(given, 'keys') or not hasattr(given, 'values'):
         raise InvalidProblem(

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""First derivatives of a vectorised function, where its author gives none.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+First derivatives of a vectorised function, where its author gives none.
 
 By complex step (Squire and Trapp 1998), exact to the last bits, where the function is analytic
 and written so that complex numbers pass through it; else by central differences.
@@ -39,7 +52,8 @@ def jacobians(function: Callable[[Any], Any], points: Array, scheme: Scheme) -> 
 
 
 def choose_scheme(function: Callable[[Any], Any], point: Array) -> Scheme:
-    """Return the better scheme that works at `point` (n,).
+    """
+    Return the better scheme that works at `point` (n,).
 
     The two are compared there, in a few directions at random, in which every argument has a part.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Small dense strictly convex quadratic programs, compiled: for compiled minimisers.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Small dense strictly convex quadratic programs, compiled: for compiled minimisers.
 
     min x'H x / 2 + g'x  subject to  A x >= b,  lower <= x <= upper
 
@@ -55,7 +68,8 @@ def _inverse_factor(hessian: Array, inverse: Array) -> bool:
 def _most_violated(
     x: Array, rows: Array, least: Array, lower: Array, upper: Array, active: Array
 ) -> tuple[int, float]:
-    """Index of the constraint violated most, relative to its size, and its value; -1 if none.
+    """
+    Index of the constraint violated most, relative to its size, and its value; -1 if none.
 
     Rows come first, then lower, then upper bounds. `active` marks those that are kept already.
     """
@@ -140,7 +154,8 @@ def solve_compiled(
     x: Array,
     multipliers: Array,
 ) -> bool:
-    """Fill the minimiser `x` (n,) and the rows' `multipliers` (m,), zero or greater.
+    """
+    Fill the minimiser `x` (n,) and the rows' `multipliers` (m,), zero or greater.
 
     `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,). False if the
     constraints contradict one another or H is not positive definite.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What a user states of an optimal control problem for the direct method to solve it.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a user states of an optimal control problem for the direct method to solve it.
 
 A few *outputs* are written as reference functions of the virtual arc; the states and controls
 follow from them and their derivatives by time (`invert`), states that cannot be inverted are
@@ -31,7 +44,8 @@ MOST_FREE = 200  # parameters of one output
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """A coordinate that is given as a reference function.
+    """
+    A coordinate that is given as a reference function.
 
     `start` and `end` hold its boundary values and their derivatives by time: (x, x., x.., ...),
     None where one is free, or a mapping from order to value. `free` further parameters are
@@ -44,6 +58,7 @@ class Output:
     ------
     InvalidProblem
         If one of them is not what it should be.
+
     """
 
     start: Conditions = ()
@@ -92,7 +107,8 @@ class Output:
 
 @dataclass(frozen=True)
 class Duration:
-    """Time for the whole arc [s]: varied between `shortest` and `longest`, or `fixed`.
+    """
+    Time for the whole arc [s]: varied between `shortest` and `longest`, or `fixed`.
 
     `speed_factor_order` is the degree of the speed factor dt/ds, a Bernstein polynomial whose
     coefficients are varied; 0 is tau = t. Where all boundary conditions are at rest and the
@@ -149,7 +165,8 @@ class Integrated:
 
 
 class Formulation(ABC):
-    """An optimal control problem in terms of reference functions.
+    """
+    An optimal control problem in terms of reference functions.
 
     States and controls are passed as sequences of components: `x[i]` is the i-th state at all
     nodes (and for several candidates at once), an array of any shape. Use numpy's functions, and
@@ -172,7 +189,8 @@ class Formulation(ABC):
 
     @abstractmethod
     def invert(self, y: Outputs, z: Mapping[str, Values]) -> tuple[Components, Components]:
-        """Return states and controls by inverse dynamics.
+        """
+        Return states and controls by inverse dynamics.
 
         `y[name][k]` is the k-th derivative of an output by time, `z[name]` an integrated state.
         """
@@ -194,7 +212,8 @@ class Formulation(ABC):
         return np.zeros_like(t)
 
     def margins(self, t: Values, x: Components, u: Components) -> Mapping[str, Values]:
-        """Return what is left to every limit, by name; negative where it is violated.
+        """
+        Return what is left to every limit, by name; negative where it is violated.
 
         Best as a share of the limit, such as ``1 - (u[0]/limit)**2``.
         """
@@ -206,12 +225,14 @@ class Formulation(ABC):
 
 
 def stack(components: Components, count: int, what: str) -> Values:
-    """Stack `count` components of any compatible shape along the last axis.
+    """
+    Stack `count` components of any compatible shape along the last axis.
 
     Raises
     ------
     InvalidProblem
         Naming `what`, if their number or shapes do not match.
+
     """
     try:
         parts = [np.asarray(part) for part in components]

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The nonlinear program (10): the smallest J over the varied parameters with penalty <= eps."""
 
 from __future__ import annotations
@@ -41,7 +53,8 @@ class Budget:
 
 @dataclass(frozen=True)
 class Point:
-    """The program's values at one Xi.
+    """
+    The program's values at one Xi.
 
     `cost` is J; `violations` (n_groups,) the largest violation of a constraint in every group of
     constraints, 0 where all are kept (equalities count by their absolute value); `cache` whatever
@@ -55,13 +68,14 @@ class Point:
 
     @property
     def violation(self) -> float:
-        """The largest violation of all."""
+        """Return the largest violation of all."""
         return float(self.violations.max(initial=0.0))
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """First derivatives, and a positive definite Hessian of the Lagrangian, at one Xi.
+    """
+    First derivatives, and a positive definite Hessian of the Lagrangian, at one Xi.
 
     The cost is smooth(Xi) + sum_k weight_k |term_k(Xi)|; `gradient` (n,) is that of the smooth
     part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
@@ -93,7 +107,8 @@ class Multipliers:
 
 
 class NonlinearProgram(ABC):
-    """Performance index and constraints as functions of the scaled varied parameters Xi (n,).
+    """
+    Performance index and constraints as functions of the scaled varied parameters Xi (n,).
 
     `lower` and `upper` (n,) bound Xi. Scaling is the program's: a change of 1 in any component
     should matter about as much as in any other. `budget` is set by the minimiser: once it is
@@ -113,7 +128,8 @@ class NonlinearProgram(ABC):
         """Return derivatives at a point; `multipliers` are those of the last quadratic program."""
 
     def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
-        """Residuals at `point` of the equalities and `active` inequality rows of `at`.
+        """
+        Residuals at `point` of the equalities and `active` inequality rows of `at`.
 
         Asked for by the second-order correction. None (the default): no correction is made.
         `active` (ni,) is a mask; the answer has ne + active.sum() elements, inequalities counted

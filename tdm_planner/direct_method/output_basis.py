@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Bases of outputs: what their boundary conditions determine, and well scaled free shapes."""
 
 from __future__ import annotations
@@ -23,7 +35,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class VariedPolynomials:
-    """Polynomials with some end derivatives given and `free` further ones varied.
+    """
+    Polynomials with some end derivatives given and `free` further ones varied.
 
     The further derivatives are the lowest that are not given, alternately at the start and at
     the end; which they are does not matter for the set of polynomials that results.
@@ -62,7 +75,8 @@ class VariedPolynomials:
 
 @dataclass(frozen=True, eq=False)
 class LegendrePolynomials:
-    """The polynomials of `VariedPolynomials` where no lower derivative is left out at an end.
+    """
+    The polynomials of `VariedPolynomials` where no lower derivative is left out at an end.
 
     The free shapes are s^a (s - 1)^b P_j(2 s - 1), j < `free`, with a and b the numbers of
     conditions: well conditioned whatever the order, where end derivatives of high order are not.
@@ -122,7 +136,7 @@ class OrthonormalBasis:
 
     @property
     def size(self) -> int:
-        """Number of free shapes."""
+        """Return the number of free shapes."""
         return int(self.transformation.shape[0])
 
     def given(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -135,13 +149,15 @@ class OrthonormalBasis:
 
 
 def output_basis(name: str, output: Output, speed_factor_order: int) -> OrthonormalBasis:
-    """Return the basis of an output.
+    """
+    Return the basis of an output.
 
     Raises
     ------
     InvalidProblem
         Naming the output, if its conditions contradict each other, leave no
         function, or cannot be converted to the virtual arc.
+
     """
     start, end = output.conditions('start'), output.conditions('end')
     for where, given in (('start', start), ('end', end)):

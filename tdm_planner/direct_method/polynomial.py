@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Polynomial reference functions from boundary conditions, section 3 of Yakimenko (2006).
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Polynomial reference functions from boundary conditions, section 3 of Yakimenko (2006).
 
 The paper's (2)-(4) give the quintic with x, x', x'' at both ends; every further derivative that is
 prescribed or varied at an end raises the order by one. Here any set of derivatives at either end
@@ -40,7 +53,8 @@ _BLOCK = 65536
 
 @dataclass(frozen=True, eq=False)
 class PolynomialBasis:
-    """Shapes of the polynomials that given end derivatives determine, on the unit interval.
+    """
+    Shapes of the polynomials that given end derivatives determine, on the unit interval.
 
     `start` and `end` list the orders of the derivatives given at s = 0 and at s = 1. The shapes
     are in that order, start before end: `values(s, k)` (..., m) is the k-th derivative of each,
@@ -54,12 +68,14 @@ class PolynomialBasis:
 
     @classmethod
     def of(cls, start: tuple[int, ...], end: tuple[int, ...]) -> PolynomialBasis:
-        """Return the basis for these derivatives (cached).
+        """
+        Return the basis for these derivatives (cached).
 
         Raises
         ------
         InvalidProblem
             If an order is repeated or negative, or the conditions do not determine a polynomial.
+
         """
         return _basis(check_orders('start', start), check_orders('end', end))
 
@@ -151,7 +167,8 @@ def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
 
 
 class PolynomialReference:
-    """A polynomial reference function x(tau) on [tau_0, tau_f] given by its end derivatives.
+    """
+    A polynomial reference function x(tau) on [tau_0, tau_f] given by its end derivatives.
 
     `start` and `end` map the order of a derivative d^k x / d tau^k to its value at tau_0 and at
     tau_f; a value is a number or an array (...,), the same shape for all. Prescribed and varied
@@ -164,6 +181,7 @@ class PolynomialReference:
     ------
     InvalidProblem
         If tau_f <= tau_0, a value is not finite, or the conditions do not determine a polynomial.
+
     """
 
     def __init__(

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Small dense convex quadratic programs, solved by a library: DAQP, or scipy's NNLS without it.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Small dense convex quadratic programs, solved by a library: DAQP, or scipy's NNLS without it.
 
 min d'H d / 2 + g'd  subject to  A d >= b,  lower <= d <= upper,  H positive definite.
 """
@@ -49,7 +62,8 @@ def solve_quadratic_program(
     upper: Array,
     backend: Backend | None = None,
 ) -> QuadraticSolution | None:
-    """Solve the program of this module's docstring; None if it is infeasible or ill conditioned.
+    """
+    Solve the program of this module's docstring; None if it is infeasible or ill conditioned.
 
     Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
     """
@@ -79,7 +93,8 @@ def _solve_daqp(
 def _solve_nnls(
     hessian: Array, gradient: Array, rows: Array, least: Array, lower: Array, upper: Array
 ) -> QuadraticSolution | None:
-    """Solve the dual as a least-distance problem (Lawson and Hanson 1974, chapter 23).
+    """
+    Solve the dual as a least-distance problem (Lawson and Hanson 1974, chapter 23).
 
     With H = L L' and d = L'^-1 (z - L^-1 g) the program becomes min |z| over G z >= h, and the
     nonnegative least-squares residual of [G'; h'] u = e_last gives z.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The integral of 1/p of a positive Bernstein polynomial p: time from the speed factor.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The integral of 1/p of a positive Bernstein polynomial p: time from the speed factor.
 
 Where p nearly vanishes 1/p varies over as many orders of magnitude as p does. The interval is
 halved until, on every panel, p varies little and the Gauss-Legendre quadrature of the panel agrees
@@ -30,7 +43,8 @@ _MOST_PANELS = 5000
 
 @dataclass(frozen=True, eq=False)
 class ReciprocalIntegral:
-    """Integrals of 1/p from 0, p(s) = sum_i c_i B_i(s) with positive `coefficients` (n,).
+    """
+    Integrals of 1/p from 0, p(s) = sum_i c_i B_i(s) with positive `coefficients` (n,).
 
     The relative error is some 1e-13.
 
@@ -38,13 +52,14 @@ class ReciprocalIntegral:
     ------
     InvalidProblem
         If the integral cannot be computed: the coefficients lie too far apart.
+
     """
 
     coefficients: Array
 
     @cached_property
     def total(self) -> float:
-        """The integral from 0 to 1."""
+        """Return the integral from 0 to 1."""
         return float(self._panels.before[-1])
 
     def to(self, s: Array, rest: Array) -> Array:

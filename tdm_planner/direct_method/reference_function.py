@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What all reference functions have in common, and the bases they are made of."""
 
 from __future__ import annotations
@@ -14,7 +26,8 @@ Array = NDArray[np.float64]
 
 @runtime_checkable
 class ReferenceFunction(Protocol):
-    """A function x(tau) on the virtual arc [tau_0, tau_f] that meets its boundary conditions.
+    """
+    A function x(tau) on the virtual arc [tau_0, tau_f] that meets its boundary conditions.
 
     It is linear in its parameters (m of them), so that `jacobian` is exact and does not depend on
     their values; only of a `TimeFactor` it does, which is linear in 1/lambda.
@@ -35,7 +48,8 @@ class ReferenceFunction(Protocol):
 
 @runtime_checkable
 class ReferenceBasis(Protocol):
-    """A family of reference functions on the unit interval, split by what determines them.
+    """
+    A family of reference functions on the unit interval, split by what determines them.
 
     x(s) = given(s) @ b + varied(s) @ a, where b holds the derivatives of orders `start` at s = 0,
     then those of orders `end` at s = 1, and a is free: whatever a is, the conditions hold.

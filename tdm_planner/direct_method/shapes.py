@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Taranenko's shapes Phi of section 2 of Yakimenko (2006): functions that vanish at both ends."""
 
 from __future__ import annotations
@@ -20,7 +32,8 @@ _MOST = 100  # terms, and exponents: more cannot be told apart in floating point
 
 
 class Shapes(ABC):
-    """Functions phi_k(s) on the unit interval with phi_k(0) = phi_k(1) = 0; Phi = sum A_k phi_k.
+    """
+    Functions phi_k(s) on the unit interval with phi_k(0) = phi_k(1) = 0; Phi = sum A_k phi_k.
 
     Families can be combined: `SineSeries(3) + symmetric_powers(2)`.
     """
@@ -28,7 +41,7 @@ class Shapes(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """Number of shapes m."""
+        """Return the number of shapes m."""
 
     @abstractmethod
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -47,12 +60,14 @@ class Shapes(ABC):
 
 @dataclass(frozen=True)
 class CombinedShapes(Shapes):
-    """The shapes of several families, one after the other.
+    """
+    The shapes of several families, one after the other.
 
     Raises
     ------
     InvalidProblem
         If a shape belongs to more than one of them: its coefficients could not be told apart.
+
     """
 
     families: tuple[Shapes, ...]
@@ -76,7 +91,7 @@ class CombinedShapes(Shapes):
 
     @property
     def size(self) -> int:
-        """Number of shapes."""
+        """Return the number of shapes."""
         return sum(family.size for family in self.families)
 
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
@@ -96,7 +111,7 @@ class SineSeries(Shapes):
 
     @property
     def size(self) -> int:
-        """Number of shapes."""
+        """Return the number of shapes."""
         return self.terms
 
     def names(self) -> tuple[Hashable, ...]:
@@ -118,7 +133,8 @@ class SineSeries(Shapes):
 
 @dataclass(frozen=True)
 class PowerProducts(Shapes):
-    """s^m1 (s - 1)^m2 for every pair (m1, m2) of `exponents`, both at least 1.
+    """
+    s^m1 (s - 1)^m2 for every pair (m1, m2) of `exponents`, both at least 1.
 
     In the paper's argument these are (tau - tau_0)^m1 (tau - tau_f)^m2; their coefficients here
     are the paper's times (tau_f - tau_0)^(m1 + m2), in the unit of x.
@@ -145,7 +161,7 @@ class PowerProducts(Shapes):
 
     @property
     def size(self) -> int:
-        """Number of shapes."""
+        """Return the number of shapes."""
         return len(self.exponents)
 
     def names(self) -> tuple[Hashable, ...]:

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The speed factor lambda(tau) = dtau/dt > 0 as a reference function of its own.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The speed factor lambda(tau) = dtau/dt > 0 as a reference function of its own.
 
 It gives the speed along a path back its freedom, (5) of Yakimenko (2006). Two forms: `SpeedFactor`
 has lambda as a Bernstein polynomial and time by quadrature; `TimeFactor` has mu = dt/ds as one,
@@ -36,7 +49,8 @@ def invert_time(
     duration: Array | float,
     ends: tuple[float, float] = (0.0, 1.0),
 ) -> Array:
-    """Return tau (...) in `ends` at which `time(tau)` is `wanted` (...) s, for many arcs at once.
+    """
+    Return tau (...) in `ends` at which `time(tau)` is `wanted` (...) s, for many arcs at once.
 
     `time` runs from 0 at the first end to `duration` at the second; `speed_factor` is dtau/dt.
     Times beyond the arc are clipped to it.
@@ -58,7 +72,8 @@ def invert_time(
 
 
 class ArcTime(ABC):
-    """Relation of time t and virtual arc tau in [tau_0, tau_f], t(tau_0) = 0.
+    """
+    Relation of time t and virtual arc tau in [tau_0, tau_f], t(tau_0) = 0.
 
     There is no lambda beyond the ends of the arc: it would not stay positive. An argument outside
     is refused, unless by rounding.
@@ -68,6 +83,7 @@ class ArcTime(ABC):
     InvalidProblem
         If tau_f <= tau_0, a coefficient is not a positive number, or an argument tau lies outside
         [tau_0, tau_f].
+
     """
 
     def __init__(self, coefficients: ArrayLike, tau_f: float, tau_0: float = 0.0) -> None:
@@ -149,12 +165,14 @@ class SpeedFactor(ArcTime):
         return np.asarray(basis / (self.tau_f - self.tau_0) ** order)
 
     def time(self, tau: ArrayLike) -> Array:
-        """Return the time [s], by adaptive quadrature of 1/lambda, to 1e-12 of itself.
+        """
+        Return the time [s], by adaptive quadrature of 1/lambda, to 1e-12 of itself.
 
         Raises
         ------
         InvalidProblem
             If it is not finite, the coefficients lying too many orders of magnitude apart.
+
         """
         return np.asarray((self.tau_f - self.tau_0) * self._slowness.to(*self._places(tau)))
 
@@ -174,7 +192,8 @@ class TimeFactor(ArcTime):
         return np.asarray(reciprocal(rates)[order] * span ** (1 - order))
 
     def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Return the derivative of `lambda(tau, order)` by the coefficients, (..., n).
+        """
+        Return the derivative of `lambda(tau, order)` by the coefficients, (..., n).
 
         It is exact, but lambda is not linear in these coefficients (1/lambda is): the derivative
         depends on them. From dlambda = -(tau_f - tau_0) dmu / mu^2, differentiated by Leibniz.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Taranenko's reference functions, (1) of Yakimenko (2006): linear interpolation plus Phi.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Taranenko's reference functions, (1) of Yakimenko (2006): linear interpolation plus Phi.
 
 Derivatives prescribed at the ends fix as many coefficients A_k of Phi, by default the first ones
 that can; the others are varied.
@@ -36,7 +49,8 @@ _CONTRADICTION = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TaranenkoBasis:
-    """Linear interpolation and shapes on the unit interval, solved for the end conditions.
+    """
+    Linear interpolation and shapes on the unit interval, solved for the end conditions.
 
     `fixed` (c,) and `free` (m - c,) are the indices of the coefficients that the conditions
     determine and of those that are left; A_fixed = `by_given` @ b + `by_free` @ A_free, with the
@@ -55,12 +69,14 @@ class TaranenkoBasis:
 
     @classmethod
     def of(cls, shapes: Shapes, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
-        """Return the basis for derivatives of these orders at the ends (cached).
+        """
+        Return the basis for derivatives of these orders at the ends (cached).
 
         Raises
         ------
         InvalidProblem
             If an order is repeated or negative, or the value itself is missing at an end.
+
         """
         if not isinstance(shapes, Shapes):
             raise InvalidProblem(
@@ -143,7 +159,8 @@ def _independent(matrix: Array) -> list[int]:
 
 
 class TaranenkoReference:
-    """A reference function (1) on [tau_0, tau_f]: linear interpolation plus shapes.
+    """
+    A reference function (1) on [tau_0, tau_f]: linear interpolation plus shapes.
 
     `start` and `end` map the order of a derivative d^k x / d tau^k to its value at tau_0 and at
     tau_f, order 0 among them; a value is a number or an array (...,), the same shape for all.
@@ -157,6 +174,7 @@ class TaranenkoReference:
     InvalidProblem
         If tau_f <= tau_0, a condition is missing or not finite, there are too few shapes for the
         conditions or the shapes cannot meet them, or `varied` has the wrong shape.
+
     """
 
     def __init__(
@@ -181,7 +199,7 @@ class TaranenkoReference:
 
     @property
     def varied_indices(self) -> tuple[int, ...]:
-        """Indices k of the coefficients A_(k+1) that are varied."""
+        """Return the indices k of the coefficients A_(k+1) that are varied."""
         return self.basis.free
 
     def with_varied(self, varied: ArrayLike) -> TaranenkoReference:

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A formulation as the nonlinear program (10) in the scaled varied parameters Xi.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A formulation as the nonlinear program (10) in the scaled varied parameters Xi.
 
 Xi holds the duration (or the coefficients of the speed factor's dt/ds) in units of the first
 guess, then the free parameters of every output in units of its scale. Along the arc, s in [0, 1]:
@@ -45,7 +58,8 @@ _HESSIAN_WORK = 200_000  # most products in a batch: more make BLAS start thread
 
 
 class Transcription(NonlinearProgram):
-    """The program of a formulation on the given `nodes` (K,), from 0 to 1.
+    """
+    The program of a formulation on the given `nodes` (K,), from 0 to 1.
 
     `reserve` is what must be left to a limit, by name, at the nodes between the ends. Group 0 of
     the constraints are equalities (ends of integrated states, end conditions), group 1 margins.
@@ -55,6 +69,7 @@ class Transcription(NonlinearProgram):
     InvalidProblem
         For boundary conditions that contradict each other, components that do not match the
         names, or a performance index that is not stated.
+
     """
 
     def __init__(
@@ -83,12 +98,12 @@ class Transcription(NonlinearProgram):
 
     @property
     def size(self) -> int:
-        """Number of varied parameters."""
+        """Return the number of varied parameters."""
         return int(self.lower.size)
 
     @property
     def first_guess(self) -> Array:
-        """The guessed duration, and nothing beside the boundary conditions."""
+        """Return the guessed duration, and nothing beside the boundary conditions."""
         xi = np.zeros(self.size)
         xi[self._arc.timing] = 1.0
         return xi
@@ -98,13 +113,15 @@ class Transcription(NonlinearProgram):
         return quadrature_weights(self.nodes)
 
     def begin(self, xi: Array) -> None:
-        """Scale the cost and choose the scheme of differentiation at a first point (n,).
+        """
+        Scale the cost and choose the scheme of differentiation at a first point (n,).
 
         Raises
         ------
         InvalidProblem
             Naming function, node and value, if something is not a finite number there, differs
             from what is integrated, or depends on other candidates that are computed at once.
+
         """
         with np.errstate(all='ignore'):
             motion, z = self._motion(xi[None])

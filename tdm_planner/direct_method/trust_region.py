@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The minimiser of (10): sequential quadratic programming in a trust region, elastic constraints.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The minimiser of (10): sequential quadratic programming in a trust region, elastic constraints.
 
 Every step solves one small quadratic program that is feasible by construction: each group of
 constraints has one slack t_k >= 0, charged rho_k t_k, and the step is bounded by the trust region.
@@ -35,7 +48,8 @@ _NEARER = 0.9  # share of the slack that must be left at most for that to be wor
 
 @dataclass(frozen=True)
 class TrustRegionOptions:
-    """How the minimiser goes about it.
+    """
+    How the minimiser goes about it.
 
     `penalties` rho_k, one for each group of constraints, raised up to about `largest_penalty`
     where they do not make the search feasible; `radius` the first trust region and
@@ -72,7 +86,8 @@ class Minimum:
 
 @dataclass(frozen=True)
 class _Step:
-    """Solution of the elastic quadratic program: step, decrease it predicts, multipliers.
+    """
+    Solution of the elastic quadratic program: step, decrease it predicts, multipliers.
 
     `slacks` are what every group of linearised constraints is still violated by.
     """
@@ -84,7 +99,7 @@ class _Step:
 
     @property
     def slack(self) -> float:
-        """The largest slack."""
+        """Return the largest slack."""
         return float(self.slacks.max(initial=0.0))
 
 
@@ -94,7 +109,8 @@ def minimise(
     options: TrustRegionOptions | None = None,
     budget: Budget | None = None,
 ) -> Minimum:
-    """Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
+    """
+    Search from `xi` (n,) for a local minimum of the program; see `TrustRegionOptions`.
 
     When the budget is spent the best point so far is returned, not converged.
     """
@@ -161,7 +177,8 @@ class _Search:
         self._try(step)
 
     def _steered(self, step: _Step, at: Linearisation) -> _Step:
-        """Charge violations more while the step then comes nearer to the constraints.
+        """
+        Charge violations more while the step then comes nearer to the constraints.
 
         The steering rule of Byrd, Nocedal and Waltz (2008), in its simplest form.
         """

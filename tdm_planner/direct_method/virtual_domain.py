@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Derivatives by time from derivatives along the virtual arc, and back, exactly.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Derivatives by time from derivatives along the virtual arc, and back, exactly.
 
 With the speed factor lambda = dtau/dt, d/dt = lambda d/dtau, so that
 
@@ -27,7 +40,8 @@ Values = NDArray[Any]
 
 
 def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> list[Values]:
-    """Return x, x., x.., ... from x, x', x'', ... and lambda, lambda', ...
+    """
+    Return x, x., x.., ... from x, x', x'', ... and lambda, lambda', ...
 
     As many as `derivatives` has; one element less of `speed` is needed.
 
@@ -36,6 +50,7 @@ def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike
     InvalidProblem
         If a number is not finite, `speed` has too few derivatives or is not positive, or shapes do
         not match.
+
     """
     _check_finite(derivatives, speed)
     return candidate_time_derivatives(derivatives, speed)
@@ -54,13 +69,15 @@ def candidate_time_derivatives(
 
 
 def arc_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> list[Values]:
-    """Return x, x', x'', ... from x, x., x.., ... and lambda, lambda', ...: the way back.
+    """
+    Return x, x', x'', ... from x, x., x.., ... and lambda, lambda', ...: the way back.
 
     Raises
     ------
     InvalidProblem
         If a number is not finite, `speed` has too few derivatives or is not positive, or shapes do
         not match.
+
     """
     _check_finite(derivatives, speed)
     return candidate_arc_derivatives(derivatives, speed)
@@ -91,12 +108,14 @@ def reciprocal(derivatives: Sequence[ArrayLike]) -> list[Values]:
 
 
 def path_speed(derivatives: Sequence[ArrayLike], speed_factor: ArrayLike) -> Values:
-    """Return V = lambda |x'|, (5), from the x'_i of all coordinates.
+    """
+    Return V = lambda |x'|, (5), from the x'_i of all coordinates.
 
     Raises
     ------
     InvalidProblem
         If the speed factor is not positive, or shapes do not match.
+
     """
     slopes, (factor,) = _jets(derivatives, [speed_factor], 1)
     total: Any = sum(slope**2 for slope in slopes)

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a managed node has while it is configured: topics, services, timers that end together."""
 
 from __future__ import annotations
@@ -14,7 +26,8 @@ from tdm_planner.nodes.ros_parameters import ParameterNode
 
 
 class ConfiguredEntities(LifecycleNodeMixin, ParameterNode):
-    """A lifecycle node in which what is created after `keep_entities` goes with the configuration.
+    """
+    A lifecycle node in which what is created after `keep_entities` goes with the configuration.
 
     Publishers made then are silent unless the node is active.
     """
@@ -33,7 +46,8 @@ class ConfiguredEntities(LifecycleNodeMixin, ParameterNode):
             self._kept = frozenset(id(item) for item, _ in self._entities())
 
     def destroy_entities(self) -> None:
-        """Destroy what was created since.
+        """
+        Destroy what was created since.
 
         EventsExecutor may still call what was about to be called: this comes to nothing.
         """

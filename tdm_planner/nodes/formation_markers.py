@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Arena, goals and planned paths of a formation as markers in the frame `arena`."""
 
 from __future__ import annotations
@@ -28,7 +40,8 @@ _NO_PATHS: Mapping[str, Array] = MappingProxyType({})
 def formation_markers(
     arena: Arena, goals: Mapping[str, Array], paths: Mapping[str, Array] = _NO_PATHS
 ) -> MarkerArray:
-    """Draw set-up and plan; what an earlier message drew is deleted first.
+    """
+    Draw set-up and plan; what an earlier message drew is deleted first.
 
     `goals` holds x, y, yaw (3,) [m, rad] and `paths` x, y (n, 2) [m] by robot. Namespaces:
     `arena`, the walls; `obstacles`, the keep-out zones; and, numbered by robot, `goal`, an arrow;

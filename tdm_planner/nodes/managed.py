@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Managed nodes: https://design.ros2.org/articles/node_lifecycle.html, with a start of their own.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Managed nodes: https://design.ros2.org/articles/node_lifecycle.html, with a start of their own.
 
 unconfigured   parameters, diagnostics and the services of the lifecycle
 inactive       all topics and services are there; nothing but diagnostics is published
@@ -41,7 +54,8 @@ class Stage(str, Enum):
 
 
 class ManagedNode(ConfiguredEntities):
-    """A node with the lifecycle of ROS 2; subclasses say what its transitions do.
+    """
+    A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
     With `autostart` it configures and activates itself, with parameters that are wrong as well:
     it then refuses what it cannot do, until they are corrected. A lifecycle manager is told by a
@@ -82,7 +96,8 @@ class ManagedNode(ConfiguredEntities):
 
     @abstractmethod
     def cleanup(self) -> None:
-        """Let go of what `configure` made; topics, services and timers are destroyed anyway.
+        """
+        Let go of what `configure` made; topics, services and timers are destroyed anyway.
 
         Also called where `configure` failed half-way.
         """

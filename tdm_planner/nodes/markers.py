@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What all pictures for RViz and Foxglove are made of: a pen, colours, trails.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What all pictures for RViz and Foxglove are made of: a pen, colours, trails.
 
 There are two kinds of MarkerArrays. What belongs to a plan is latched and complete: every message
 deletes what the one before it drew. What moves is published again and again under the same
@@ -48,7 +61,8 @@ _PALETTE = (
 
 
 def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
-    """Return the colour of a robot, the same wherever it is drawn.
+    """
+    Return the colour of a robot, the same wherever it is drawn.
 
     Names that end in a number take the colours in turn; others by a checksum of the name.
     """
@@ -140,7 +154,8 @@ class Pen:
 
 
 class Trail:
-    """Where something has been lately: places at least `spacing` s apart, not older than `age` s.
+    """
+    Where something has been lately: places at least `spacing` s apart, not older than `age` s.
 
     An instant [ns] before the last one starts a new trail.
     """
@@ -166,5 +181,5 @@ class Trail:
 
     @property
     def points(self) -> list[Point]:
-        """The places, oldest first."""
+        """Return the places, oldest first."""
         return [point for _, point in self._places]

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Trajectories as ROS messages, exact to the nanosecond; `reading` reads them back."""
 
 from __future__ import annotations
@@ -59,7 +71,8 @@ def to_duration(seconds: float) -> Duration:
 
 
 def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
-    """Return the pendulum's plan as a message; `stamp` is the instant at which the motion starts.
+    """
+    Return the pendulum's plan as a message; `stamp` is the instant at which the motion starts.
 
     Joints [pendulum, disk]: positions [theta, psi], their rates (exactly zero at the end of a
     motion that ends at rest), accelerations (where torque jumps, those after the jump) and effort
@@ -69,6 +82,7 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
     ------
     InvalidProblem
         If the trajectory is not a pendulum's, or has no rates.
+
     """
     if trajectory.state_names != PENDULUM_STATES or trajectory.rates is None:
         raise InvalidProblem(

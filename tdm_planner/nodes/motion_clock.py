@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Time as a plant in motion knows it, whatever happens to the clock that stamps are taken from."""
 
 from __future__ import annotations
@@ -26,7 +38,8 @@ def pacing_clock(node: Node) -> Clock:
 
 
 class MotionClock:
-    """Seconds since the node began, by a clock that nobody sets.
+    """
+    Seconds since the node began, by a clock that nobody sets.
 
     A computer's time of day is set, by hand or by a time daemon, while the plant neither stands
     still nor leaps. Stamps are therefore turned into instants of a steady clock, by the difference

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The pendulum as markers in the frame `world`: the rig in motion, and a plan."""
 
 from __future__ import annotations
@@ -59,7 +71,8 @@ def plan_markers(plant: RotaryPendulum, plan: Trajectory) -> MarkerArray:
 
 
 class PendulumPicture:
-    """The rig in motion: `add` every state to the trail, `draw` as often as it is to be shown.
+    """
+    The rig in motion: `add` every state to the trail, `draw` as often as it is to be shown.
 
     Namespaces, each with the number 0: `base`; `disk` and `arm` at psi; `disk_limit`, the arc of
     radius 1.25 arm lengths that the arm may sweep (a full circle for limits of half a turn and

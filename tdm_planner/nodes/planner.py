@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Node `planner`: plans on request, publishes what was verified, says why where there is none."""
 
 from __future__ import annotations
@@ -52,7 +64,8 @@ def _nobody(outcome: Plan | Failure) -> None:
 
 
 class Planner(ManagedNode):
-    """Plans for the problem that the parameter `problem` names.
+    """
+    Plans for the problem that the parameter `problem` names.
 
     Service `plan` (std_srvs/Trigger) answers with one line of JSON. Solving runs beside the
     executor: states, parameters and further requests (BUSY) are served meanwhile. What is
@@ -216,7 +229,8 @@ class Planner(ManagedNode):
         self._when_free(reply, lambda: self._solve(values, reply, changes, f'{purpose} refused'))
 
     def _refusal(self) -> Busy | None:
-        """Return why no request is taken: the node is not active, or a request is being solved.
+        """
+        Return why no request is taken: the node is not active, or a request is being solved.
 
         For a review of the plan in force a request waits.
         """
@@ -321,7 +335,8 @@ class Planner(ManagedNode):
         changes: Mapping[str, Any] = _NO_CHANGES,
         title: str = 'no plan',
     ) -> Plan | Failure:
-        """Publish a plan, or keep the one in force and say why there is no new one.
+        """
+        Publish a plan, or keep the one in force and say why there is no new one.
 
         The parameters that the plan was made with, as far as they were changed, are set first.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """One request, from parameters and measured state to a verified plan or the reason for none."""
 
 from __future__ import annotations
@@ -75,7 +87,8 @@ def make_plan(
     adapter: Adapter,
     clock: Callable[[], int],
 ) -> Plan | Failure:
-    """Plan for the parameters `values` (the problem's and the request's); never raises.
+    """
+    Plan for the parameters `values` (the problem's and the request's); never raises.
 
     `clock` returns the present instant [ns].
     """
@@ -94,7 +107,8 @@ def make_plan(
 def _plan_from_measured(
     problem_class: type[Problem], values: Mapping[str, Any], adapter: Adapter, now: int
 ) -> Plan:
-    """Plan from the measured state; sooner than `start.delay` where that is too late.
+    """
+    Plan from the measured state; sooner than `start.delay` where that is too late.
 
     A plant in motion may have left its limits, or be beyond help, by the time a motion starts.
     """
@@ -126,7 +140,8 @@ def _of_the_future(error: TdmError, delay: float) -> TdmError:
 
 
 def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:
-    """Return the answer of the `plan` service to a request that was met, one line of JSON.
+    """
+    Return the answer of the `plan` service to a request that was met, one line of JSON.
 
     `warnings`, where there are any, are added: sentences about what is not connected.
     """
@@ -147,7 +162,8 @@ def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:
 
 
 def plan_summary(plan: Plan, plan_id: int) -> str:
-    """Return everything about a plan but its samples, one line of JSON, for recordings.
+    """
+    Return everything about a plan but its samples, one line of JSON, for recordings.
 
     The figures of the service's answer; `stamp`, the start of the motion; the parts of the cost;
     the check, with the instants of the worst margins; per vehicle, what trajectory messages do not

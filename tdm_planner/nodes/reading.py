@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Trajectories and states read from messages, whichever library's classes those are.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Trajectories and states read from messages, whichever library's classes those are.
 
 Nothing of ROS is needed here: the nodes read the messages of rclpy with these functions, a report
 those of a recording.
@@ -45,7 +58,8 @@ def seconds_of(message: Any) -> float:
 
 
 def pendulum_trajectory(message: Any, interpolation: Interpolation | None = None) -> Trajectory:
-    """Read a pendulum's plan from a message; joints may come in any order.
+    """
+    Read a pendulum's plan from a message; joints may come in any order.
 
     A JointTrajectory does not say how efforts run between its points. Unless `interpolation` says
     so, efforts that stay equal over most intervals are held (switched torque), others are read as
@@ -56,6 +70,7 @@ def pendulum_trajectory(message: Any, interpolation: Interpolation | None = None
     InvalidProblem
         For joints that are missing, lengths that do not match, values that are not finite, or
         times that do not increase strictly from 0 or later.
+
     """
     index = joint_indices(message.joint_names, PENDULUM_JOINTS)
     if len(message.points) < 2:
@@ -101,12 +116,14 @@ def _quantity(message: Any, quantity: str, index: Sequence[int]) -> Array:
 
 
 def joint_indices(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    """Return where the `wanted` joints stand among `names`.
+    """
+    Return where the `wanted` joints stand among `names`.
 
     Raises
     ------
     InvalidProblem
         Naming the joints that are missing, or there twice.
+
     """
     listed = list(names)
     wrong = [name for name in wanted if listed.count(name) != 1]
@@ -119,12 +136,14 @@ def joint_indices(names: Sequence[str], wanted: Sequence[str]) -> list[int]:
 
 
 def joint_motion(message: Any, joints: Sequence[str]) -> Array:
-    """Return positions and velocities of `joints` in a JointState, (2 n,): x1.., x1'...
+    """
+    Return positions and velocities of `joints` in a JointState, (2 n,): x1.., x1'...
 
     Raises
     ------
     InvalidProblem
         For joints that are missing, lengths that do not match, or values that are not finite.
+
     """
     index = joint_indices(message.name, joints)
     values: list[float] = []
@@ -145,12 +164,14 @@ def joint_motion(message: Any, joints: Sequence[str]) -> Array:
 
 
 def yaw_of(rotation: Any) -> float:
-    """Return the angle about the vertical [rad], in [-pi, pi].
+    """
+    Return the angle about the vertical [rad], in [-pi, pi].
 
     Raises
     ------
     InvalidProblem
         If the quaternion is not of unit length.
+
     """
     x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
     length = math.sqrt(x * x + y * y + z * z + w * w)
@@ -163,7 +184,8 @@ def yaw_of(rotation: Any) -> float:
 
 
 def robot_motion(motion: Any) -> Trajectory:
-    """Read the motion of a robot alone, without its thruster and controls; yaw is unwrapped.
+    """
+    Read the motion of a robot alone, without its thruster and controls; yaw is unwrapped.
 
     The states are x, y, u, v, yaw, omega; there are no controls.
 
@@ -171,6 +193,7 @@ def robot_motion(motion: Any) -> Trajectory:
     ------
     InvalidProblem
         As `robot_trajectory` does.
+
     """
     _check_motion(motion, None)
     return Trajectory(
@@ -190,7 +213,8 @@ def robot_trajectory(
     robot: str | None = None,
     interpolation: Interpolation = 'linear',
 ) -> Trajectory:
-    """Read a robot's plan from its two messages; yaw is unwrapped from the first sample on.
+    """
+    Read a robot's plan from its two messages; yaw is unwrapped from the first sample on.
 
     Raises
     ------
@@ -198,6 +222,7 @@ def robot_trajectory(
         For messages of different plans, another robot, another frame, lengths that do not match,
         values that are not finite, quaternions that are not of unit length, or times that do not
         increase strictly from 0 or later.
+
     """
     _check_pair(motion, controls, robot)
     times = _instants([point.time_from_start for point in motion.points])
@@ -294,12 +319,14 @@ def _actuators(point: Any, index: Sequence[int], number: int) -> list[float]:
 
 
 def odometry_state(message: Any) -> Array:
-    """Return x, y, u, v, yaw, omega (6,) of an odometry, velocities turned into the arena's frame.
+    """
+    Return x, y, u, v, yaw, omega (6,) of an odometry, velocities turned into the arena's frame.
 
     Raises
     ------
     InvalidProblem
         If the frame is another, a value is not finite, or the quaternion not of unit length.
+
     """
     if message.header.frame_id not in ('', ARENA_FRAME):
         raise InvalidProblem(
@@ -326,12 +353,14 @@ def odometry_state(message: Any) -> Array:
 
 
 def thruster_angle(message: Any) -> float:
-    """Return alpha [rad], the position of the joint `thruster`.
+    """
+    Return alpha [rad], the position of the joint `thruster`.
 
     Raises
     ------
     InvalidProblem
         If the joint is missing, has no position, or one that is not finite.
+
     """
     (index,) = joint_indices(message.name, ROBOT_JOINTS[:1])
     if len(message.position) != len(message.name):

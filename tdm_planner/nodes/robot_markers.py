@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A floating robot in motion as markers in the frame `arena`."""
 
 from __future__ import annotations
@@ -25,7 +37,8 @@ _FLAME, _TIP = ColorRGBA(r=1.0, g=0.85, b=0.3, a=0.95), ColorRGBA(r=1.0, g=0.3, 
 
 @dataclass(frozen=True)
 class RobotLook:
-    """What a robot looks like.
+    """
+    What a robot looks like.
 
     `radius` of its body and `separation`, the least distance of two robots [m]; `thrust` is the
     largest [N].
@@ -48,7 +61,8 @@ class RobotState(NamedTuple):
 
 
 class RobotPicture:
-    """A robot in motion: `add` states to the trail, `draw` as often as it is to be shown.
+    """
+    A robot in motion: `add` states to the trail, `draw` as often as it is to be shown.
 
     Namespaces, each with the number 0: `body`; `heading`, an arrow towards the front; `plume`, the
     jet of the thruster; `separation`, a disc of half the minimum separation: where two of them

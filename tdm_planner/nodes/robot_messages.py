@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Plans of floating robots as ROS messages; `reading` reads them, and states, back.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Plans of floating robots as ROS messages; `reading` reads them, and states, back.
 
 Poses and rates of plans are those of the frame `arena`; an odometry's twist is, as its definition
 has it, that of the robot's own frame.
@@ -61,7 +74,8 @@ def to_quaternion(yaw: float) -> Quaternion:
 def robot_trajectory_message(
     robot: str, trajectory: Trajectory, stamp: Time
 ) -> MultiDOFJointTrajectory:
-    """Return the motion of a robot: pose, rates and accelerations in the frame `arena`.
+    """
+    Return the motion of a robot: pose, rates and accelerations in the frame `arena`.
 
     `stamp` is the instant at which the motion starts.
     """
@@ -87,7 +101,8 @@ def robot_trajectory_message(
 def robot_controls_message(
     trajectory: Trajectory, plant: FloatingRobot, stamp: Time
 ) -> JointTrajectory:
-    """Return what the actuators do: joints [thruster, reaction_wheel].
+    """
+    Return what the actuators do: joints [thruster, reaction_wheel].
 
     Positions [alpha, 0], velocities [thruster rate, change of the wheel's speed since the start],
     efforts [thrust, torque].

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Which nodes a parameter file with several robots needs, for launch files and the demo."""
 
 from __future__ import annotations
@@ -16,7 +28,8 @@ _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and 
 
 @dataclass(frozen=True)
 class RobotNode:
-    """A node to start: executable, its robot ('' for the planner of all), extra parameters.
+    """
+    A node to start: executable, its robot ('' for the planner of all), extra parameters.
 
     A robot's nodes run in a namespace of its name, below the planner's.
     """
@@ -29,7 +42,8 @@ class RobotNode:
 def robot_nodes(
     document: Any, namespace: str = 'robots', number: int | None = None
 ) -> list[RobotNode]:
-    """Return the planner, and plant and tracker of every robot, for a parameter file's content.
+    """
+    Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
     The file's section `planner` names the `robots`. Simulated robots stand at `<robot>.start` to
     begin with. `namespace` is the planner's; the trackers ask for new plans there. With a `number`
@@ -39,6 +53,7 @@ def robot_nodes(
     ------
     InvalidProblem
         If the names cannot be used, a start is not allowed, or there is no room for so many.
+
     """
     values = ros_parameters(document, 'planner')
     changed = {} if number is None else resized(values, number)

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Declared parameters (`tdm_planner.parameters`) as ROS parameters.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Declared parameters (`tdm_planner.parameters`) as ROS parameters.
 
 A wrong value gets one clear sentence, be it from the command line, a file or a service.
 """
@@ -41,7 +54,8 @@ _WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 
 class ParameterNode(Node):
-    """A node whose parameters are declared by `ParameterSpec`s.
+    """
+    A node whose parameters are declared by `ParameterSpec`s.
 
     Integers are accepted for numbers (people write 0 and 1). A value that is not allowed is
     refused with the sentence of `ParameterSpec.check`; one given at the start leaves the default
@@ -97,7 +111,8 @@ class ParameterNode(Node):
         return MappingProxyType(self._invalid_overrides)
 
     def declare(self, specifications: Mapping[str, ParameterSpec]) -> None:
-        """Declare parameters, each with its value from the command line or file, or its default.
+        """
+        Declare parameters, each with its value from the command line or file, or its default.
 
         Those already declared keep their value.
         """
@@ -121,12 +136,14 @@ class ParameterNode(Node):
             self.get_logger().warning(f'{self._unknown(name)}; the value is ignored')
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Check values against each other before they are set; to be overridden.
+        """
+        Check values against each other before they are set; to be overridden.
 
         Raises
         ------
         InvalidProblem
             To refuse the change with its sentence.
+
         """
 
     def values_changed(self, names: frozenset[str]) -> None:

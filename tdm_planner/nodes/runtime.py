@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The life of a node's process: start, spin, end cleanly on a signal. Every `main` is `run`."""
 
 from __future__ import annotations
@@ -23,7 +35,8 @@ LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
 
 
 def make_executor(context: rclpy.Context | None = None) -> Executor:
-    """Return the executor of the nodes: event-driven where this rclpy has it.
+    """
+    Return the executor of the nodes: event-driven where this rclpy has it.
 
     EventsExecutor serves timers and round trips at 500 Hz with less load than the
     SingleThreadedExecutor needs for 200 Hz; both run one callback at a time.
@@ -36,7 +49,8 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
 
 
 class EndRequest:
-    """SIGINT and SIGTERM, noted: `asked` says that one has come.
+    """
+    SIGINT and SIGTERM, noted: `asked` says that one has come.
 
     While `interrupts` they also raise KeyboardInterrupt, as is right while nothing is served. An
     executor must not be interrupted: half of its callbacks would be gone, errors of its own come
@@ -78,7 +92,8 @@ def spin(node: Node, executor: Executor, end: EndRequest) -> None:
 
 
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make the node, serve it until SIGINT or SIGTERM, and return the exit code of the process.
+    """
+    Make the node, serve it until SIGINT or SIGTERM, and return the exit code of the process.
 
     `args` are the command line's (default: `sys.argv`). An error ends the process with code 1 and
     one line that says what happened.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Watches topics that only one node should publish: two planners by mistake are told of."""
 
 from __future__ import annotations
@@ -13,7 +25,8 @@ PERIOD = 1.0  # s between looks
 
 
 class SolePublisher:
-    """Counts who publishes `topic` (resolved); where there are several, `warning` says so.
+    """
+    Counts who publishes `topic` (resolved); where there are several, `warning` says so.
 
     `consequence` ends the sentence; `changed` is called when the warning comes or goes. A process
     that was killed counts until the middleware has given it up, with Fast DDS some 20 s later.

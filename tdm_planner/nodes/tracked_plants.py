@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the tracker node must know of each plant: its topics, its messages, its feedback law."""
 
 from __future__ import annotations
@@ -53,7 +65,8 @@ class Intake(Protocol):
     def on_trajectory(
         self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
     ) -> None:
-        """Take a trajectory that starts at `stamp`, and the `messages` it came in, by topic.
+        """
+        Take a trajectory that starts at `stamp`, and the `messages` it came in, by topic.
 
         The topics are those of `TrackedPlant.in_force`.
         """
@@ -130,7 +143,8 @@ class TrackedPendulum(TrackedPlant):
 
 
 class TrackedRobot(TrackedPlant):
-    """A floating robot: `trajectory` and `controls`, `odom` and `joint_states` -> its actuators.
+    """
+    A floating robot: `trajectory` and `controls`, `odom` and `joint_states` -> its actuators.
 
     The two halves of a plan carry the same stamp; the half that comes first waits for the other.
     """
@@ -212,7 +226,8 @@ class TrackedRobot(TrackedPlant):
         return JointState(name=ROBOT_JOINTS, velocity=[rate, 0.0], effort=[thrust, torque])
 
     def error_message(self, action: Action) -> JointState:
-        """Return the errors of x, y, yaw and their rates, and the feedback of the actuators.
+        """
+        Return the errors of x, y, yaw and their rates, and the feedback of the actuators.
 
         Efforts: thrust and torque beyond what is planned, as those of thruster and wheel.
         """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Node `tracker`: keeps a plant on the trajectory in force and holds it at the goal.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Node `tracker`: keeps a plant on the trajectory in force and holds it at the goal.
 
 The phases and rules are those of `tdm_planner.tracking.tracker`; here they meet topics, a clock,
 the planner's service and the diagnostics.
@@ -192,7 +205,8 @@ class TrackerNode(ManagedNode):
     def on_trajectory(
         self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
     ) -> None:
-        """Put a trajectory in force, or refuse it with a reason; the old one then stays.
+        """
+        Put a trajectory in force, or refuse it with a reason; the old one then stays.
 
         One that is in force already, as a planner that was restarted repeats it, changes nothing.
         The newest one is kept while the node is not active, or does not know the simulated time.
@@ -230,7 +244,8 @@ class TrackerNode(ManagedNode):
             self.on_trajectory(*offered)
 
     def _check_latest(self, start: float) -> None:
-        """Of several planners' plans keep the one that starts last, in whatever order they come.
+        """
+        Of several planners' plans keep the one that starts last, in whatever order they come.
 
         So all trackers of a formation follow the same planner.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Long computations beside the executor: one at a time, the outcome delivered in its thread."""
 
 from __future__ import annotations
@@ -15,7 +27,8 @@ _EXECUTOR_POLL = 0.01  # s, while the node is not served yet
 
 
 class Worker:
-    """Runs `job()` in a daemon thread and hands what it returns to `done` in the node's executor.
+    """
+    Runs `job()` in a daemon thread and hands what it returns to `done` in the node's executor.
 
     A job must not raise. A daemon, because a computation under way must not keep the process
     from ending. The compiled kernels release the interpreter's lock, so the executor goes on.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Compiled where numba is installed, plain Python where it is not.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compiled where numba is installed, plain Python where it is not.
 
 Setting the environment variable TDM_DISABLE_NUMBA=1 makes the package run as if numba were absent.
 """
@@ -33,7 +46,8 @@ def compiled(function: _Function) -> _Function:
 
 
 def compiled_with(*called: Any) -> Callable[[_Function], _Function]:
-    """Compile a function that calls compiled functions of other modules, `called`.
+    """
+    Compile a function that calls compiled functions of other modules, `called`.
 
     What they do becomes part of its machine code. numba's cache on disk takes notice of changes to
     the function's own file only; theirs are made known to it here.

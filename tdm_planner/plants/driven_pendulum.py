@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The pendulum's angle where the disk's motion is given: the part that cannot be inverted.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The pendulum's angle where the disk's motion is given: the part that cannot be inverted.
 
 With psi(t) known, the first equation of motion is one of second order for theta alone,
 
@@ -29,7 +42,8 @@ def drive_pendulum(
     step: float,
     step_slopes: Array,
 ) -> tuple[Array, Array]:
-    """Integrate theta by M RK4 steps of length `step` [s] from `start` (theta, theta').
+    """
+    Integrate theta by M RK4 steps of length `step` [s] from `start` (theta, theta').
 
     `disk` (2 M + 1, 2) holds psi', psi'' at the steps' ends and middles, `disk_slopes`
     (2 M + 1, 2, P) and `step_slopes` (P,) their derivatives by P parameters. Returns theta, theta'

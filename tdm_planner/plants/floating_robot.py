@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The floating robot of section 4.2: a thruster that can be turned, and a reaction wheel.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The floating robot of section 4.2: a thruster that can be turned, and a reaction wheel.
 
 With x, y the position in the arena, u, v the velocity, yaw the attitude (psi of the paper), omega
 its rate and alpha the angle of the thrust from the robot's front, equation (17) of Yakimenko
@@ -94,7 +107,8 @@ class FloatingRobot(Validated):
         return np.stack(np.broadcast_arrays(*rates), axis=-1)
 
     def wheel_speed(self, omega: Array, initial: float = 0.0, initial_omega: float = 0.0) -> Array:
-        """Speed of the wheel relative to the robot [rad/s] at yaw rates `omega` [rad/s].
+        """
+        Speed of the wheel relative to the robot [rad/s] at yaw rates `omega` [rad/s].
 
         The angular momentum of robot and wheel together is conserved from the initial speed of the
         wheel, `initial` [rad/s], and the initial yaw rate.
@@ -103,7 +117,8 @@ class FloatingRobot(Validated):
         return np.asarray(initial - ratio * (np.asarray(omega) - initial_omega))
 
     def angular_momentum(self, omega: Array, wheel_speed: Array) -> Array:
-        """Angular momentum of robot and wheel about the vertical [N m s].
+        """
+        Angular momentum of robot and wheel about the vertical [N m s].
 
         Only torques from outside change it.
         """
@@ -111,7 +126,8 @@ class FloatingRobot(Validated):
         return np.asarray(self.inertia * np.asarray(omega) + self.wheel_inertia * spin)
 
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
-        """Forward integration of (17) by quadrature: the states at `times` (n,), (n, 7).
+        """
+        Forward integration of (17) by quadrature: the states at `times` (n,), (n, 7).
 
         Attitude and thrust direction are integrals of the controls alone, and velocity and
         position follow by Gauss-Legendre quadrature between all samples and `times` at once; no

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
 
 The coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. The module stands alone
 because numba's cache on disk notices changes in this file only.
@@ -48,7 +61,8 @@ def advance_along(
     least: float,
     states: Values,
 ) -> None:
-    """Fill `states` (B, N, 4), (E, psi, psi', t), at nodes of the angle `theta` (B, N).
+    """
+    Fill `states` (B, N, 4), (E, psi, psi', t), at nodes of the angle `theta` (B, N).
 
     E = theta'^2 changes by 2 theta'' d theta, the rest by time, which passes as (12) of Yakimenko
     (2006) has it, dt = 2 d theta / (theta'_j + theta'_(j-1)); Heun's method, of second order in

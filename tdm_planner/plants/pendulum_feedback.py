@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Motion of the rotary pendulum under a tabulated feedback law, compiled where that is possible.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Motion of the rotary pendulum under a tabulated feedback law, compiled where that is possible.
 
 In every interval the torque T_k - K_k (x - r_k), saturated, is held: what a tracker does with a
 plan, step by step, fast enough to look ahead to the plan's end before each new plan.
@@ -23,7 +36,8 @@ _SUBSTEPS = 2  # RK4 steps an interval
 
 @dataclass(frozen=True, eq=False)
 class FeedbackTable:
-    """References (n, 4), torques (n,) [N m] and gains (n, 4), one an interval of `step` s.
+    """
+    References (n, 4), torques (n,) [N m] and gains (n, 4), one an interval of `step` s.
 
     The torque is saturated at `limit` [N m].
     """

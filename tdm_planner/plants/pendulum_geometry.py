@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Where the parts of a rotary pendulum are, and how large they are drawn.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Where the parts of a rotary pendulum are, and how large they are drawn.
 
 The world's frame has its origin at the disk's centre, z up, psi about z from x. theta turns the
 rod from upright towards +y of the disk, which is the sense about -x.
@@ -19,7 +32,8 @@ Array = NDArray[np.float64]
 
 
 def pendulum_points(plant: RotaryPendulum, theta: Array, psi: Array) -> tuple[Array, Array]:
-    """Positions of the pendulum's pivot and tip, (..., 3) m, in the world's frame.
+    """
+    Positions of the pendulum's pivot and tip, (..., 3) m, in the world's frame.
 
     The rod is taken as uniform, twice as long as its centre of mass is far.
     """
@@ -35,7 +49,8 @@ def pendulum_points(plant: RotaryPendulum, theta: Array, psi: Array) -> tuple[Ar
 
 @dataclass(frozen=True)
 class RigShape:
-    """Sizes [m] of the rig's parts, in proportion to what the plant's parameters say of them.
+    """
+    Sizes [m] of the rig's parts, in proportion to what the plant's parameters say of them.
 
     `disk_radius` and `rod_length` follow from the parameters; the others only have to look right.
     """

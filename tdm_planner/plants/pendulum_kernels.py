@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Compiled motion of the rotary pendulum under arcs of constant torque.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compiled motion of the rotary pendulum under arcs of constant torque.
 
 Coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. States are
 (theta, psi, theta', psi').
@@ -70,7 +83,8 @@ def roll_arcs(
     sensitivities: Array,
     with_sensitivities: bool,
 ) -> None:
-    """Integrate by RK4, `steps` steps an arc; fill states (n, 4) and sensitivities (n, 4, K).
+    """
+    Integrate by RK4, `steps` steps an arc; fill states (n, 4) and sensitivities (n, 4, K).
 
     n = K steps + 1. The sensitivities are the exact derivatives of the discrete states by the K
     durations.

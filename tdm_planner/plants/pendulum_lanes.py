@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Many motions of the rotary pendulum side by side, for the vector units of the processor.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Many motions of the rotary pendulum side by side, for the vector units of the processor.
 
 `LANES` motions under arcs of constant torque are integrated in lock step by RK4, with their
 derivatives. Quantities of all lanes stand in one flat array, `row * LANES + lane`, and `LANES` is
@@ -25,7 +38,8 @@ _SLOPES = 6 * LANES  # of the accelerations by theta, theta', psi'
 
 @compiled
 def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Both to the last bit or nearly, up to some 1e6 rad, without a branch.
+    """
+    Both to the last bit or nearly, up to some 1e6 rad, without a branch.
 
     The angle less the nearest multiple of pi / 2, itself in three parts (Cody and Waite), then
     the polynomials of fdlibm's kernels.
@@ -150,7 +164,8 @@ def roll_lanes(
     peaks: Array,
     nodes: Array,
 ) -> None:
-    """Integrate `LANES` motions from `start` (4,) over `arcs` arcs of `steps` RK4 steps.
+    """
+    Integrate `LANES` motions from `start` (4,) over `arcs` arcs of `steps` RK4 steps.
 
     `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. Filled are the final
     `state` (4 LANES,) and its `derivatives` (K, 4 LANES) by the durations; the psi of every

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The kernels of `pendulum_kernels` and `pendulum_steering` in numpy, where there is no compiler.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The kernels of `pendulum_kernels` and `pendulum_steering` in numpy, where there is no compiler.
 
 The same discrete motions and derivatives, for a batch of starts in lock step: states are stepped
 one after the other, the derivatives of all steps are then taken at once.
@@ -27,7 +40,8 @@ _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 def roll_batch(
     plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
 ) -> tuple[Array, Array]:
-    """Integrate by RK4 from `start` (4,) under arcs `durations`, `torques` (B, K).
+    """
+    Integrate by RK4 from `start` (4,) under arcs `durations`, `torques` (B, K).
 
     Returns states (B, K steps + 1, 4) and their derivatives by the durations, (.., 4, K).
     """
@@ -128,7 +142,8 @@ def steer_batch(
     target: float,
     stop: Callable[[], bool],
 ) -> tuple[Array, int]:
-    """Levenberg-Marquardt as `pendulum_steering.steer_arcs`; `durations` (B, K) change in place.
+    """
+    Levenberg-Marquardt as `pendulum_steering.steer_arcs`; `durations` (B, K) change in place.
 
     Returns the costs (B,) and the number of integrations. `stop` ends it early.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The rotary pendulum replayed by a method of eighth order, compiled, to check plans quickly.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The rotary pendulum replayed by a method of eighth order, compiled, to check plans quickly.
 
 Plans are made with the classical method of fourth order; what checks them must not share its
 errors. This is the twelve-stage formula of Dormand and Prince (Hairer, Norsett and Wanner,
@@ -29,7 +42,8 @@ _FASTEST = 0.3  # rad, that no angle turns by in one step
 
 
 def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array) -> Array | None:
-    """States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
+    """
+    States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
 
     None where that would be inaccurate: without a compiler, where a held control jumps between two
     `times`, or where they are too far apart.
@@ -87,7 +101,8 @@ def compile_replay(plant: RotaryPendulum) -> None:
 def replay_steps(
     k: Array, steps: Array, torques: Array, matrix: Array, weights: Array, states: Array
 ) -> None:
-    """Fill `states` (n + 1, 4) from its first row on, over `steps` (n,) s.
+    """
+    Fill `states` (n + 1, 4) from its first row on, over `steps` (n,) s.
 
     `k` are the plant's coefficients, `torques` (n, 12) those at the stages of every step.
     """

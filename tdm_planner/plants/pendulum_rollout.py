@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Motion of the rotary pendulum under arcs of constant torque, compiled where that is possible."""
 
 from __future__ import annotations
@@ -26,7 +38,8 @@ _CHUNK = 50  # starts between two looks at the clock
 
 @dataclass(frozen=True)
 class ArcBatch:
-    """Many sequences of arcs from one start state.
+    """
+    Many sequences of arcs from one start state.
 
     `durations` (B, K) [s], zero from `arcs` (B,) on; `torques` (B, K) [N m]; `turns` (B,) the
     number of turns of the goal, NaN for the nearest; `costs` (B,) the sum of squared distances
@@ -43,7 +56,8 @@ class ArcBatch:
 def roll(
     plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
 ) -> tuple[Array, Array]:
-    """Integrate arcs `durations` [s], `torques` [N m], both (K,), by `steps` RK4 steps each.
+    """
+    Integrate arcs `durations` [s], `torques` [N m], both (K,), by `steps` RK4 steps each.
 
     Returns states (n, 4) and their exact derivatives by the durations (n, 4, K), n = K steps + 1.
     """
@@ -105,7 +119,8 @@ def steer(
     steps: int,
     stop: Callable[[], bool],
 ) -> int:
-    """Vary all durations until the motions end upright at rest; the batch changes in place.
+    """
+    Vary all durations until the motions end upright at rest; the batch changes in place.
 
     Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
     start on its own, on all cores; `stop` is asked between starts and ends it early. Returns the

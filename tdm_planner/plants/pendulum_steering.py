@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Arcs of constant torque varied until the rotary pendulum ends upright at rest, compiled.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Arcs of constant torque varied until the rotary pendulum ends upright at rest, compiled.
 
 A projected Levenberg-Marquardt method for every start on its own, `LANES` of them at a time: as
 soon as one is done with, the next takes its place.
@@ -35,7 +48,8 @@ def _residual(
     w0: float,
     residual: Array,
 ) -> float:
-    """Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
+    """
+    Distance from upright at rest and every arc's excess of |psi|; the sum of their squares.
 
     `turn` is the goal's number of turns, NaN for the nearest; `residual` has 4 + K elements.
     """
@@ -104,7 +118,8 @@ def _damped_step(
     factor: Array,
     step: Array,
 ) -> bool:
-    """Solve (normal + damping diag) step = -gradient by Cholesky.
+    """
+    Solve (normal + damping diag) step = -gradient by Cholesky.
 
     Left out are arcs of no duration that would become shorter still.
     """
@@ -180,7 +195,8 @@ def steer_arcs(
     target: float,
     costs: Array,
 ) -> int:
-    """Vary the durations of many starts until each ends upright at rest within +-psi_max.
+    """
+    Vary the durations of many starts until each ends upright at rest within +-psi_max.
 
     Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
     under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns, NaN for the nearest

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The floating robot's states by quadrature, one interval after the other, compiled."""
 
 from __future__ import annotations
@@ -21,7 +33,8 @@ _TURNS = ((0.02, 2), (0.2, 3))  # rad by which a heading may turn in an interval
 
 
 def nodes_for(steps: Array, rate: Array, omega: Array) -> int:
-    """Return the number of nodes that leave an error of rounding at this scale.
+    """
+    Return the number of nodes that leave an error of rounding at this scale.
 
     An interval in which the heading turns by d has an error of d^4 / 4320 of the velocity gained
     with two nodes, of d^6 / 2e6 with three: less than 1e-10 here.
@@ -49,7 +62,8 @@ def integrate(
     weights: Array,
     states: Array,
 ) -> None:
-    """Fill `states` (n, 7) from the first of them on.
+    """
+    Fill `states` (n, 7) from the first of them on.
 
     Controls (n - 1, 3) are `begin` at the beginning of an interval of `steps` (n - 1,) s and
     change by `slope` (n - 1, 3) per second.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The rotary (Furuta) pendulum: equations of motion, derivatives, energy.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The rotary (Furuta) pendulum: equations of motion, derivatives, energy.
 
 theta is the pendulum's angle from UPRIGHT, psi the disk's (arm's), both positive about their axes
 as in section 4.1 of Yakimenko (2006). With m the pendulum's mass, l the distance from its pivot to
@@ -39,7 +52,8 @@ _SMALLEST_DETERMINANT = 1e-9
 
 
 class Coefficients(NamedTuple):
-    """The seven lumped constants in which the equations of motion are linear.
+    """
+    The seven lumped constants in which the equations of motion are linear.
 
     `coupling` is c [kg m^2], `pendulum` A, `disk` I_d + m r^2, `disk_sine` I_x + m l^2,
     `disk_cosine` I_y, `arm` m l r [all kg m^2], `gravity` m g l [N m].
@@ -104,12 +118,14 @@ class PendulumInertia(Validated):
 
 @dataclass(frozen=True)
 class RotaryPendulum(Validated):
-    """A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
+    """
+    A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
 
     Raises
     ------
     InvalidProblem
         For a parameter that is not allowed, or values whose equations of motion are singular.
+
     """
 
     mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=PHYSICAL)
@@ -271,7 +287,8 @@ class RotaryPendulum(Validated):
         return total
 
     def torque_for(self, state: Array, psi_ddot: Array) -> tuple[Array, Array]:
-        """Inverse dynamics: torque [N m] and theta'' [rad/s^2] at which the disk has psi''.
+        """
+        Inverse dynamics: torque [N m] and theta'' [rad/s^2] at which the disk has psi''.
 
         States (..., 4) and psi'' (...) -> two arrays (...).
         """

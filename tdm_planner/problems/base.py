@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """An optimal control problem cast in the direct method, and its solution."""
 
 from __future__ import annotations
@@ -61,7 +73,8 @@ class SolverParameters(Validated):
 
 @dataclass(frozen=True)
 class Solution:
-    """A verified plan.
+    """
+    A verified plan.
 
     `cost` is the performance index J, `penalty` Delta of (10), `parameters` the varied parameters
     Xi (m,), `evaluations` the number of times the dynamics were computed along a candidate and
@@ -88,7 +101,7 @@ class Solution:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The trajectory; of several vehicles, all on common instants as ``vehicle.state``."""
+        """Return the trajectory; of several vehicles all, on common instants as ``name.state``."""
         if len(self.trajectories) == 1:
             return next(iter(self.trajectories.values()))
         times = np.unique(np.concatenate([t.times for t in self.trajectories.values()]))
@@ -134,7 +147,8 @@ class Solution:
 
 
 class Problem(ABC):
-    """An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
+    """
+    An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
 
     Subclasses are frozen dataclasses whose fields are groups of parameters (see
     `tdm_planner.parameters`), with a `solver: SolverParameters` among them. One that states its
@@ -152,12 +166,14 @@ class Problem(ABC):
 
     @classmethod
     def from_parameters(cls: type[P], parameters: Mapping[str, Any]) -> P:
-        """Make a problem from a mapping as in the YAML files, nested or with dotted names.
+        """
+        Make a problem from a mapping as in the YAML files, nested or with dotted names.
 
         Raises
         ------
         InvalidProblem
             Naming the parameter, the value and what is allowed.
+
         """
         values = problem_parameters(cls, parameters)
         try:
@@ -194,14 +210,16 @@ class Problem(ABC):
         return None
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
-        """Return the limits on one vehicle's planned motion, as its check keeps them.
+        """
+        Return the limits on one vehicle's planned motion, as its check keeps them.
 
         Pictures and reports show what is left to them over time. None unless a problem says.
         """
         return ()
 
     def cost_to_go(self, solution: Solution, elapsed: float) -> float | None:
-        """Return J of what is left of a plan `elapsed` s after its start; None: it is not known.
+        """
+        Return J of what is left of a plan `elapsed` s after its start; None: it is not known.
 
         It is that of the rest as a plan of its own, from time 0. Replanning on the way replaces a
         plan that would do by a cheaper one only where this is known.
@@ -220,7 +238,8 @@ class Problem(ABC):
         seed: int | None = None,
         warm_start: Solution | None = None,
     ) -> Solution:
-        """Find the best verified plan within `deadline` s (default: `solver.deadline`).
+        """
+        Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
         `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
         of a problem of the same kind, with other boundary conditions or limits, to start from.
@@ -231,6 +250,7 @@ class Problem(ABC):
             If the boundary conditions contradict the limits, or `warm_start` is no such plan.
         Infeasible
             If no plan was found; its subclass says why (deadline, verification).
+
         """
         with _computed():
             self.prepare()
@@ -243,7 +263,8 @@ class Problem(ABC):
         return self._solution(plan, budget.evaluations, budget.elapsed)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan | None:
-        """Return motions planned before, by vehicle, with their cost and their check made anew.
+        """
+        Return motions planned before, by vehicle, with their cost and their check made anew.
 
         None where the problem cannot tell, as by default.
         """
@@ -251,12 +272,14 @@ class Problem(ABC):
         return None
 
     def recognised(self, trajectories: Mapping[str, Trajectory]) -> Solution:
-        """Return motions planned before, by vehicle, as the plan of this problem they are.
+        """
+        Return motions planned before, by vehicle, as the plan of this problem they are.
 
         Raises
         ------
         VerificationFailed
             If they do not pass the check of this problem, or it cannot assess them.
+
         """
         with _computed():
             plan = self.assess(trajectories)
@@ -294,7 +317,8 @@ class Problem(ABC):
 
 @contextmanager
 def _computed() -> Iterator[None]:
-    """Say in one sentence that numbers left the range in which they can be computed.
+    """
+    Say in one sentence that numbers left the range in which they can be computed.
 
     Candidates whose numbers overflow are told by their check, not by warnings.
     """
@@ -327,12 +351,14 @@ _SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED
 
 
 def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten and check a mapping of parameters for a problem; node parameters are left out.
+    """
+    Flatten and check a mapping of parameters for a problem; node parameters are left out.
 
     Raises
     ------
     InvalidProblem
         For a name the problem does not have, or a value that is not allowed.
+
     """
     values = flatten(parameters)
     specs = cls.parameter_specifications(values)

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A problem that only states itself; search, verification and trajectory are the library's.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A problem that only states itself; search, verification and trajectory are the library's.
 
     @dataclass(frozen=True)
     class MyProblem(DirectProblem):
@@ -63,7 +76,8 @@ class DirectSolverParameters(SolverParameters):
 
 
 class DirectProblem(Formulation, Problem):
-    """An optimal control problem stated by a `Formulation`; see this module's docstring.
+    """
+    An optimal control problem stated by a `Formulation`; see this module's docstring.
 
     `nodes` (at least) along the arc are where limits are kept while searching; more are taken
     where the check of a plan asks for them. `starts` first guesses are tried. A plan's end may
@@ -146,12 +160,14 @@ class DirectPlant:
         return self.formulation.control_units
 
     def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (..., nx), (..., nu) -> (..., nx).
+        """
+        Time derivative of the states: (..., nx), (..., nu) -> (..., nx).
 
         Raises
         ------
         NotFinite
             Naming the state, if a rate is not a finite number.
+
         """
         stacked = self._stated.derivative(state, control)
         if not np.isfinite(stacked).all():

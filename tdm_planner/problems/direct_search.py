@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The search for a plan of any formulation: seeds, minimiser, node refinement, verification."""
 
 from __future__ import annotations
@@ -63,12 +75,14 @@ class DirectSearch(Search[Minimum]):
         self._nearest_miss = ''
 
     def candidates(self) -> Iterator[Minimum]:
-        """Minimise from a round of first guesses while there is time.
+        """
+        Minimise from a round of first guesses while there is time.
 
         Raises
         ------
         InvalidProblem
             If what the problem states does not fit together, or gives numbers that are not finite.
+
         """
         if self._rounds == 0:
             self._program.begin(self._program.first_guess)
@@ -133,7 +147,8 @@ class DirectSearch(Search[Minimum]):
         return max(self._problem.nodes, 3 * free + 15)
 
     def _seeds(self) -> Iterator[Array]:
-        """Yield the previous solution, the plain boundary conditions, and random changes.
+        """
+        Yield the previous solution, the plain boundary conditions, and random changes.
 
         With a previous solution no changes are tried: replanning is to be quick.
         """

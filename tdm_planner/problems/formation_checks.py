@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Whether a manoeuvre can be asked for at all: one clear sentence for what contradicts."""
 
 from __future__ import annotations
@@ -17,12 +29,14 @@ _ROUNDING = 1e-9
 
 
 def check_task(task: FormationTask) -> None:
-    """Check arena, starts and goals.
+    """
+    Check arena, starts and goals.
 
     Raises
     ------
     InvalidProblem
         Naming robot or parameter, the value and what is allowed.
+
     """
     _check_arena(task)
     for place, points in (('start', task.start), ('goal', task.goal)):
@@ -82,7 +96,8 @@ def _check_separation(task: FormationTask, place: str, points: Array) -> None:
 
 
 def least_time(way: Array, rate: Array, acceleration: float) -> Array:
-    """Shortest time [s] to cover `way` (n,) on a line and stop, from the rate `rate` (n,).
+    """
+    Shortest time [s] to cover `way` (n,) on a line and stop, from the rate `rate` (n,).
 
     The double integrator's bang-bang time: speed up and brake, or brake and come back.
     """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Gas and thrust limits of the robots: values, gradients and the Hessian of their Lagrangian."""
 
 from __future__ import annotations
@@ -53,7 +65,8 @@ class GasAndThrust:
     def derivatives(
         self, values: NodeValues, slopes: NodeSlopes, weight: float, dual: Array | None
     ) -> tuple[Array, Array]:
-        """Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
+        """
+        Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
 
         `dual` (n, K), if given, holds the multipliers of the margins.
         """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Compiled: motions, gas, margins and separations of a formation at tau = t.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compiled: motions, gas, margins and separations of a formation at tau = t.
 
 The same numbers as `FormationTerms` gives, in loops over robots, nodes and instants for speed
 factors of degree 0, where mu is the time T that a manoeuvre takes: every end derivative is
@@ -24,7 +37,8 @@ _MOST_INSTANTS = 4000
 
 
 class FormationTables(NamedTuple):
-    """What does not change from one Xi to another; m, my: end derivatives of one coordinate.
+    """
+    What does not change from one Xi to another; m, my: end derivatives of one coordinate.
 
     `given` (3, n, 2, m) and `turning` (3, n, my): powers of T in the end derivatives; `shapes`
     (m, nf), `yaw_shapes` (my, ny): end derivatives of the varied shapes, scaled; `taylor`
@@ -65,7 +79,8 @@ class FormationTables(NamedTuple):
 
 
 class KernelValues(NamedTuple):
-    """What `evaluate` finds.
+    """
+    What `evaluate` finds.
 
     `durations` T (n,); `ends` (n, 2, m); `second` (n, 3, K) X_ss of x, y, yaw; `gas` (n,);
     margins `thrust`, `torque` (n, K), `walls` (n, 2, 2, W) [robot, side, axis, arc]. Approaches

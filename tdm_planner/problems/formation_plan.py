@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""From reference motions to trajectories: inverse dynamics, with a thruster that turns slowly.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+From reference motions to trajectories: inverse dynamics, with a thruster that turns slowly.
 
 Where the thruster cannot follow, the thrust is the projection of the wanted acceleration on the
 direction it has, and the small error this leaves at the end is taken back by shooting: a smooth
@@ -35,7 +48,8 @@ _AIM = np.array([2e-4, 1e-4, 2e-4, 1e-4])  # of x, u, y, v [m, m/s]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the reference motion asks of one robot at `times` (N,) s.
+    """
+    What the reference motion asks of one robot at `times` (N,) s.
 
     `acceleration` (N, 2) m/s^2, `yaw` (N,) rad, `yaw_acceleration` (N,) rad/s^2.
     """
@@ -67,7 +81,8 @@ def wanted(model: ReferenceMotion, motion: FormationMotion, robot: int) -> Wante
 
 
 def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Array:
-    """Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
+    """
+    Angle [rad] by which each thruster must turn before the manoeuvre begins (n,).
 
     Zero where the thruster's angle is free, the robot stays, or the manoeuvre begins with so
     little thrust that the thruster can turn on the way.
@@ -91,7 +106,8 @@ def trajectory(
     enough: float = 1.0,
     careful: bool = True,
 ) -> Trajectory:
-    """Return controls of one robot and the states that follow from them by forward integration.
+    """
+    Return controls of one robot and the states that follow from them by forward integration.
 
     The end is corrected until it misses the goal by `enough` times .2 mm, .1 mm/s, or until the
     `budget` is spent; by differences, where nothing else leads there, only if `careful`.
@@ -130,7 +146,7 @@ class Shot:
 
     @property
     def miss(self) -> float:
-        """The largest error."""
+        """Return the largest error."""
         return float(np.abs(self.error).max())
 
 
@@ -141,7 +157,8 @@ def _shoot(
     enough: float,
     careful_shots: int,
 ) -> Shot:
-    """Correct until the end is hit within `enough`, or the nearest shot where none is.
+    """
+    Correct until the end is hit within `enough`, or the nearest shot where none is.
 
     Broyden's method from the `effects` (4, 4) that corrections had on the errors, were thrust
     ideal; then, where that has not led there, carefully, by what differences say they really do,
@@ -190,7 +207,8 @@ def _effects(times: Array, shapes: Array) -> Array:
 
 
 def _turnable(task: FormationTask, robot: int, aim: Wanted) -> Wanted:
-    """Return what is wanted with the attitude that torques linear between samples really give.
+    """
+    Return what is wanted with the attitude that torques linear between samples really give.
 
     The torque is limited, and corrected where it has room so that the attitude ends at its goal.
     """
@@ -226,7 +244,8 @@ def _room(acceleration: Array, thrust: float) -> Array:
 
 
 def _corrections(times: Array, room: Array) -> tuple[Array, Array]:
-    """Corrections of the acceleration, and what they do to the final state.
+    """
+    Corrections of the acceleration, and what they do to the final state.
 
     An axis has two, room(t) (1, d(t)) as (N, 2), scaled so that each moves the end by about
     `_AIM`. The effects (4, 4) are on the scaled errors of x, u, y, v, were thrust ideal.

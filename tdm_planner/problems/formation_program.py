@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The nonlinear program of section 4.2: performance index (28) under the limits of (17)-(19).
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The nonlinear program of section 4.2: performance index (28) under the limits of (17)-(19).
 
 Varied parameters: of every robot the time (or speed factor) and the shapes of its reference
 functions, see `ReferenceMotion`; thrust, torque and gas by `InverseDynamics` at Chebyshev nodes.
@@ -39,7 +52,8 @@ class FormationPoint:
 
 
 class FormationProgram(NonlinearProgram):
-    """The program of one manoeuvre, in the scaled varied parameters that are free, Xi (m,).
+    """
+    The program of one manoeuvre, in the scaled varied parameters that are free, Xi (m,).
 
     Staying robots have only their times (and attitudes) varied. Constraints that are violated
     count relative to their limits. Group 0 holds all but the thruster's rate; with
@@ -201,7 +215,8 @@ class FormationProgram(NonlinearProgram):
         return dual if dual.any() else None
 
     def definite(self, blocks: Array) -> Array:
-        """Hessian (m, m) of the free parameters from the robots' blocks (n, P, P).
+        """
+        Hessian (m, m) of the free parameters from the robots' blocks (n, P, P).
 
         Their eigenvalues are lifted above zero.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The search for formations' plans: several first guesses, the shared minimiser, best first."""
 
 from __future__ import annotations
@@ -77,12 +89,12 @@ class Candidate:
 
     @property
     def cost(self) -> float:
-        """Performance index, gas by quadrature."""
+        """Return the performance index, gas by quadrature."""
         return self.point.cost * self.program.scale
 
     @property
     def motion(self) -> FormationMotion:
-        """The reference motions."""
+        """Return the reference motions."""
         return self.program.motion(self.point.xi)
 
     @property
@@ -124,7 +136,8 @@ def assessed(
 
 
 class FormationSearch(Search[Candidate]):
-    """Local minima of one manoeuvre from several first guesses, and their plans.
+    """
+    Local minima of one manoeuvre from several first guesses, and their plans.
 
     First guesses are minimised with polynomials of a low order, the best of them go on with that
     of the `form`. `penalty_weights` (4,) are k1 to k4 of (29). Of a `previous` plan the remaining
@@ -177,7 +190,8 @@ class FormationSearch(Search[Candidate]):
         self.program = FormationProgram(self.model, self._form.nodes, held=self._held)
 
     def _start_from(self, previous: Solution | None) -> None:
-        """Take the remaining motion of a plan for the first guess, and nothing else for now.
+        """
+        Take the remaining motion of a plan for the first guess, and nothing else for now.
 
         Robots about to arrive keep theirs; the turning that the guess needs is reckoned with from
         the outset.
@@ -248,7 +262,8 @@ class FormationSearch(Search[Candidate]):
         return keeps_reserve(self._required, plan.verification)
 
     def widen(self) -> bool:
-        """Keep more distance, where plans failed the check; else go on with other guesses.
+        """
+        Keep more distance, where plans failed the check; else go on with other guesses.
 
         Where the rest of an earlier plan did not do, more robots keep theirs, then polynomials of
         higher order are tried, then guesses, one by one: on the way there is little time.
@@ -288,7 +303,8 @@ class FormationSearch(Search[Candidate]):
         return Infeasible(f'no plan from {self.tried} starts: {binding} is violated at best')
 
     def minima(self, starts: int, first: Array | None = None) -> list[Candidate]:
-        """Feasible local minima from `starts` guesses, cheapest first; `first` Xi is tried first.
+        """
+        Feasible local minima from `starts` guesses, cheapest first; `first` Xi is tried first.
 
         Ends early when the time is spent, but not before one minimum is found or time is up, and
         with one at which the robots do not hinder one another: none is cheaper.
@@ -355,7 +371,8 @@ class FormationSearch(Search[Candidate]):
         return better if converged else candidate
 
     def turned(self, candidate: Candidate) -> Candidate | None:
-        """Let thrusters that point elsewhere turn first: the same motions after coasting.
+        """
+        Let thrusters that point elsewhere turn first: the same motions after coasting.
 
         The time a thruster needs depends on the motion and the motion on the time: a few rounds.
         None if that is not feasible.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A formation of another size: fewer robots than a parameter file names, or more."""
 
 from __future__ import annotations
@@ -27,7 +39,8 @@ _GRID = 40  # candidate places along the longer side of the arena
 
 
 def resized(values: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Return the parameters by dotted name that make a formation one of `number` robots.
+    """
+    Return the parameters by dotted name that make a formation one of `number` robots.
 
     The first ones that `values` (by dotted name) names in `robots` take part. Where more are
     wanted, robot4, robot5, ... are added: each starts as far as possible from all others, facing
@@ -37,6 +50,7 @@ def resized(values: Mapping[str, Any], number: int) -> dict[str, Any]:
     ------
     InvalidProblem
         If the number is not in [1, 100], or the arena has no room for so many.
+
     """
     if not 1 <= number <= MOST_ROBOTS:
         raise InvalidProblem(

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Compiled: derivatives of a formation's gas and margins at tau = t, see `formation_kernels`.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Compiled: derivatives of a formation's gas and margins at tau = t, see `formation_kernels`.
 
 With respect to Z they count T first, then the shapes of x, y and yaw.
 """
@@ -21,7 +34,8 @@ Array = NDArray[np.float64]
 def derivatives(
     t: FormationTables, values: KernelValues, weight: float, dual: Array, size: int
 ) -> tuple[Array, Array]:
-    """Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
+    """
+    Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
 
     `dual` (n, K) holds the multipliers of the margins of thrust; P is `size`. See
     `GasAndThrust.derivatives` and `InverseDynamics.curvature`.

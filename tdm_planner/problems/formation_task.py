@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """One manoeuvre into formation as arrays: boundary conditions, limits, arena, weights of (28)."""
 
 from __future__ import annotations
@@ -20,7 +32,8 @@ _ARRIVED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class FormationTask:
-    """The manoeuvre of n robots; positions in the arena's frame, [0, length] x [0, width].
+    """
+    The manoeuvre of n robots; positions in the arena's frame, [0, length] x [0, width].
 
     `start`, `velocity`, `acceleration`, `goal` (n, 2); `yaw`, `yaw_rate`, `yaw_acceleration`,
     `goal_yaw` (n,), the goal's on the turn that is to be made; `alpha` (n,) the angle of the
@@ -60,7 +73,7 @@ class FormationTask:
 
     @property
     def n(self) -> int:
-        """Number of robots."""
+        """Return the number of robots."""
         return len(self.names)
 
     @property
@@ -89,7 +102,8 @@ class FormationTask:
         return replace(self, coast=coast)
 
     def wanted_clearance(self, required: Array | float, ends: Array) -> Array:
-        """Distances to plan for where `required` ones must be kept.
+        """
+        Distances to plan for where `required` ones must be kept.
 
         The reserves are added, but no more than the distances at both `ends` allow.
         """
@@ -112,7 +126,8 @@ class FormationTask:
         return np.asarray(np.maximum(np.minimum(wanted, ends), half))
 
     def circles(self) -> tuple[Array, Array]:
-        """Centres (m, 2) of what stands still, and distances to plan for (n, m), 0 for oneself.
+        """
+        Centres (m, 2) of what stands still, and distances to plan for (n, m), 0 for oneself.
 
         These are the keep-out zones, from whose edge half a separation is kept as from the walls,
         and the robots that stay.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Gas and margins of a formation as functions of the varied parameters, with derivatives.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Gas and margins of a formation as functions of the varied parameters, with derivatives.
 
 In numpy, for all forms of the reference functions; `formation_compiled` is faster with some.
 """
@@ -32,7 +45,8 @@ ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
 
 @dataclass(frozen=True, eq=False)
 class FormationValues:
-    """What is known at one Xi; margins are relative to their limits, negative if violated.
+    """
+    What is known at one Xi; margins are relative to their limits, negative if violated.
 
     `durations` (n,) s without coasting, `gas` (n,) m/s; `thrust`, `torque` (n, K) at the nodes,
     `walls` (n, 2, 2, W) [robot, side, axis, arc]; `inner` is what derivatives are computed from.
@@ -49,7 +63,7 @@ class FormationValues:
 
     @property
     def worst(self) -> float:
-        """The smallest margin, 0 if all are kept."""
+        """Return the smallest margin, 0 if all are kept."""
         margins = (self.thrust, self.torque, self.walls, self.pairs.margins, self.circles.margins)
         return min(float(margin.min(initial=0.0)) for margin in margins)
 
@@ -63,7 +77,8 @@ class Terms(Protocol):
     def derivatives(
         self, values: FormationValues, weight: float, dual: Array | None
     ) -> tuple[Array, Array]:
-        """Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
+        """
+        Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
 
         `dual` (n, K), if given, holds the multipliers of the margins of thrust.
         """
@@ -74,7 +89,8 @@ class Terms(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class NodeGrid:
-    """Where the terms of a model are evaluated, and what does not change with Xi.
+    """
+    Where the terms of a model are evaluated, and what does not change with Xi.
 
     `nodes` Chebyshev nodes; common instants of pairs `interval` s apart; `segments` of arcs near
     circles.

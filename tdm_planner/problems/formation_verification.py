@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The check of a formation's plan on the replayed states: every robot, and all pairs together.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The check of a formation's plan on the replayed states: every robot, and all pairs together.
 
 Also the penalty (10), (29) of Yakimenko (2006) with its slips mended: half a separation is kept
 from the walls, all pairs count until the last robot has arrived, and thrust, torque and thruster
@@ -44,7 +57,8 @@ class FormationVerification:
 def verify_formation(
     task: FormationTask, trajectories: Mapping[str, Trajectory], penalty_weights: Array
 ) -> FormationVerification:
-    """Replay every robot, then check all pairs at equal times, 10 ms apart.
+    """
+    Replay every robot, then check all pairs at equal times, 10 ms apart.
 
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
@@ -97,7 +111,8 @@ def start_state(task: FormationTask, robot: int) -> Array:
 
 
 def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
-    """Whether at least half of the distance reserved for tracking is left between all pairs.
+    """
+    Whether at least half of the distance reserved for tracking is left between all pairs.
 
     A thruster that turns slowly lets robots deviate from the motions that were planned.
     """
@@ -113,7 +128,8 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
 def common_states(
     task: FormationTask, trajectories: Mapping[str, Trajectory]
 ) -> tuple[Array, Array, Array]:
-    """Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
+    """
+    Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
 
     Robots that have arrived are parked, with their controls off.
     """
@@ -214,7 +230,8 @@ def separation_constraints(task: FormationTask) -> list[Constraint]:
 
 
 def penalty(task: FormationTask, states: Array, controls: Array, weights: Array) -> float:
-    """Return Delta of (10): k1 to k4 times the squares of the largest violations.
+    """
+    Return Delta of (10): k1 to k4 times the squares of the largest violations.
 
     k1: walls and keep-out zones [m^2]; k2: thrust, k3: torque and thruster rate, relative to
     their limits; k4: separations of all pairs [m^2]. Robots' and pairs' terms are summed.

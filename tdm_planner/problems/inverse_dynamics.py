@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Exact inverse dynamics of the robots at the nodes of their arcs, with derivatives.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Exact inverse dynamics of the robots at the nodes of their arcs, with derivatives.
 
 With Y = (X_ss - X_s mu_s / mu) / mu a robot's accelerations are X'' = Y / mu, in place of (21) and
 (27), which lose the speed factor's slope. Thrust per mass is F = |Y_xy| / mu and the gas, the
@@ -54,7 +67,8 @@ class NodeSlopes(NamedTuple):
 
 
 class InverseDynamics:
-    """Inverse dynamics of a model's motions at the nodes `s` (K,).
+    """
+    Inverse dynamics of a model's motions at the nodes `s` (K,).
 
     `mu_jacobian`, `mu_slope_jacobian` (K, P): mu and mu_s differentiated with respect to Z.
     """

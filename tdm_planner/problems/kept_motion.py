@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Robots about to arrive keep the motion that their plan has left.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Robots about to arrive keep the motion that their plan has left.
 
 An error across the thrust is corrected by turning the thruster away and back; where there is no
 time left for that the rest of the plan is as good as any other, and the feedback about it takes
@@ -35,7 +48,8 @@ def turning_time(thruster_rate: float) -> float:
 def kept_motions(
     task: FormationTask, plans: Mapping[str, Trajectory], half_turns: float
 ) -> dict[str, Trajectory]:
-    """Motions of the robots that are to keep what is left of `plans`, by name.
+    """
+    Motions of the robots that are to keep what is left of `plans`, by name.
 
     They start on their plans, end at their goals, and have less time before them than so many
     `half_turns` of the thruster take.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Problem `pendulum_swing_up`: from any state to upright at rest in the shortest time.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Problem `pendulum_swing_up`: from any state to upright at rest in the shortest time.
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
 virtual arc, which together leave no freedom; by default the varied parameters are the switching
@@ -72,12 +85,14 @@ class PendulumGoal(Validated):
 
 @dataclass(frozen=True)
 class PendulumSwingUp(Problem, Validated):
-    """Swing a rotary pendulum up in the shortest time.
+    """
+    Swing a rotary pendulum up in the shortest time.
 
     Raises
     ------
     InvalidProblem
         For a parameter that is not allowed, or a start beyond the disk's limit.
+
     """
 
     name: ClassVar[str] = 'pendulum_swing_up'

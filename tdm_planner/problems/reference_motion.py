@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Reference functions of the robots: position and attitude as polynomials of the virtual arc.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Reference functions of the robots: position and attitude as polynomials of the virtual arc.
 
 On the unit arc s in [0, 1] a robot's coordinates are X(s) = X_b(s) + sum_k q_k phi_k(s): X_b takes
 the boundary conditions that are given, phi_k span the polynomials that change none of them, which
@@ -35,7 +48,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class EndDerivatives:
-    """The polynomials of one coordinate, determined by as many derivatives at either end.
+    """
+    The polynomials of one coordinate, determined by as many derivatives at either end.
 
     `basis` evaluates them; `free` (order + 1, nf) holds the end derivatives of the phi_k.
     """
@@ -65,7 +79,8 @@ def end_derivatives(order: int, vary_curvature: bool) -> EndDerivatives:
 
 @dataclass(frozen=True, eq=False)
 class FormationMotion:
-    """The motions of all robots at one set of varied parameters.
+    """
+    The motions of all robots at one set of varied parameters.
 
     `rates` (n, q + 1): the coefficients b of mu [s]; `position` (n, 2, order + 1) and `yaw`
     (n, yaw order + 1): end derivatives by s; `position_slope` (n, 2, q + 1, order + 1) and
@@ -85,7 +100,8 @@ class FormationMotion:
 
 
 class ReferenceMotion:
-    """Map from a robot's varied parameters (P,) to its motion, for all n robots at once.
+    """
+    Map from a robot's varied parameters (P,) to its motion, for all n robots at once.
 
     The varied parameters of one robot are, scaled: b (q + 1), q of x (nf), of y (nf), of yaw (ny).
     `order` of the polynomials of x and y, `yaw_order` of the attitude's, `speed_factor_order` the
@@ -121,7 +137,8 @@ class ReferenceMotion:
         return ReferenceMotion(task, self.order, self.yaw_order, self.degree, self.vary_ends)
 
     def fit(self, b: Array, s: Array, weights: Array, wanted: Array) -> Array:
-        """Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as `wanted`.
+        """
+        Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as `wanted`.
 
         `wanted` (n, 2, K) are the second derivatives at the arcs s (K,), with quadrature `weights`
         (K,). The yaw is at rest.
@@ -163,7 +180,8 @@ class ReferenceMotion:
         return FormationMotion(b, position, yaw[:, 0], slope, yaw_slope[:, 0])
 
     def _depart(self, b: Array, given: list[Array], ends: Array, slope: Array) -> None:
-        """Enter the initial velocity, and acceleration, (n, d) into end derivatives, and d/db.
+        """
+        Enter the initial velocity, and acceleration, (n, d) into end derivatives, and d/db.
 
         As `arc_derivatives` does; written out here for the derivative by b.
         """
@@ -225,7 +243,8 @@ class ReferenceMotion:
     def points(
         self, motion: FormationMotion, robots: NDArray[np.intp], s: Array, at_fixed_time: bool
     ) -> tuple[Array, Array]:
-        """Positions (r, 2) of `robots` (r,) at the arcs s (r,), and d/dz (r, 2, P).
+        """
+        Positions (r, 2) of `robots` (r,) at the arcs s (r,), and d/dz (r, 2, P).
 
         The derivative is taken at a fixed instant of time, or at a fixed arc.
         """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Problems by name: those of the package, and those that other packages register.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Problems by name: those of the package, and those that other packages register.
 
 A package registers a problem under the entry-point group `tdm_planner.problems`, in its setup.cfg:
 
@@ -38,12 +51,14 @@ def problem_names() -> list[str]:
 
 
 def load_problem(name: str) -> type[Problem]:
-    """Import the class of the problem called `name`.
+    """
+    Import the class of the problem called `name`.
 
     Raises
     ------
     InvalidProblem
         If the name is unknown, or the class registered under it cannot be loaded.
+
     """
     address = BUILT_IN.get(name)
     if address is None:

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Problem `robot_formation`: robots on a flat arena move into formation without collision.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Problem `robot_formation`: robots on a flat arena move into formation without collision.
 
 Section 4.2 of Yakimenko (2006). The arrival times and the free derivatives at the ends of the
 reference polynomials of x, y (and yaw) are varied; thrust, its direction and the torque follow by
@@ -53,7 +66,8 @@ def _compile() -> None:
 
 @dataclass(frozen=True)
 class RobotFormation(FormationParameters, Problem):
-    """Robots move into a formation, in the order listed, using little time and gas.
+    """
+    Robots move into a formation, in the order listed, using little time and gas.
 
     `starts` and `offsets` hold start state and pose [x, y, yaw] in the anchor's frame by name.
 
@@ -61,6 +75,7 @@ class RobotFormation(FormationParameters, Problem):
     ------
     InvalidProblem
         For a parameter that is not allowed, or starts and goals that contradict the arena.
+
     """
 
     name: ClassVar[str] = 'robot_formation'
@@ -134,7 +149,7 @@ class RobotFormation(FormationParameters, Problem):
 
     @property
     def form(self) -> Form:
-        """The reference functions asked for."""
+        """Return the reference functions asked for."""
         return Form(
             order=self.polynomial_order,
             yaw_order=self.yaw_order,

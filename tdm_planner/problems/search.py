@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The direct method's outer loop (section 3 of Yakimenko 2006), the same for every problem.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The direct method's outer loop (section 3 of Yakimenko 2006), the same for every problem.
 
 First guesses are minimised to candidates; the most promising are refined with more nodes and
 written out as trajectories until one passes the check; where none does, it begins anew, wider.
@@ -26,7 +39,8 @@ C = TypeVar('C')
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Trajectories by vehicle and their check, which may have failed.
+    """
+    Trajectories by vehicle and their check, which may have failed.
 
     `cost` is the performance index J, `penalty` what is left of Delta of (10), `parameters` the
     varied parameters Xi (m,); `cost_terms` the parts of J, `verifications` the vehicles' checks.
@@ -47,7 +61,8 @@ class Plan:
 
 
 class Search(ABC, Generic[C]):
-    """One search for a plan; `run` carries it out.
+    """
+    One search for a plan; `run` carries it out.
 
     `budget` is the time it may take; `rejected` why the last plan failed its check, empty if none
     did.
@@ -63,7 +78,8 @@ class Search(ABC, Generic[C]):
 
     @abstractmethod
     def plans(self, candidate: C) -> Iterator[Plan]:
-        """Yield plans of a candidate: each, better refined, is asked for if the last one failed.
+        """
+        Yield plans of a candidate: each, better refined, is asked for if the last one failed.
 
         Once the budget is spent it should end, except that the first candidate deserves its check.
         """
@@ -85,12 +101,14 @@ class Search(ABC, Generic[C]):
         return True
 
     def run(self) -> Plan:
-        """Return the first plan to satisfy, else the cheapest of the round that passes the check.
+        """
+        Return the first plan to satisfy, else the cheapest of the round that passes the check.
 
         Raises
         ------
         Infeasible
             If there is none; its subclass says why.
+
         """
         while True:
             best: tuple[C, Plan] | None = None

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Distances between the robots at equal times (19), and from what stands still in the arena.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Distances between the robots at equal times (19), and from what stands still in the arena.
 
 Motions are sampled at common instants; between two instants the nearest approach is where the
 chords of the motions are nearest, and there the distance and its gradient are taken exactly.
@@ -22,7 +35,8 @@ _MOST_INSTANTS = 4000
 
 
 class PairApproaches(NamedTuple):
-    """Near approaches of two robots: index of the pair (r,) and instant [s] (r,).
+    """
+    Near approaches of two robots: index of the pair (r,) and instant [s] (r,).
 
     `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the second to the first.
     """
@@ -34,7 +48,8 @@ class PairApproaches(NamedTuple):
 
 
 class CircleApproaches(NamedTuple):
-    """Near approaches of a robot to a circle: robot, circle and arc (r,).
+    """
+    Near approaches of a robot to a circle: robot, circle and arc (r,).
 
     `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the circle's centre.
     """
@@ -47,7 +62,8 @@ class CircleApproaches(NamedTuple):
 
 
 class PairSeparation:
-    """Rows for all pairs of moving robots that come near one another.
+    """
+    Rows for all pairs of moving robots that come near one another.
 
     `interval` [s] between common instants; approaches nearer than (1 + `near`) clearances count.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The swing-up with a smooth torque as the nonlinear program (10).
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The swing-up with a smooth torque as the nonlinear program (10).
 
 The disk's angle is a polynomial reference function of s = t/t_f whose end values and velocities
 are prescribed and whose further end derivatives are varied,
@@ -75,7 +88,8 @@ class Motion:
 
 
 class SmoothProgram(NonlinearProgram):
-    """The nonlinear program for one goal `turns`, integrated by `steps` RK4 steps.
+    """
+    The nonlinear program for one goal `turns`, integrated by `steps` RK4 steps.
 
     `torque_share` of the task's torque may be used at the nodes, so that it is kept between them.
     """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """One swing-up: boundary conditions and limits as numbers, and the check a plan must pass."""
 
 from __future__ import annotations
@@ -24,7 +36,8 @@ _HOLD_TIME = 5e-3
 
 @dataclass(frozen=True, eq=False)
 class SwingUpTask:
-    """From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
+    """
+    From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
 
     `torque` is what the plan may use, `torque_limit` the actuator's; `turns` the number n of
     theta = 2 pi n at the end, None for whichever is reached first; `start_torque` the torque that
@@ -58,7 +71,8 @@ class SwingUpTask:
 
     @property
     def quickest(self) -> float:
-        """Time scale of the transfer [s]: how soon the torque could cover the distances alone.
+        """
+        Time scale of the transfer [s]: how soon the torque could cover the distances alone.
 
         At most a thousand natural periods, however weak the torque.
         """
@@ -76,7 +90,8 @@ class SwingUpTask:
 
     @property
     def distance(self) -> float:
-        """Largest scaled distance of the start from the goal, at most 1.
+        """
+        Largest scaled distance of the start from the goal, at most 1.
 
         The time a transfer takes grows with the root of its distance, so that the price of an
         error at the end grows without bound as the distance shrinks.
@@ -86,7 +101,8 @@ class SwingUpTask:
         return min(1.0, float((error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]).max()))
 
     def braking_peak(self) -> float:
-        """Largest |psi| [rad] if the torque brakes the disk fully until it stands.
+        """
+        Largest |psi| [rad] if the torque brakes the disk fully until it stands.
 
         Infinite if it does not come to stand in four times the time that the torque alone needs.
         """

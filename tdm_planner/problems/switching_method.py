@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Method `switching`: the quickest verified swing-up with the torque at its extremes.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Method `switching`: the quickest verified swing-up with the torque at its extremes.
 
 Rounds of random starts are steered upright, the quickest arrivals are polished coarsely, then in
 order of their time finely, until one passes the verification.
@@ -47,7 +60,8 @@ _CUTOFF = 1.05  # polishing stops early where the time stays above this share of
 
 
 class SwitchingMethod(Search[Candidate]):
-    """The search for the quickest switching times.
+    """
+    The search for the quickest switching times.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
     feasible.
@@ -110,7 +124,8 @@ class SwitchingMethod(Search[Candidate]):
         return DeadlineExceeded(self._reason())
 
     def _arrivals(self) -> list[Candidate]:
-        """Steer rounds of starts; all distinct arrivals, quickest first.
+        """
+        Steer rounds of starts; all distinct arrivals, quickest first.
 
         Polishing makes up for steering with fewer steps, which most starts are not worth.
         """
@@ -132,7 +147,7 @@ class SwitchingMethod(Search[Candidate]):
 
     @property
     def _affordable(self) -> int:
-        """Starts of a round: fewer where time is so short that one round would use it up."""
+        """Return the starts of a round: fewer where one round would use all the time up."""
         return max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME))
 
     def _polished(self, candidates: list[Candidate]) -> list[Candidate]:

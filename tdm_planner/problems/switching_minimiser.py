@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The minimiser of `direct_method.trust_region`, compiled for programs over switching times.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The minimiser of `direct_method.trust_region`, compiled for programs over switching times.
 
 The same method step by step: one elastic quadratic program a step, with one slack for the ends
 and one for the disk's limit, a trust region, second-order corrections. On so few variables Python
@@ -71,7 +84,8 @@ def minimise(
     options: TrustRegionOptions,
     budget: Budget,
 ) -> Minimum:
-    """Search as `trust_region.minimise` does, compiled where there is a compiler.
+    """
+    Search as `trust_region.minimise` does, compiled where there is a compiler.
 
     Options that only other programs need (`steering`, `backend`) are not looked at.
     """
@@ -111,7 +125,8 @@ def compile_minimiser(plant: RotaryPendulum) -> None:
 def advance(
     program: ArcProgram, xi: Array, duals: Array, state: Array, rules: Rules, steps: int
 ) -> tuple[Array, float, float, float]:
-    """Take up to `steps` steps from `xi` (K,); `duals` (4,) and `state` are brought up to date.
+    """
+    Take up to `steps` steps from `xi` (K,); `duals` (4,) and `state` are brought up to date.
 
     Returns the point, its cost and both violations.
     """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The program of `switching_program`, compiled: ends, peaks of |psi|, curvature."""
 
 from __future__ import annotations
@@ -31,7 +43,8 @@ class ArcProgram(NamedTuple):
 
 
 class ArcPoint(NamedTuple):
-    """The program's values at `xi` (K,).
+    """
+    The program's values at `xi` (K,).
 
     `cost`; `ends` and `beyond`, the violations; `residual` (4,) of the ends with its `jacobian`
     (4, K), `margins` (K,) of the arcs' peaks with `slopes` (K, K), infinite if far from the limit.
@@ -83,7 +96,8 @@ def _peak(
     w0: float,
     slope: Array,
 ) -> float:
-    """Largest |psi| of an arc; `slope` (K,) receives that of the margin, by w0 d.
+    """
+    Largest |psi| of an arc; `slope` (K,) receives that of the margin, by w0 d.
 
     Between the two nodes where psi' changes its sign the peak is that of the parabola through
     psi and both psi'.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The swing-up as the nonlinear program (10): the varied parameters are the switching times.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The swing-up as the nonlinear program (10): the varied parameters are the switching times.
 
 Xi = w0 (d_1, ..., d_K), the durations of arcs of alternating extreme torque; J = sum Xi. The
 argument tau is time itself: torque and initial state already determine the motion, so that the
@@ -45,7 +58,8 @@ class _Motion:
 
 
 class SwitchingProgram(NonlinearProgram):
-    """The nonlinear program for one sequence of torques.
+    """
+    The nonlinear program for one sequence of torques.
 
     `start` (4,), `torques` (K,) [N m], `turns` the n of theta = 2 pi n, `disk_angle` the limit of
     |psi| [rad], `steps` the number of RK4 steps an arc.
@@ -76,7 +90,7 @@ class SwitchingProgram(NonlinearProgram):
 
     @property
     def numbers(self) -> ArcProgram:
-        """The program as the compiled minimiser takes it."""
+        """Return the program as the compiled minimiser takes it."""
         return ArcProgram(
             k=np.array(self.plant.coefficients),
             start=self.start,
@@ -161,7 +175,8 @@ class SwitchingProgram(NonlinearProgram):
 def _peaks(
     states: Array, sensitivities: Array, durations: Array, steps: int, w0: float
 ) -> tuple[Array, Array]:
-    """Largest |psi| of every arc (K,) with derivatives by w0 d, (K, K).
+    """
+    Largest |psi| of every arc (K,) with derivatives by w0 d, (K, K).
 
     Between the two nodes where psi' changes its sign the peak is that of the parabola through
     psi and both psi'.

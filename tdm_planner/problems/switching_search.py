@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Parts of the search for switching times: arrivals, polish, trajectory."""
 
 from __future__ import annotations
@@ -83,7 +95,8 @@ def polish(
     budget: Budget,
     cutoff: float = math.inf,
 ) -> tuple[Candidate, float]:
-    """Minimise the total time from a candidate; the result and its largest violation.
+    """
+    Minimise the total time from a candidate; the result and its largest violation.
 
     A search that ends less feasible than it began gives the candidate back.
     """
@@ -115,7 +128,8 @@ def polish(
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
-    """Leave out arcs too short to matter, as long as there remain enough to vary.
+    """
+    Leave out arcs too short to matter, as long as there remain enough to vary.
 
     Neighbours that then have the same torque are joined.
     """

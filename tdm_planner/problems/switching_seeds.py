@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Where the search for switching times starts from: random arcs, swings that pump, earlier plans.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Where the search for switching times starts from: random arcs, swings that pump, earlier plans.
 
 Torques alternate between their extremes from arc to arc; either sign may come first.
 """
@@ -35,7 +48,8 @@ class Arcs(NamedTuple):
 def starts(
     task: SwingUpTask, rng: np.random.Generator, count: int, most: int, weaken: bool = False
 ) -> ArcBatch:
-    """Return `count` sequences of up to `most` arcs; half of them pump where torque is weak.
+    """
+    Return `count` sequences of up to `most` arcs; half of them pump where torque is weak.
 
     With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
     arcs leave no room.
@@ -82,7 +96,8 @@ def pumping_durations(
 
 
 def previous_arcs(solution: Solution | None) -> Arcs | None:
-    """Return the arcs of constant torque of a plan, read from its controls; None if it has none.
+    """
+    Return the arcs of constant torque of a plan, read from its controls; None if it has none.
 
     The rest of a plan that is under way begins in the middle of an arc.
     """
@@ -101,7 +116,8 @@ def previous_arcs(solution: Solution | None) -> Arcs | None:
 def warm_starts(
     task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int, change: float
 ) -> ArcBatch | None:
-    """Return the arcs of an earlier plan, their durations changed at random; None if too many.
+    """
+    Return the arcs of an earlier plan, their durations changed at random; None if too many.
 
     `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
     put before or after them, or both, where a new switch may grow.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Direction and magnitude of the thrust when the thruster turns at a limited rate.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Direction and magnitude of the thrust when the thruster turns at a limited rate.
 
 A robot that accelerates and then brakes turns its thrust by half a turn while little thrust is
 wanted. An error of the direction costs a lateral acceleration F sin(error), so the error allowed
@@ -39,7 +52,8 @@ class Envelopes(NamedTuple):
 
 
 class ThrustDirection:
-    """Follow wanted accelerations (n, 2) [m/s^2] at evenly spaced `times` (n,) s.
+    """
+    Follow wanted accelerations (n, 2) [m/s^2] at evenly spaced `times` (n,) s.
 
     `yaw` (n,) rad; `rate` [rad/s] limits the thruster, `thrust` [m/s^2] the acceleration; `alpha`
     is the thruster's angle at the start, NaN where it is free.
@@ -71,7 +85,8 @@ class ThrustDirection:
         return np.asarray(heading[np.where(powered < 0, int(np.argmin(idle)), powered)])
 
     def directions(self, wanted: Array) -> Array:
-        """Directions of the wanted accelerations from the robot's front, continuous (n,) rad.
+        """
+        Directions of the wanted accelerations from the robot's front, continuous (n,) rad.
 
         They stay on the branch of the accelerations first asked for, which may differ a little.
         """
@@ -133,7 +148,8 @@ class ThrustDirection:
                 self.turns, self.error = kept, error
 
     def follow(self, wanted: Array) -> tuple[Array, Array]:
-        """Thruster angle [rad] and rate [rad/s] (n,) that follow the wanted accelerations.
+        """
+        Thruster angle [rad] and rate [rad/s] (n,) that follow the wanted accelerations.
 
         The rate runs linearly between samples, the angle is its exact integral. A thruster whose
         thrust is never wanted rests.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The swing-up along a virtual arc as the nonlinear program (10): the scheme (9)-(16), mended.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The swing-up along a virtual arc as the nonlinear program (10): the scheme (9)-(16), mended.
 
 theta = P(tau) is a monotone reference function of the virtual arc, 0 <= tau <= 1, and the torque
 alternates between its extremes at varied points of the arc. As printed, the scheme leaves no
@@ -59,7 +72,8 @@ class _Rows:
 
 
 class VirtualArcProgram(NonlinearProgram):
-    """The nonlinear program for one sequence of torques and one goal theta = 2 pi `turns`.
+    """
+    The nonlinear program for one sequence of torques and one goal theta = 2 pi `turns`.
 
     `torques` (K,) [N m] are those of the arcs, `steps` the nodes an arc. Slower than `floor` (in
     units of w0) the pendulum counts as that fast, save where it rests: guesses far from the
@@ -101,7 +115,8 @@ class VirtualArcProgram(NonlinearProgram):
         return np.asarray(self.task.start[0] + self._way * reference_shape(tau, self._slope))
 
     def along(self, xi: Values, to_rest: bool = True) -> Values:
-        """(E, psi, psi', t) at the nodes of candidates (B, K - 1): (B, N, 4), N = K steps + 1.
+        """
+        (E, psi, psi', t) at the nodes of candidates (B, K - 1): (B, N, 4), N = K steps + 1.
 
         Without `to_rest` the pendulum may pass the goal, as it does under a given torque.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """First guess from a plan in force: its remaining motion, projected on new reference functions."""
 
 from __future__ import annotations
@@ -18,7 +30,8 @@ _LEAST_REMAINDER = 0.02  # of the plan's duration
 
 
 def warm_parameters(model: ReferenceMotion, seeds: BowSeeds, solution: Solution) -> Array | None:
-    """Scaled varied parameters (n, P) of the rest of a plan; None if its robots are others.
+    """
+    Scaled varied parameters (n, P) of the rest of a plan; None if its robots are others.
 
     How far the plan has been followed is read from the robots' states: the instant at which, all
     robots together, the plan is nearest to where they are.

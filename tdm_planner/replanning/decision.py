@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Whether a new plan takes over: only where the old one fails, or is beaten by a margin."""
 
 from __future__ import annotations
@@ -15,7 +27,8 @@ LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept 
 
 @dataclass(frozen=True)
 class Outlook:
-    """What becomes of the plan in force if it is carried on, as foreseen.
+    """
+    What becomes of the plan in force if it is carried on, as foreseen.
 
     `cost` is the performance index J still to come; `trouble` a sentence where the feedback will
     not keep the plant on it, or a limit is endangered, else empty; `settled` says that the
@@ -36,7 +49,8 @@ class Decision:
 
 
 def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
-    """Whether a plan that would do has so much cost still to come that a better one may matter.
+    """
+    Whether a plan that would do has so much cost still to come that a better one may matter.
 
     `whole` is the cost of the whole way. Near the goal the little that is left is no reason for a
     plan: noise makes it more or less.
@@ -45,7 +59,8 @@ def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
 
 
 def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: float) -> Decision:
-    """Keep the plan in force unless a verified one is necessary, or cheaper by a margin.
+    """
+    Keep the plan in force unless a verified one is necessary, or cheaper by a margin.
 
     `changed` says that another goal or other limits are asked for than those of the plan in force;
     `new` is the verified plan found, if any; `improvement` the share of the cost still to come

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """How plans are carried out: where the trackers will have brought the plant when a plan begins."""
 
 from __future__ import annotations
@@ -35,7 +47,8 @@ class Mode(str, Enum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
+    """
+    A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
 
     `error` (nx,) is the deviation from the plan that the tracker follows, as the tracker tells it
     at about that instant; None where it does not.
@@ -49,7 +62,8 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Foreseen:
-    """State (nx,) of a vehicle at a later instant, and the controls (nu,) in force there.
+    """
+    State (nx,) of a vehicle at a later instant, and the controls (nu,) in force there.
 
     `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way; `planned` what
     the plan has there, given where the vehicle is to be taken to be on it.
@@ -63,7 +77,8 @@ class Foreseen:
 
 
 class Execution(ABC):
-    """What the trackers of one kind of problem make of a plan, by the same laws as theirs.
+    """
+    What the trackers of one kind of problem make of a plan, by the same laws as theirs.
 
     `holds_goal` says that the goal is held after a plan's end, so that it is in force until the
     next.
@@ -88,7 +103,8 @@ class Execution(ABC):
     def keeping(
         self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
     ) -> list[str]:
-        """Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
+        """
+        Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
 
         Trackers refuse plans that begin too far from where the plant is. None by default: what is
         not told is taken to be followed.
@@ -97,12 +113,14 @@ class Execution(ABC):
 
     @abstractmethod
     def problem_from(self, problem: Any, foreseen: Mapping[str, Foreseen]) -> Problem:
-        """Return the same problem with the foreseen states to start from.
+        """
+        Return the same problem with the foreseen states to start from.
 
         Raises
         ------
         InvalidProblem
             If they contradict the limits.
+
         """
 
     @abstractmethod
@@ -116,7 +134,8 @@ def keeping(
     newer: PlanInForce,
     observations: Mapping[str, Observation],
 ) -> list[str]:
-    """Tell by the errors that trackers like this one publish which of two plans they follow.
+    """
+    Tell by the errors that trackers like this one publish which of two plans they follow.
 
     The error told is compared with the deviations from either plan. Where the plans hardly differ
     as yet the newer one is believed to be followed; so it is until it has been for a while.

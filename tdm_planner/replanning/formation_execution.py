@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A formation's plan under its trackers' feedback, and what pushes do to the distances kept.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A formation's plan under its trackers' feedback, and what pushes do to the distances kept.
 
 A robot that was pushed drifts until its thruster has turned and the thrust has taken the drift
 away; then the feedback brings it back. The drift is bounded in closed form, for all robots and
@@ -86,7 +99,8 @@ class FormationExecution(Execution):
         return found
 
     def _planned(self, plan: PlanInForce, name: str, robot: Foreseen, at: float) -> Sample | None:
-        """Return what the plan has for a robot late on its way and well on it, else None.
+        """
+        Return what the plan has for a robot late on its way and well on it, else None.
 
         The feedback takes its deviation away; planned from that it would only be later.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The plan that is being carried out, and what of it is still to come."""
 
 from __future__ import annotations
@@ -17,7 +29,8 @@ _SHORTEST = 1e-3  # s; of less nothing is left that a first guess could be made 
 
 @dataclass(frozen=True, eq=False)
 class PlanInForce:
-    """A verified plan and the problem it solves; its motion starts at the instant `start` [s].
+    """
+    A verified plan and the problem it solves; its motion starts at the instant `start` [s].
 
     `whole` is the cost of the plan for the whole way, where this one was made on the way; its own
     by default.
@@ -43,7 +56,8 @@ class PlanInForce:
         return time - self.start
 
     def remainder(self, time: float) -> Solution | None:
-        """Return what is left of the plan at the instant `time` [s], to start a new one from.
+        """
+        Return what is left of the plan at the instant `time` [s], to start a new one from.
 
         Its trajectories begin at zero again; switching instants and parameters shift with them.
         None before the start and where (nearly) nothing is left.

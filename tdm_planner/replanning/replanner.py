@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Receding horizon: look at the plan in force, plan anew from where it leads, decide.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Receding horizon: look at the plan in force, plan anew from where it leads, decide.
 
 A review at the instant t plans from the state foreseen for t + `delay`, when a new plan would take
 over: until then the old one is carried on. Solving has that much time, less what publishing and
@@ -29,7 +42,8 @@ _REMEMBERED = 3  # earlier plans that trackers may have kept
 
 @dataclass(frozen=True, eq=False)
 class Review:
-    """The outcome of a review; `plan` is the one to take over, None if the old one is kept.
+    """
+    The outcome of a review; `plan` is the one to take over, None if the old one is kept.
 
     `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
     where nothing had to be solved. `refused` holds the vehicles whose trackers were found to have
@@ -57,11 +71,12 @@ class Replanner:
 
     @property
     def history(self) -> tuple[PlanInForce, ...]:
-        """The last plans adopted, the one in force at the end."""
+        """Return the last plans adopted, the one in force at the end."""
         return self._earlier if self.plan is None else (*self._earlier, self.plan)
 
     def adopt(self, plan: PlanInForce, earlier: Sequence[PlanInForce] | None = None) -> None:
-        """Take note of the plan that is now in force, from its start on.
+        """
+        Take note of the plan that is now in force, from its start on.
 
         It takes over from those before it (`earlier`, where they were adopted elsewhere). By what
         the trackers tell, one of these may be found to be in force still: a plan that begins too
@@ -74,7 +89,8 @@ class Replanner:
     def review(
         self, problem: Problem, observations: Mapping[str, Observation], now: float
     ) -> Review:
-        """Review the plan in force at the instant `now` [s] for the `problem` asked at present.
+        """
+        Review the plan in force at the instant `now` [s] for the `problem` asked at present.
 
         Only the start of the problem is replaced. A plan returned is verified; its motion starts
         `delay` after `now`.

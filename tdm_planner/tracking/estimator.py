@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The state at any instant, from late and noisy samples and the commands sent meanwhile."""
 
 from __future__ import annotations
@@ -66,7 +78,8 @@ class CommandHistory:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorNoise:
-    """What the samples and the model are worth.
+    """
+    What the samples and the model are worth.
 
     `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
     error of the plant's rates, of which `rate_floor` (nx,) is the least magnitude assumed.
@@ -82,7 +95,8 @@ class EstimatorNoise:
 
 
 class StateEstimator:
-    """An extended Kalman filter in continuous-discrete form (Gelb, "Applied Optimal Estimation").
+    """
+    An extended Kalman filter in continuous-discrete form (Gelb, "Applied Optimal Estimation").
 
     Samples carry the instant they were taken; between samples the estimate follows the plant's
     equations of motion under the commands of `history`. `angles` (nx,) marks states that sensors

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Linear-quadratic regulators: at an equilibrium, and along a trajectory.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Linear-quadratic regulators: at an equilibrium, and along a trajectory.
 
 About a motion x(t), u(t) the deviation obeys dx' = A(t) dx + B(t) du. The feedback du = -K dx that
 minimises the integral of dx'Q dx + du'R du, under controls held over steps of h, follows from the
@@ -45,24 +58,28 @@ class TimeVaryingRegulator:
 
 
 def regulator(a: Array, b: Array, q: Array, r: Array) -> Regulator:
-    """Regulate x' = a x + b u at the least integral of x'q x + u'r u.
+    """
+    Regulate x' = a x + b u at the least integral of x'q x + u'r u.
 
     Raises
     ------
     ValueError
         If (a, b) cannot be stabilised.
+
     """
     cost_to_go = _solved(solve_continuous_are, a, b, q, r)
     return Regulator(np.asarray(np.linalg.solve(r, b.T @ cost_to_go)), cost_to_go)
 
 
 def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> Regulator:
-    """Regulate x' = a x + b u, u held over steps of `step` s, by step times the sum of the cost.
+    """
+    Regulate x' = a x + b u, u held over steps of `step` s, by step times the sum of the cost.
 
     Raises
     ------
     ValueError
         If (a, b) cannot be stabilised.
+
     """
     a, b = discretise(a, b, step)
     q, r = q * step, r * step
@@ -81,7 +98,8 @@ def _solved(solve: object, a: Array, b: Array, q: Array, r: Array) -> Array:
 
 
 def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
-    """Transition over `step` s under a held control: exp(a step), and its integral times b.
+    """
+    Transition over `step` s under a held control: exp(a step), and its integral times b.
 
     (..., nx, nx), (..., nx, nu) -> the same shapes; the exponential of [[a, b], [0, 0]] by its
     series, scaled and squared.
@@ -90,6 +108,7 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     ------
     ValueError
         If the matrices are not finite, or so large that the exponential is not.
+
     """
     nx, nu = b.shape[-2:]
     block = np.zeros((*b.shape[:-2], nx + nu, nx + nu))
@@ -112,7 +131,8 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
 def time_varying_regulator(
     a: Array, b: Array, q: Array, r: Array, terminal: Array, step: float
 ) -> TimeVaryingRegulator:
-    """Regulate along a trajectory whose deviation obeys dx' = a_k dx + b_k du in step k.
+    """
+    Regulate along a trajectory whose deviation obeys dx' = a_k dx + b_k du in step k.
 
     `a` (n, nx, nx) and `b` (n, nx, nu) are continuous-time Jacobians, one a step of `step` s;
     `terminal` (nx, nx) weighs the deviation at the end.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Tracking of a swing-up: time-varying LQR along the plan, then LQR about upright.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tracking of a swing-up: time-varying LQR along the plan, then LQR about upright.
 
 The torque over the coming command interval is
 
@@ -55,7 +68,8 @@ _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 
 @dataclass(frozen=True)
 class FeedbackWeights(Validated):
-    """Weights of the quadratic cost on dimensionless deviations.
+    """
+    Weights of the quadratic cost on dimensionless deviations.
 
     Angles count in rad, rates in units of the pendulum's natural frequency, torque in units of
     limits.torque.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Tracking of a floating robot whose one thruster turns slowly, and station-keeping.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tracking of a floating robot whose one thruster turns slowly, and station-keeping.
 
 The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
 thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
@@ -66,7 +79,8 @@ class RobotLaw:
 
 @dataclass(frozen=True, eq=False)
 class Wish:
-    """What the robot should do now, from plan and feedback.
+    """
+    What the robot should do now, from plan and feedback.
 
     `acceleration` (2,) m/s^2 and `torque` N m are wanted of a perfect robot; `alpha` is where the
     thruster rests when nothing much is wanted, `reach` where it may be.
@@ -79,7 +93,8 @@ class Wish:
 
 
 class RobotTracker(TrajectoryTracker):
-    """Tracker of one floating robot; states and controls are those of `FloatingRobot`.
+    """
+    Tracker of one floating robot; states and controls are those of `FloatingRobot`.
 
     `servo_share` of the error of the thruster's angle is taken away by one command.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""What every tracker does, whatever the plant: which trajectory is in force, and what phase it is.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What every tracker does, whatever the plant: which trajectory is in force, and what phase it is.
 
     idle        no trajectory yet: nothing is commanded
     waiting     a trajectory is accepted, its start lies ahead: nothing is commanded
@@ -67,7 +80,8 @@ class Phase(str, Enum):
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
+    """
+    A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
 
     `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
     """
@@ -80,7 +94,8 @@ class Action:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What a tracker commands for the coming interval; `action` is None where no law is at work.
+    """
+    What a tracker commands for the coming interval; `action` is None where no law is at work.
 
     `problem` is a sentence where something is wrong, else empty.
     """
@@ -110,7 +125,8 @@ class Motion:
 
 
 class TrajectoryTracker(ABC):
-    """Commands that keep a plant on a trajectory; subclasses give the laws of one plant.
+    """
+    Commands that keep a plant on a trajectory; subclasses give the laws of one plant.
 
     Call `observe` for every state sample, `accept` for every trajectory and `command` at every
     tick of the clock.
@@ -176,7 +192,8 @@ class TrajectoryTracker(ABC):
         return np.zeros(len(self.control_names))
 
     def calm(self, state: Array, slack: float) -> bool:
-        """Whether the plant is so near to rest that a new plan can be asked for.
+        """
+        Whether the plant is so near to rest that a new plan can be asked for.
 
         `slack` widens the limits: 1 to become calm, more to stay so.
         """
@@ -203,7 +220,7 @@ class TrajectoryTracker(ABC):
 
     @property
     def newest(self) -> Motion | None:
-        """The motion in force that was accepted last."""
+        """Return the motion in force that was accepted last."""
         return self.following or self.current
 
     def follows(self, trajectory: Trajectory, start: float) -> bool:
@@ -219,7 +236,8 @@ class TrajectoryTracker(ABC):
         )
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
-        """Put a trajectory in force whose motion begins at the instant `start` [s].
+        """
+        Put a trajectory in force whose motion begins at the instant `start` [s].
 
         One already under way is joined midway. The gains are computed here.
 
@@ -229,6 +247,7 @@ class TrajectoryTracker(ABC):
             If it lies in the past, is not this plant's, or the state is too far from it. A tracker
             that has just started then does what it does when it gives a motion up: the plan was
             followed by another, or by itself before a restart.
+
         """
         try:
             self._check(trajectory, start, now)

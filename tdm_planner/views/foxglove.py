@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Layouts of Foxglove (and Lichtblick) for the pendulum and for robots of any names."""
 
 from __future__ import annotations
@@ -65,7 +77,8 @@ def pendulum_foxglove(namespace: str = 'pendulum') -> str:
 def robots_foxglove(
     robots: Sequence[str], namespace: str = 'robots', length: float = 4.0, width: float = 4.0
 ) -> str:
-    """Return the layout for robots: the arena from above, thrusts, torques, errors, the plan.
+    """
+    Return the layout for robots: the arena from above, thrusts, torques, errors, the plan.
 
     The publish tool of the arena's panel moves the goal of the first robot; that of another one
     where the panel's setting `Publish - Topic` names it. `length` and `width` are in m.

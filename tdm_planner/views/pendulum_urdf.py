@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The rotary pendulum as a URDF, for RViz's RobotModel and joint_state tools."""
 
 from __future__ import annotations
@@ -22,7 +34,8 @@ _COLOURS = {
 
 
 def pendulum_urdf(plant: RotaryPendulum) -> str:
-    """Return the URDF of a pendulum, with the plant's masses, inertias and lengths.
+    """
+    Return the URDF of a pendulum, with the plant's masses, inertias and lengths.
 
     Links `world` (fixed), `base`, `disk`, `rod`; continuous joints `disk`, about z, and
     `pendulum`, about -x of the disk, on the disk's rim. The plant does not know the disk's mass,

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Configurations of RViz 2 for the pendulum and for robots of any names, in any namespace."""
 
 from __future__ import annotations
@@ -52,7 +64,8 @@ def pendulum_rviz(namespace: str = 'pendulum') -> str:
 def robots_rviz(
     robots: Sequence[str], namespace: str = 'robots', length: float = 4.0, width: float = 4.0
 ) -> str:
-    """Return the configuration for robots: the arena from above, and a goal tool for each robot.
+    """
+    Return the configuration for robots: the arena from above, and a goal tool for each robot.
 
     `length` and `width` of the arena are in m.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Messages of a recording, whole or damaged: rosbag2 folders and single MCAP or SQLite files.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Messages of a recording, whole or damaged: rosbag2 folders and single MCAP or SQLite files.
 
 A recording that is whole is read by `rosbags`. Of one that was cut short - no metadata, no index,
 half a file - everything that can still be read is.
@@ -51,12 +64,14 @@ Wanted = Callable[[str, str], bool]
 
 
 def check_recording(path: Path) -> None:
-    """Refuse what cannot be a recording.
+    """
+    Refuse what cannot be a recording.
 
     Raises
     ------
     UnreadableRecording
         Saying what it is instead.
+
     """
     if not path.exists():
         raise UnreadableRecording(f"there is no file or folder '{path}'")

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A mission out of a recording, by `ros2 bag record`, `tdm record` or a demo, whole or in part."""
 
 from __future__ import annotations
@@ -39,12 +51,14 @@ Summaries = dict[str, dict[int, PlanSummary]]
 
 
 def read_bag(path: Path, namespace: str | None = None) -> Mission:
-    """Read the mission that a recording holds, that below `namespace` if it holds several.
+    """
+    Read the mission that a recording holds, that below `namespace` if it holds several.
 
     Raises
     ------
     UnreadableRecording
         If it is no recording, cannot be read at all, or holds nothing of the planner's.
+
     """
     check_recording(path)
     notes: list[str] = []
@@ -251,7 +265,8 @@ def _problem(topics: RecordedTopics, sites: Sequence[Site]) -> str:
 
 
 def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
-    """Return how many requests the planner had, and how many failed, since its first plan.
+    """
+    Return how many requests the planner had, and how many failed, since its first plan.
 
     While there is no plan, the planner may be asked before the plants are there. Without any plan
     it is since the recording started.

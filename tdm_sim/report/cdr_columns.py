@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Numbers of many serialized messages of a type at once.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Numbers of many serialized messages of a type at once.
 
 The messages of a topic nearly always have the same layout: the same strings, arrays of the same
 lengths. Its layout is found by walking through one message; from all that share it, numbers are
@@ -42,7 +55,8 @@ class MalformedMessage(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Numbers and strings of messages that share a layout, by path such as ``header.stamp.sec``.
+    """
+    Numbers and strings of messages that share a layout, by path such as ``header.stamp.sec``.
 
     `rows` (n,) says which of the messages given these are; `numbers` (n, k), k = 1 for a field
     that is not an array; `strings`, the same in all of them.
@@ -134,7 +148,8 @@ class _Walk:
 def columns(
     definitions: Mapping[str, Any], name: str, messages: Sequence[bytes]
 ) -> Iterator[Columns]:
-    """Return the numbers of messages of the type `name`, one item a layout that occurs.
+    """
+    Return the numbers of messages of the type `name`, one item a layout that occurs.
 
     `definitions` are the ``fielddefs`` of a type store of `rosbags`. Messages that are malformed
     occur in none of the items.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Charts of time histories: panels one below the other on one time axis, as plotly figures."""
 
 from __future__ import annotations
@@ -24,7 +36,8 @@ _PADDING = 0.08
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One line: `times` and `values` (n,), NaN a gap; `colour` is the number of its colour.
+    """
+    One line: `times` and `values` (n,), NaN a gap; `colour` is the number of its colour.
 
     The legend switches curves by their kind and by their `series`, the vehicle or pair of vehicles
     they belong to ('' where there is only one), in all charts. `held`: the value stays until the
@@ -72,7 +85,8 @@ class Chart:
 
 
 def plotly_figure(chart: Chart, span: tuple[float, float]) -> go.Figure:
-    """Return the chart as a plotly figure, its numbers in single precision.
+    """
+    Return the chart as a plotly figure, its numbers in single precision.
 
     All panels share one time axis, so that zooming one zooms all.
     """

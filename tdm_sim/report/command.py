@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What ``tdm report`` does: read a recording or a plan, write the page, show it if asked to."""
 
 from __future__ import annotations
@@ -17,7 +29,8 @@ ENDINGS = ('.html', '.htm')
 def make_report(
     source: Path, output: Path, progress: Progress, namespace: str | None = None
 ) -> None:
-    """Write the report on a recording or a plan file.
+    """
+    Write the report on a recording or a plan file.
 
     `namespace` chooses among several planners in one recording.
 
@@ -25,6 +38,7 @@ def make_report(
     ------
     TdmError
         If the source cannot be read or the report not be written.
+
     """
     check_path(output, ENDINGS)
     progress.phase(f'reading {source}')

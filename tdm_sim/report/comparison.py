@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Planned against achieved: the figures of a mission's summary, and the histories behind them."""
 
 from __future__ import annotations
@@ -25,7 +37,8 @@ __all__ = ['Comparison', 'Entry', 'Kind', 'compare']
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What a report shows beside the mission itself.
+    """
+    What a report shows beside the mission itself.
 
     `entries` stand in the order of the summary; `margins` and `tracking_errors` are by vehicle;
     `separations` are distances of pairs, `minimum_separation` what they must keep [m]; `verdict`

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Data inside a page: safe in HTML whatever a recording holds, and small.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Data inside a page: safe in HTML whatever a recording holds, and small.
 
 Numbers are written as plotly.js reads typed arrays, ``{"dtype": "f4", "bdata": base64}``, which
 takes a third of the room of digits. Names and texts come from files that anybody may have written:
@@ -33,12 +46,14 @@ def unpacked(data: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def json_for_html(data: Any) -> str:
-    """Return `data` as JSON that may stand inside a ``<script>`` element.
+    """
+    Return `data` as JSON that may stand inside a ``<script>`` element.
 
     Raises
     ------
     ValueError
         For a number that is not finite, which JSON cannot hold.
+
     """
     text = json.dumps(data, allow_nan=False, separators=(',', ':'))
     for character, escape in _ESCAPES.items():

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Figures of reaching the goal: when, at what cost, with which error."""
 
 from __future__ import annotations
@@ -23,7 +35,8 @@ def _several(mission: Mission) -> str:
 
 
 def duration_entries(mission: Mission, arrivals: Mapping[str, float | None]) -> Iterator[Entry]:
-    """How long plans are, and when the goal is reached for good, from the start of the first plan.
+    """
+    How long plans are, and when the goal is reached for good, from the start of the first plan.
 
     A plan ends at rest in the goal. The goal counts as reached within the tolerances of the
     verdict, before that: planned and measured states are judged alike.
@@ -116,7 +129,8 @@ def cost_entries(
 def _achieved_terms(
     mission: Mission, limits: Limits, arrivals: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """Terms of J for the measured motion; empty where not known.
+    """
+    Terms of J for the measured motion; empty where not known.
 
     All terms span the same time of every vehicle: until the planned end, where the plan is at
     rest, or, if the goal was reached later, until then.

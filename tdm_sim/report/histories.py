@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Time histories of every state and control of a mission, planned and measured, as charts."""
 
 from __future__ import annotations
@@ -212,7 +224,8 @@ def _states(plan: PlanInForce, at: Array) -> Array:
 
 
 def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
-    """Return about `most` instants at which a plan is drawn while it is followed.
+    """
+    Return about `most` instants at which a plan is drawn while it is followed.
 
     Its samples as far as they are few, its switches in any case, and instants between them.
     """

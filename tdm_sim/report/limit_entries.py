@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Figures of what was kept on the way: margins, distances, tracking errors, deadlines."""
 
 from __future__ import annotations
@@ -41,7 +53,8 @@ def margin_entries(mission: Mission, histories: Mapping[str, History]) -> Iterat
 def _planned_margin(
     vehicle: Vehicle, name: str, said: Margin | None, drawn: Margin | None
 ) -> Margin | None:
-    """Return what the planner's check found or, where it said nothing, that of the plan as drawn.
+    """
+    Return what the planner's check found or, where it said nothing, that of the plan as drawn.
 
     The check takes both limits of a thrust together: the margin is 0 whenever a robot coasts.
     """
@@ -136,7 +149,8 @@ def tracking_entries(errors: Mapping[str, Signals]) -> Iterator[Entry]:
 
 
 def planner_entries(mission: Mission) -> Iterator[Entry]:
-    """Solving times, and how often plans were made anew, refused or late.
+    """
+    Solving times, and how often plans were made anew, refused or late.
 
     Errors count from the start of the first plan's motion on: before, nodes wait for each other.
     """

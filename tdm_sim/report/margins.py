@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""How far plans and measured motions stay from their limits, over time.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How far plans and measured motions stay from their limits, over time.
 
 The limits are those that the planner checks a plan against, for the parameters that it published.
 """
@@ -38,7 +51,8 @@ class History:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the parameters say a vehicle must keep; `formation` is None but for robots.
+    """
+    What the parameters say a vehicle must keep; `formation` is None but for robots.
 
     `fault` says why nothing is known, '' otherwise.
     """
@@ -67,7 +81,8 @@ def limits_of(mission: Mission) -> Limits:
 
 
 def _robot_limits(task: FormationTask) -> list[Constraint]:
-    """Limits of one robot, those of its thrust apart.
+    """
+    Limits of one robot, those of its thrust apart.
 
     A robot that coasts is at the lower one all the time: together with it, the margin of the upper
     one would never be seen.
@@ -85,7 +100,8 @@ def _robot_limits(task: FormationTask) -> list[Constraint]:
 
 
 def margin_history(vehicle: Vehicle, limits: Limits) -> History:
-    """Return the margin of every constraint over time; negative values are violations.
+    """
+    Return the margin of every constraint over time; negative values are violations.
 
     Of the thrust it is that of the upper limit; the lower one is there only if it is violated.
     """
@@ -167,7 +183,8 @@ def smallest(history: Signals | None) -> dict[str, Margin]:
 
 
 def separations(mission: Mission) -> History:
-    """Return the distance of every pair of robots over time, called ``one - other``.
+    """
+    Return the distance of every pair of robots over time, called ``one - other``.
 
     Of more than `MOST_PAIRS` pairs those that come closest.
     """
@@ -189,7 +206,8 @@ def _planned_distances(robots: Sequence[Vehicle]) -> Signals | None:
 
 
 def planned_place(robot: Vehicle, times: Array) -> Array:
-    """Return the planned x, y (n, 2) at instants since the mission's origin, of the plans in turn.
+    """
+    Return the planned x, y (n, 2) at instants since the mission's origin, of the plans in turn.
 
     Before the first plan starts it is where that starts; after the last one ends, where it ends.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A mission: what was planned, commanded and measured, however it was recorded.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A mission: what was planned, commanded and measured, however it was recorded.
 
 All instants are seconds since the mission's origin: the start of the first plan's motion or, where
 there is no plan, the first measurement. What came before has negative instants.
@@ -25,7 +38,8 @@ Plant = Literal['pendulum', 'robot', 'other']
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Named time histories on common instants.
+    """
+    Named time histories on common instants.
 
     `times` (n,) s since the mission's origin, not decreasing; `values` (n, m), NaN where nothing
     was measured; `names` (m,) and `units` (m,), '' where there is none or it is not known.
@@ -75,7 +89,8 @@ class Signals:
         return np.stack(columns, axis=-1) if columns else np.zeros((np.size(times), 0))
 
     def thinned(self, most: int) -> Signals:
-        """Return at most about `most` samples, for drawing.
+        """
+        Return at most about `most` samples, for drawing.
 
         In every bin of samples the first, the last, and the smallest and largest of every history
         stay, so that peaks and gaps are drawn where they were measured.
@@ -103,7 +118,8 @@ def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class PlanInForce:
-    """One published plan of one vehicle.
+    """
+    One published plan of one vehicle.
 
     The trajectory's own times count from its first sample; the motion starts `start` s after the
     mission's origin and is followed `until` the next plan starts (None: to the end). `plan_id` is
@@ -136,7 +152,8 @@ class PlanInForce:
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
-    """One plant: what it was to do, what it was told, what it did.
+    """
+    One plant: what it was to do, what it was told, what it did.
 
     `name` is the robot's, or the plant's where there is one only; `plans` stand in the order of
     their starts. `states` and `applied` are measured: the states, and the controls as the plant
@@ -155,18 +172,19 @@ class Vehicle:
 
     @property
     def plan(self) -> PlanInForce | None:
-        """The last plan, whose goal counts."""
+        """Return the last plan, whose goal counts."""
         return self.plans[-1] if self.plans else None
 
     @property
     def controls(self) -> Signals | None:
-        """Controls as carried out or, where that was not recorded, as commanded."""
+        """Return the controls as carried out or, where that was not recorded, as commanded."""
         return self.commands if self.applied is None else self.applied
 
 
 @dataclass(frozen=True)
 class Margin:
-    """Smallest distance from a limit (negative: violated), and its instant [s].
+    """
+    Smallest distance from a limit (negative: violated), and its instant [s].
 
     In `PlanFigures` the instant counts from the start of the plan, elsewhere from the mission's
     origin. None: not known.
@@ -179,7 +197,8 @@ class Margin:
 
 @dataclass(frozen=True)
 class PlanFigures:
-    """What the planner said of a plan; None or empty where it is not known.
+    """
+    What the planner said of a plan; None or empty where it is not known.
 
     `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
     `terminal_error` is the replayed final state's difference from the goal, by state (of several
@@ -221,7 +240,8 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Everything a report tells of.
+    """
+    Everything a report tells of.
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What came of a plan: when the goal was reached for good, with which error, was it held."""
 
 from __future__ import annotations
@@ -29,7 +41,8 @@ _ANGLES = ('yaw', 'alpha')
 
 
 def arrival(vehicle: Vehicle) -> float | None:
-    """Return the instant [s] from which the goal was held to the end; inf if it never was.
+    """
+    Return the instant [s] from which the goal was held to the end; inf if it never was.
 
     None where that cannot be said: nothing measured, no plan, or a plant whose tolerances are not
     known here. The goal is upright for the pendulum, for a robot its place in the formation.
@@ -84,7 +97,8 @@ def landing_errors(vehicle: Vehicle) -> dict[str, float]:
 
 
 def tracking_errors(vehicle: Vehicle) -> Signals | None:
-    """Return measured minus planned while plans were carried out.
+    """
+    Return measured minus planned while plans were carried out.
 
     What the tracker published or, where that was not recorded, the difference of states and plans.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""The report as one self-contained HTML page: tables, animation, charts; it needs no network.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The report as one self-contained HTML page: tables, animation, charts; it needs no network.
 
 Whatever comes from a recording is escaped, and a content security policy lets nothing but the
 page's own scripts run and nothing be loaded.
@@ -37,12 +50,14 @@ Slots = Mapping[str, str]
 
 
 def write_report(mission: Mission, path: Path) -> int:
-    """Write the report on a mission to `path`; returns the file's size in bytes.
+    """
+    Write the report on a mission to `path`; returns the file's size in bytes.
 
     Raises
     ------
     UnusableFile
         If the file cannot be written.
+
     """
     page = report_page(mission).encode()
     try:

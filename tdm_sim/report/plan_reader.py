@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A mission out of a plan file: what is to be done, without anything measured."""
 
 from __future__ import annotations
@@ -23,12 +35,14 @@ _TITLES = {
 
 
 def read_plan(path: Path) -> Mission:
-    """Read a plan file of `tdm plan` or of a demo.
+    """
+    Read a plan file of `tdm plan` or of a demo.
 
     Raises
     ------
     InvalidProblem
         If the file cannot be read or is not a plan.
+
     """
     try:
         document = load_plan(path)

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Which planner of a recording a report tells of, where several were recorded."""
 
 from __future__ import annotations
@@ -19,7 +31,8 @@ _STATES = {'robot': ('odom', ODOMETRY)}  # of other plants: joint_states
 def choose(
     sites: Sequence[Site], topics: RecordedTopics, namespace: str | None, notes: list[str]
 ) -> list[Site]:
-    """Return the vehicles of one planner: that of `namespace` or, by default, the liveliest.
+    """
+    Return the vehicles of one planner: that of `namespace` or, by default, the liveliest.
 
     That is one of whose vehicles a planned motion was measured; failing that, or of several such,
     the one of most plans. `notes` are told of the others.
@@ -28,6 +41,7 @@ def choose(
     ------
     UnreadableRecording
         If nothing was recorded in the namespace.
+
     """
     planners = list(dict.fromkeys(site.planner for site in sites))
     if namespace is None:
@@ -55,7 +69,8 @@ def _shown(planner: str) -> str:
 def _liveliness(
     topics: RecordedTopics, sites: Sequence[Site], planner: str
 ) -> tuple[bool, int, bool]:
-    """Return whether a plan was seen carried out, how many plans, whether anything was measured.
+    """
+    Return whether a plan was seen carried out, how many plans, whether anything was measured.
 
     A plan alone is no sign of life: planners publish theirs to whoever comes later.
     """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Simulated time in a recording: `/clock` as it was shown, and when."""
 
 from __future__ import annotations
@@ -33,7 +45,7 @@ class RecordedClock:
 
     @property
     def speed(self) -> float:
-        """Simulated time relative to real time, over the whole recording."""
+        """Return the simulated time relative to real time, over the whole recording."""
         elapsed = int(self.recorded[-1] - self.recorded[0])
         return int(self.shown[-1] - self.shown[0]) / elapsed if elapsed > 0 else 1.0
 

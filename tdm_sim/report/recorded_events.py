@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the nodes said of themselves during a recording: changes in diagnostics, and warnings."""
 
 from __future__ import annotations
@@ -53,7 +65,8 @@ def statuses(topics: RecordedTopics) -> Iterator[Status]:
 def events(
     topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
 ) -> tuple[list[Event], int]:
-    """Return what happened, in order of time, and how many events were left out as too many.
+    """
+    Return what happened, in order of time, and how many events were left out as too many.
 
     Of the nodes below `namespace` every change is told, of others errors and warnings. Times count
     from `origin` [ns]. `clock` is the simulated one, where there is one: logs tell the computer's.

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Vehicles of a recording, found by their topics; measured histories by the names of the plans'.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Vehicles of a recording, found by their topics; measured histories by the names of the plans'.
 
 Topics are told by their last name and by what is in them, in whichever namespace they stand.
 """
@@ -115,7 +128,8 @@ class Measured:
 def measured(
     topics: RecordedTopics, site: Site, origin: int, plans: tuple[PlanInForce, ...]
 ) -> Measured:
-    """Return measured states and controls, times from `origin` [ns].
+    """
+    Return measured states and controls, times from `origin` [ns].
 
     Angles of robots are unwrapped, and counted on the turn on which the first plan starts.
     """

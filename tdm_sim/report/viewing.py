@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Show a report: serve it to this machine alone and open the browser."""
 
 from __future__ import annotations
@@ -10,7 +22,8 @@ import webbrowser
 
 
 def make_server(page: Path) -> ThreadingHTTPServer:
-    """Return a server of one page, on a free port of the loopback interface.
+    """
+    Return a server of one page, on a free port of the loopback interface.
 
     Its address is ``http://127.0.0.1:<server.server_port>/``. The file is read at each request.
     """

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
 
 The classical Runge-Kutta method with steps of at most 0.5 ms (pendulum) and 5 ms (robots) between
 all samples; limits are looked at after every step.
@@ -26,7 +39,8 @@ DISTANCE = 2e-5
 
 
 def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
-    """Equations of motion of the rotary pendulum, by its mass matrix.
+    """
+    Equations of motion of the rotary pendulum, by its mass matrix.
 
     [A, B; B, J] (theta'', psi'') = (r1, r2), as Cazzolato and Prime (2011) derive them.
     """

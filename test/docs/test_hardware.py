@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Planned messages against the rules of ros2_control's controllers and hardware, as documented.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Planned messages against the rules of ros2_control's controllers and hardware, as documented.
 
 joint_trajectory_controller: "validation of trajectories", its documentation and its parameter
 `allow_nonzero_velocity_at_trajectory_end`; joint_state_topic_hardware_interface: its two topics.

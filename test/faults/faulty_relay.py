@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""A node between plant and tracker that spoils the stream of states, as it is told.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A node between plant and tracker that spoils the stream of states, as it is told.
 
 Every topic that the parameter `topics` names is passed on to ``relayed/<topic>``. What goes wrong
 comes as JSON on `fault` (see `Fault`) and is acknowledged, word for word, on `fault_taken`. When
@@ -37,7 +50,8 @@ DEPTH = 200
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong with messages stamped in [`start`, `end`) ns.
+    """
+    What goes wrong with messages stamped in [`start`, `end`) ns.
 
     `kind` and what its `amount` means:
 

@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""Simulated time for a rig of real processes that waits for them, and that can be spoiled.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Simulated time for a rig of real processes that waits for them, and that can be spoiled.
 
 `/clock` advances at the pace of real time, and slower where one of the processes is late: each is
 seen to have come along by the stamps on the topics that `followers` names. So a busy machine makes
@@ -36,7 +49,8 @@ PATIENCE = 10.0  # s after which a silent follower is not waited for any more
 
 @dataclass(frozen=True)
 class Order:
-    """What is done to the clock: it leaps by `leap` s, stops while `paused`.
+    """
+    What is done to the clock: it leaps by `leap` s, stops while `paused`.
 
     `odd`, times [s] that are published in between, now and then, are no times at all.
     """

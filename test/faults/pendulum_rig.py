@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A pendulum, planner and tracker as processes over DDS, a relay in the stream of its states."""
 
 from __future__ import annotations
@@ -32,7 +44,8 @@ PATIENCE = 90.0  # s that anything may take on a busy machine
 
 
 class PendulumRig:
-    """Plant, relay, tracker and planner in a namespace, and what the test hears of them.
+    """
+    Plant, relay, tracker and planner in a namespace, and what the test hears of them.
 
     The plant is 2 % other than planner and tracker believe, and its sensors are noisy. Tracker and
     planner see the states only as the relay passes them on. With `lockstep` all live in simulated

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Plant, tracker and planner of a pendulum as processes that can be killed and restarted."""
 
 from __future__ import annotations
@@ -167,7 +179,8 @@ class ProcessRig:
         )
 
     def longest_torque(self) -> float:
-        """Longest time [s] for which a torque has acted since the command that asked for it.
+        """
+        Longest time [s] for which a torque has acted since the command that asked for it.
 
         From the effort that the plant says acts, and the stamps of the commands.
         """

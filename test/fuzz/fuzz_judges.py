@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What must hold for every case: a plan that was verified, or a refusal that says why, in time."""
 
 from __future__ import annotations
@@ -39,7 +51,8 @@ def limited(seconds: float = DEADLINE + ALLOWANCE) -> Iterator[None]:
 
 
 def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOWANCE) -> Any:
-    """Return what `act` returns, or the package's own error that it raises; all else is an escape.
+    """
+    Return what `act` returns, or the package's own error that it raises; all else is an escape.
 
     An escape is reported with its case as the corpus keeps it.
     """

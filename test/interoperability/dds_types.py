@@ -1,6 +1,19 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
-"""ROS 2 messages as DDS sees them, written down from their definitions, and the names on the wire.
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+ROS 2 messages as DDS sees them, written down from their definitions, and the names on the wire.
 
 A message `pkg/msg/Name` is the DDS type `pkg::msg::dds_::Name_`. A topic `/a/b` is `rt/a/b`; a
 service `/a/b` is a pair of topics, `rq/a/bRequest` and `rr/a/bReply`. Members are in the order of

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Three robots replanned for on the way: when they are in place, nothing is planned any more."""
 
 from __future__ import annotations
@@ -68,7 +80,9 @@ def test_near_the_goal_no_plan_follows_the_other(flown: tuple[RecedingHorizon, f
     # The end was reached by one plan, and after it there was neither another nor a search.
     assert last.solution.duration > 1.0
     late = [
-        review for review, at in zip(loop.reviews, review_times(loop), strict=True) if at > last.end
+        review
+        for review, at in zip(loop.reviews, review_times(loop), strict=True)
+        if at > last.end
     ]
     assert len(late) >= 4
     assert all(review.plan is None and review.solve_time == 0.0 for review in late)

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What stands between a problem and ROS: its state topics, its messages, its picture."""
 
 from __future__ import annotations
@@ -20,7 +32,8 @@ class PlanRequest(Protocol):
     def __call__(
         self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
     ) -> None:
-        """Plan with `changes`, parameters by name; they are set if there is a plan.
+        """
+        Plan with `changes`, parameters by name; they are set if there is a plan.
 
         `purpose` names the request in the log. `done` is called with '' when the plan is
         published, or with the reason why there is none; parameters and plan in force then stay
@@ -36,7 +49,8 @@ class Found(Protocol):
 
 
 class Adapter(ABC):
-    """Gathers measured states for a kind of problem, and publishes its solutions.
+    """
+    Gathers measured states for a kind of problem, and publishes its solutions.
 
     Made once by the planner node, with the values of its parameters. Every method but
     `measured_start` is called in the executor's thread.
@@ -56,7 +70,8 @@ class Adapter(ABC):
 
     @abstractmethod
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
-        """Return the start.* parameters that the measured state gives for the instant `start`.
+        """
+        Return the start.* parameters that the measured state gives for the instant `start`.
 
         `now` and `start` [ns] are of the node's clock; `values` are the parameters of the request,
         among them `start.max_age`. Called in the worker's thread.
@@ -65,6 +80,7 @@ class Adapter(ABC):
         ------
         NoState
             Naming what is missing or too old, and how old it is.
+
         """
 
     @abstractmethod
@@ -85,7 +101,8 @@ class Adapter(ABC):
         values: Mapping[str, Any],
         trajectories: Mapping[str, Trajectory],
     ) -> tuple[Problem, Solution]:
-        """Return the problem with parameters `values` that trajectories solve, and the plan.
+        """
+        Return the problem with parameters `values` that trajectories solve, and the plan.
 
         Called in the worker's thread.
 
@@ -93,6 +110,7 @@ class Adapter(ABC):
         ------
         TdmError
             If they are no plan of such a problem.
+
         """
         problem = problem_class.from_parameters({**values, **self.start_of(trajectories)})
         return problem, problem.recognised(trajectories)
@@ -117,7 +135,8 @@ class Adapter(ABC):
     def observations(
         self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
     ) -> dict[str, Observation]:
-        """Return the newest measured state of every vehicle, and what its tracker does.
+        """
+        Return the newest measured state of every vehicle, and what its tracker does.
 
         `now` [ns] is the present instant, `seconds` turns instants into those of observations.
 
@@ -125,6 +144,7 @@ class Adapter(ABC):
         ------
         NoState
             Naming what is missing or older than `start.max_age`, and how old it is.
+
         """
         raise NotImplementedError
 

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a tracker is doing, read from the messages that it publishes anyway."""
 
 from __future__ import annotations
@@ -21,7 +33,8 @@ _MISSED = 50_000_000  # ns by which the newest tracking_error may lag behind the
 
 
 class CommandWatch:
-    """Listens to `joint_command` and `tracking_error` in the namespace `prefix` ('' or 'robot1/').
+    """
+    Listens to `joint_command` and `tracking_error` in the namespace `prefix` ('' or 'robot1/').
 
     A tracker publishes its tracking error with every command that follows a plan, and only then.
     """
@@ -45,7 +58,8 @@ class CommandWatch:
             self._node.destroy_subscription(subscription)
 
     def mode(self, now: int) -> Mode:
-        """Return what the tracker does at the instant `now` [ns].
+        """
+        Return what the tracker does at the instant `now` [ns].
 
         Where no tracker of this package has ever been heard, another controller is taken to follow
         the plan.
@@ -62,7 +76,8 @@ class CommandWatch:
         return Mode.RECOVERING if acting else Mode.IDLE
 
     def error(self, instant: int, names: Sequence[str]) -> NDArray[np.float64] | None:
-        """Return what the tracker told of its deviation at about an instant [ns].
+        """
+        Return what the tracker told of its deviation at about an instant [ns].
 
         Those of the positions called `names`, then of their rates; None if none was told.
         """

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the trackers of a formation say they follow, put together to one plan for all robots."""
 
 from __future__ import annotations
@@ -16,7 +28,8 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 
 class FollowedPlans:
-    """Listens to `<robot>/trajectory_in_force` and `<robot>/controls_in_force` of all `robots`.
+    """
+    Listens to `<robot>/trajectory_in_force` and `<robot>/controls_in_force` of all `robots`.
 
     Hands a plan to `found` when all trackers follow parts of it, that is, of one stamp, and none
     when they have given it up.

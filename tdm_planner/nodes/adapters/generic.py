@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Any other problem for the planner node: states and controls by their names."""
 
 from __future__ import annotations
@@ -26,7 +38,8 @@ _OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
 
 
 class GenericAdapter(Adapter):
-    """Serves a problem of which only the names of states and controls are known.
+    """
+    Serves a problem of which only the names of states and controls are known.
 
     Publishes `trajectory` and `controls`, or `<vehicle>/trajectory` and `<vehicle>/controls` where
     a solution holds several, as JointTrajectory with the states' (positions) and the controls'

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Goal tools of RViz and Foxglove: a pose moves a robot's place in the formation."""
 
 from __future__ import annotations
@@ -27,12 +39,14 @@ _LINE = 44  # letters
 
 
 def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
-    """Return x, y [m] and yaw [rad] of a pose in the arena; its height does not matter.
+    """
+    Return x, y [m] and yaw [rad] of a pose in the arena; its height does not matter.
 
     Raises
     ------
     InvalidProblem
         If the frame is another, a value is not finite, or the quaternion not of unit length.
+
     """
     frame = message.header.frame_id
     if frame not in ('', ARENA_FRAME):
@@ -66,7 +80,8 @@ def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[floa
 
 
 class GoalTool:
-    """Takes poses for one robot on `<robot>/goal_pose`, and asks for a plan with its place moved.
+    """
+    Takes poses for one robot on `<robot>/goal_pose`, and asks for a plan with its place moved.
 
     The place is the parameter `formation.<robot>`, which is set if there is a plan; otherwise
     parameter and plan stay as they are, and the reason is logged and shown at the pose by

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The newest measurement of a topic, and whether it is fresh enough to plan from."""
 
 from __future__ import annotations
@@ -24,7 +36,8 @@ class Received:
 
 
 class NewestMeasurement:
-    """Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
+    """
+    Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
 
     `check` raises InvalidProblem for a message that does not hold the state; such messages are
     passed over (others may publish on the topic), but named when there is no better one. Every
@@ -51,7 +64,7 @@ class NewestMeasurement:
 
     @property
     def newest(self) -> Received | None:
-        """The newest message that holds the state."""
+        """Return the newest message that holds the state."""
         return self._newest
 
     def age(self, now: int) -> float | None:
@@ -60,12 +73,14 @@ class NewestMeasurement:
         return None if newest is None else (now - newest.instant) * NANOSECOND
 
     def fresh(self, now: int, max_age: float) -> Received:
-        """Return the newest message, not older than `max_age` s at the instant `now` [ns].
+        """
+        Return the newest message, not older than `max_age` s at the instant `now` [ns].
 
         Raises
         ------
         NoState
             If there is none, or it is too old, or from the future by more than `max_age`.
+
         """
         newest = self._newest
         fault = f'; the last message there does not hold it: {self._fault}' if self._fault else ''

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The pendulum for the planner node: `joint_states` in, `trajectory` and markers out."""
 
 from __future__ import annotations
@@ -70,7 +82,8 @@ class PendulumAdapter(Adapter):
             self._picture.set_up(plant, values['limits.disk_angle'], _TRAIL)
 
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
-        """Propagate the newest state to the instant at which the motion starts.
+        """
+        Propagate the newest state to the instant at which the motion starts.
 
         Along the plan in force while that is followed; else without torque, which is what the
         tracker applies while it waits for a plan to start.

@@ -1,5 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Where a plant that is carrying out a plan will be when the next plan takes over."""
 
 from __future__ import annotations
@@ -36,7 +48,8 @@ def predicted_start(
     deviation: Callable[[Array, Array], Array],
     carried: Callable[[Array, float], Array],
 ) -> Array:
-    """Return the state (nx,) at the instant `start` [ns] from one measured at `measured` [ns].
+    """
+    Return the state (nx,) at the instant `start` [ns] from one measured at `measured` [ns].
 
     Where a plan is being followed - its deviation `deviation(state, reference)` satisfies
     `tracked` - the plant will be where that plan leads, plus the deviation as `carried` over the
