@@ -209,6 +209,7 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
+    from tdm_sim.connections import Connections
 
     weak = {'limits.torque': REGIMES['weak']}
     nodes = {
@@ -229,6 +230,8 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
 
     node.create_subscription(JointState, 'joint_command', on_command, 1000)
     node.create_subscription(String, 'plan_summary', plans.append, 10)
+    connections = Connections()
+    connections.listen(node)
     ask, push = node.create_client(Trigger, 'plan'), node.create_client(Trigger, 'push')
 
     def wait(done: Callable[[], bool]) -> None:
@@ -241,7 +244,10 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
     report(f'commands, for {seconds:g} s')
     with _Processes(nodes, folder):
         wait(lambda: bool(stamps) and ask.service_is_ready() and push.service_is_ready())
-        wait(ask.call_async(Trigger.Request()).done)
+        wait(lambda: connections.tracker('/tracker') and connections.plant('/pendulum_plant'))
+        while not plans:
+            wait(ask.call_async(Trigger.Request()).done)
+            executor.spin_once(timeout_sec=0.1)
         end, next_push = time.monotonic() + seconds, time.monotonic() + 2.0
         first = len(stamps)
         while time.monotonic() < end:

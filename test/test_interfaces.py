@@ -33,11 +33,17 @@ NODES = [
     ('robot_plant', 'tdm_sim.robot_plant', 'robots', '/robots/robot1'),
 ]
 OF_EVERY_NODE = re.compile(
-    r'/(rosout|parameter_events|clock|get_type_description)$'
+    r'/(rosout|parameter_events|get_type_description)$'
     r'|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
     r'|/(change_state|get_state|get_available_(states|transitions)|get_transition_graph)$'
     r'|/transition_event$'
 )
+
+ADDING_TOPICS = {
+    'planner': ['-p', 'replan.rate:=1.0'],
+    'pendulum_plant': ['-p', 'publish_clock:=true'],
+    'robot_plant': ['-p', 'publish_clock:=true'],
+}
 
 Interface = tuple[str, str, str]  # name, kind, type
 
@@ -67,7 +73,8 @@ def offered(ros: Any, name: str, namespace: str) -> set[Interface]:
         ('calls', node.get_client_names_and_types_by_node),
     ):
         for topic, types in ask(name, namespace):
-            if not OF_EVERY_NODE.search(topic):
+            simulated_time = (kind, topic) == ('subscribes', '/clock')
+            if not (simulated_time or OF_EVERY_NODE.search(topic)):
                 relative = topic.removeprefix(f'{namespace}/')
                 relative = re.sub(r'^robot\d/', '<robot>/', relative)
                 relative = relative.removeprefix('/robots/')  # the planner's, above a robot's
@@ -77,9 +84,10 @@ def offered(ros: Any, name: str, namespace: str) -> set[Interface]:
 
 @pytest.fixture(scope='module')
 def running(ros: Any) -> Any:
-    for _, module, plant, namespace in NODES:
+    for name, module, plant, namespace in NODES:
         file = str(SOURCE / 'config' / f'{plant}.yaml')
-        ros.start(module, namespace=namespace, arguments=['--params-file', file])
+        arguments = ['--params-file', file, *ADDING_TOPICS.get(name, [])]
+        ros.start(module, namespace=namespace, arguments=arguments)
     wanted = {(name, namespace) for name, _, _, namespace in NODES}
     assert ros.spin_until(
         lambda: wanted <= set(ros.node.get_node_names_and_namespaces()), timeout=30.0

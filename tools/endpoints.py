@@ -33,7 +33,7 @@ from tdm_sim.pendulum_plant import PendulumPlant
 from tdm_sim.robot_plant import RobotPlant
 
 OF_EVERY_NODE = re.compile(
-    r'/(rosout|parameter_events|clock|get_type_description)$'
+    r'/(rosout|parameter_events|get_type_description)$'
     r'|/(describe|get|list|set)_parameter(s|_types)(_atomically)?$'
     r'|/(change_state|get_state|get_available_(states|transitions)|get_transition_graph)$'
     r'|/transition_event$'
@@ -70,16 +70,24 @@ class _IdlePlanner(Planner):
 
 SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
     {
-        'planner pendulum': NodeSetUp(_IdlePlanner, '/pendulum'),
+        'planner pendulum': NodeSetUp(
+            _IdlePlanner, '/pendulum', MappingProxyType({'replan.rate': '1.0'})
+        ),
         'planner robots': NodeSetUp(
-            _IdlePlanner, '/robots', MappingProxyType({'problem': 'robot_formation'})
+            _IdlePlanner,
+            '/robots',
+            MappingProxyType({'problem': 'robot_formation', 'replan.rate': '1.0'}),
         ),
         'tracker pendulum': NodeSetUp(TrackerNode, '/pendulum'),
         'tracker robot': NodeSetUp(
             TrackerNode, '/robots/robot1', MappingProxyType({'plant': 'robot'})
         ),
-        'pendulum_plant': NodeSetUp(PendulumPlant, '/pendulum'),
-        'robot_plant': NodeSetUp(RobotPlant, '/robots/robot1'),
+        'pendulum_plant': NodeSetUp(
+            PendulumPlant, '/pendulum', MappingProxyType({'publish_clock': 'true'})
+        ),
+        'robot_plant': NodeSetUp(
+            RobotPlant, '/robots/robot1', MappingProxyType({'publish_clock': 'true'})
+        ),
     }
 )
 

@@ -60,18 +60,18 @@ class Rights:
 
 def node_set_ups() -> dict[str, NodeSetUp]:
     """Every node of the launch files, by the path of its enclave."""
-    reviewing = {'replan.rate': '1.0'}
+    real_time = {'publish_clock': 'false'}
     found = {
-        '/pendulum/planner': _with('planner pendulum', '/pendulum', reviewing),
+        '/pendulum/planner': _with('planner pendulum', '/pendulum', {}),
         '/pendulum/tracker': _with('tracker pendulum', '/pendulum', {}),
-        '/pendulum/pendulum_plant': _with('pendulum_plant', '/pendulum', {}),
-        '/robots/planner': _with('planner robots', '/robots', reviewing),
+        '/pendulum/pendulum_plant': _with('pendulum_plant', '/pendulum', real_time),
+        '/robots/planner': _with('planner robots', '/robots', {}),
     }
     for robot in DEFAULT_ROBOTS:
         namespace = f'/robots/{robot}'
         service = {'planner_service': '/robots/plan'}
         found[f'{namespace}/tracker'] = _with('tracker robot', namespace, service)
-        found[f'{namespace}/robot_plant'] = _with('robot_plant', namespace, {})
+        found[f'{namespace}/robot_plant'] = _with('robot_plant', namespace, real_time)
     return found
 
 

@@ -56,6 +56,7 @@ _KEPT = 0.03  # margin of a separation that binds nobody
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _NEARLY = 4.0  # times the accuracy of the end aimed at
+_ANOTHER = 1.3  # times as long as its check another candidate takes at least
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
 
 
@@ -172,6 +173,7 @@ class FormationSearch(Search[Candidate]):
         self._held: Array | None = None
         self._late: dict[str, Trajectory] | None = None
         self._half_turns = _LAST_LEG
+        self._check_time = 0.0  # of the last candidate: writing it out and checking it
         simple = form.of_order(min(form.order, _SIMPLE))
         self._aim(task, simple if previous is None else form)
         self._start_from(previous)
@@ -241,6 +243,8 @@ class FormationSearch(Search[Candidate]):
         if self._may_keep_more:
             return
         for candidate in kept:
+            if self._too_late:
+                return
             refined = self.refined(candidate)
             if refined is not None:
                 yield refined
@@ -249,13 +253,21 @@ class FormationSearch(Search[Candidate]):
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         task, model, motion = self._required, candidate.program.model, candidate.motion
         careful = not self._may_keep_more
+        began = self.budget.elapsed
         motions = {
             name: self._kept[name]
             if name in self._kept
             else trajectory(model, motion, i, self.budget, self._enough, careful)
             for i, name in enumerate(task.names)
         }
-        yield assessed(task, motions, self._penalty_weights, candidate.point.xi)
+        plan = assessed(task, motions, self._penalty_weights, candidate.point.xi)
+        self._check_time = self.budget.elapsed - began
+        yield plan
+
+    @property
+    def _too_late(self) -> bool:
+        """Whether another candidate's check would end after the deadline."""
+        return self.budget.remaining < _ANOTHER * self._check_time
 
     def satisfied_with(self, plan: Plan) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
@@ -268,6 +280,8 @@ class FormationSearch(Search[Candidate]):
         Where the rest of an earlier plan did not do, more robots keep theirs, then polynomials of
         higher order are tried, then guesses, one by one: on the way there is little time.
         """
+        if self._too_late:
+            return False
         if self._may_keep_more:
             self._half_turns = LATE
             self._aim(self._required, self.form)

@@ -55,6 +55,7 @@ _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3 if COMPILED else 4e-3  # s of the deadline for one start of a round
+_CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -95,10 +96,18 @@ class SwitchingMethod(Search[Candidate]):
         for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
             if self.budget.spent:
                 return
-            fine, violation = polish(self._task, arcs, FINE_STEPS, self._tolerance, self.budget)
+            fine, violation = self._finely(arcs, FINE_STEPS)
             if violation < 1e-6:
                 break
         yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
+
+    def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
+        """Polish a candidate that is to be checked, with time left for the check."""
+        check = min(_CHECK_TIME, _CHECK_SHARE * self.budget.seconds)
+        until = Budget(self.budget.remaining - check)
+        found = polish(self._task, candidate, steps, self._tolerance, until)
+        self.budget.evaluations += until.evaluations
+        return found
 
     def widen(self) -> bool:
         """Integrate more finely: the coarse integration may have found what does not exist."""

@@ -47,7 +47,8 @@ Array = NDArray[np.float64]
 _SLACK_CURVATURE = 1e-4
 _PRESSURE = 5.0  # factor by which violations are charged more
 _SMALLEST_RADIUS = 1e-6
-_AT_ONCE = 4  # steps between two looks at the clock
+_AT_ONCE = 4  # steps between two looks at the clock; one when the end is near
+_NEAR = 0.015  # s
 # Places in the array of what the search knows beside the point.
 _RADIUS, _ENDS, _LIMIT, _STEPS, _STALLED, _OUTCOME, _ESTIMATED, _EVALUATIONS = range(8)
 _GOES_ON, _CONVERGED, _FAILED = 0.0, 1.0, 2.0
@@ -105,7 +106,8 @@ def minimise(
     state = np.array([options.radius, ends, limit, 0.0, 0.0, _GOES_ON, 0.0, 0.0])
     at, duals = np.maximum(xi, program.lower), np.zeros(4)
     while True:
-        at, cost, ends, limit = advance(program.numbers, at, duals, state, rules, _AT_ONCE)
+        steps = _AT_ONCE if budget.remaining > _NEAR else 1
+        at, cost, ends, limit = advance(program.numbers, at, duals, state, rules, steps)
         if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= rules.iterations or budget.spent:
             break
     program.evaluations += int(state[_EVALUATIONS])

@@ -33,7 +33,6 @@ from tdm_planner.problems.switching_search import (
     Candidate,
     distinct,
     FINE_STEPS,
-    polish,
     steered,
     trajectory,
     without_short_arcs,
@@ -92,7 +91,7 @@ class WarmSwitchingMethod(SwitchingMethod):
         for steps in _STEPS:
             if self.budget.spent:
                 return
-            fine, violation = polish(self._task, candidate, steps, self._tolerance, self.budget)
+            fine, violation = self._finely(candidate, steps)
             if violation > 1e-6:
                 return
             fine = without_short_arcs(self._task, fine)

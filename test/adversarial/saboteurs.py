@@ -28,6 +28,7 @@ from tdm_planner.problems import (
     smooth_method,
     swing_up_task,
     switching_method,
+    switching_minimiser,
     switching_search,
     virtual_arc_method,
 )
@@ -59,6 +60,19 @@ def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
             return replace(found, **noisy)
 
         patch.setattr(program, 'linearise', linearise)
+    # The compiled minimiser has derivatives of its own: see `wrong_model`.
+    patch.setattr(switching_search, 'minimise', trust_region.minimise)
+
+
+def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
+    """The compiled minimiser, motions and derivatives, reckons with another pendulum."""
+    advance = switching_minimiser.advance
+
+    def elsewhere(program: Any, *others: Any) -> Any:
+        wrong = program.k * (1.0 + size * rng.normal(size=program.k.shape))
+        return advance(program._replace(k=wrong), *others)
+
+    patch.setattr(switching_minimiser, 'advance', elsewhere)
 
 
 def early_stops(patch: Patch, rng: Generator, size: float) -> None:
@@ -189,6 +203,7 @@ def nothing(patch: Patch, rng: Generator, size: float) -> None:
 SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
     nothing,
     wrong_gradients,
+    wrong_model,
     early_stops,
     noise_on_parameters,
     lenient_feasibility,

@@ -39,6 +39,7 @@ COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
 PATIENCE = 120.0  # s that anything may take on a busy machine
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad
+LONGEST_LOOK = 5.0  # s before a torque that its command is looked for
 _QUEUE = 20_000
 
 MODULES = {
@@ -182,20 +183,24 @@ class ProcessRig:
         """
         Longest time [s] for which a torque has acted since the command that asked for it.
 
-        From the effort that the plant says acts, and the stamps of the commands.
+        From the effort that the plant says acts, and the newest command that asked for as much.
         """
         given = np.array([seconds_of(c.header.stamp) for c in self.commands])
-        asked = np.array([c.effort[0] for c in self.commands])
-        acted = np.array([seconds_of(s.header.stamp) for s in self.states if s.effort[1] != 0.0])
-        if not acted.size:
-            return 0.0
-        index = np.searchsorted(given, acted) - 1
-        assert index.min() >= 0, 'a torque acted before any command was given'
-        # A command of zero may be on its way still.
-        while (asked[index] == 0.0).any():
-            index = np.where(asked[index] == 0.0, index - 1, index)
-            assert index.min() >= 0
-        return float((acted - given[index]).max())
+        asked = np.clip([c.effort[0] for c in self.commands], -TORQUE, TORQUE)
+        acting = [s for s in self.states if s.effort[1] != 0.0]
+        longest, missed = 0.0, 0
+        for state in acting:
+            at, torque = seconds_of(state.header.stamp), state.effort[1]
+            end = int(np.searchsorted(given, at))
+            begin = int(np.searchsorted(given, at - LONGEST_LOOK))
+            (same,) = np.nonzero(np.abs(asked[begin:end] - torque) < 1e-9)
+            if same.size:
+                longest = max(longest, at - float(given[begin + same[-1]]))
+            else:
+                missed += 1
+        # Commands are heard by best effort; one that nobody here has heard is no stale one.
+        assert missed <= max(5, 0.02 * len(acting)), f'{missed} of {len(acting)} torques unasked'
+        return longest
 
     def last_torque(self, start: float, end: float = math.inf) -> float:
         """Time [s] from `start` to the end of the last torque that acts before `end`."""

@@ -228,7 +228,7 @@ def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.Monke
     assert handed_over, [review.reason for review in loop.reviews]
     for made in handed_over:
         at = round(made.start / interval)
-        around = np.diff(torques[at - 2 : at + 3])
+        around = np.diff(torques[slice(at - 2, at + 3)])
         planned = made.solution.trajectory.control('torque')
         steepest = np.abs(np.diff(planned) / np.diff(made.solution.trajectory.times)).max()
         assert np.abs(around).max() < 1.5 * steepest * interval + 0.03 * limit
