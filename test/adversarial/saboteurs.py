@@ -65,7 +65,7 @@ def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
-    """The compiled minimiser, motions and derivatives, reckons with another pendulum."""
+    """Make the compiled minimiser reckon with another pendulum, motions and derivatives alike."""
     advance = switching_minimiser.advance
 
     def elsewhere(program: Any, *others: Any) -> Any:
