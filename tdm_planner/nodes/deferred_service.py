@@ -18,16 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
-import warnings
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from tdm_planner.nodes.qos import SERVICE
 
 Answer = Callable[[Any], None]
-
-RETRY = 0.2  # s between attempts to send an answer to a client that is not connected yet
-ATTEMPTS = 10
 
 
 class _Deferred(NamedTuple):
@@ -45,9 +40,6 @@ class DeferredService:
     SingleThreadedExecutor polls it at full load. Both executors hand what a callback returns to
     the service's `send_response` together with the header that says who asked; it is held back
     there.
-
-    A client may know the service before the service knows where to answer. The middleware gives
-    such an answer up after a tenth of a second; here it is sent again, up to `ATTEMPTS` times.
     """
 
     def __init__(
@@ -57,7 +49,6 @@ class DeferredService:
         name: str,
         handler: Callable[[Any, Any, Answer], None],
     ) -> None:
-        self._node = node
         self._handler = handler
         self._service = node.create_service(service_type, name, _Deferred, qos_profile=SERVICE)
         self._send = self._service.send_response
@@ -65,28 +56,5 @@ class DeferredService:
 
     def _hold_back(self, deferred: _Deferred, header: Any) -> None:
         self._handler(
-            deferred.request, deferred.response, lambda response: self._answer(response, header)
+            deferred.request, deferred.response, lambda response: self._send(response, header)
         )
-
-    def _answer(self, response: Any, header: Any, attempts: int = ATTEMPTS) -> None:
-        if self._is_sent(response, header):
-            return
-        if attempts == 1:
-            self._node.get_logger().warning(
-                f'the answer of {self._service.srv_name} did not reach the client that asked'
-            )
-            return
-
-        def again() -> None:
-            self._node.destroy_timer(timer)
-            self._answer(response, header, attempts - 1)
-
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        timer = self._node.create_timer(RETRY, again, clock=clock)
-
-    def _is_sent(self, response: Any, header: Any) -> bool:
-        # rclpy tells of an answer that was given up only by a warning.
-        with warnings.catch_warnings(record=True) as told:
-            warnings.simplefilter('always')
-            self._send(response, header)
-        return not any('failed to send response' in str(one.message) for one in told)

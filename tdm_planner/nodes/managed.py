@@ -35,6 +35,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.nodes.answers import send_until_it_arrives
 from tdm_planner.nodes.configured_entities import ConfiguredEntities
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
@@ -71,7 +72,10 @@ class ManagedNode(ConfiguredEntities):
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
     ) -> None:
         ParameterNode.__init__(self, name, {AUTOSTART.name: AUTOSTART, **parameters}, **options)
+        before = list(self.services)
         LifecycleNodeMixin.__init__(self)
+        for service in [made for made in self.services if made not in before]:
+            send_until_it_arrives(self, service)
         self._stage = Stage.UNCONFIGURED
         self._setback = ''
         self._starting = self._start_failed = False

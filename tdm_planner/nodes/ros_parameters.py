@@ -36,6 +36,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.answers import send_until_it_arrives
 from tdm_planner.nodes.parameter_service import GuardedParameterService
 from tdm_planner.parameters import ParameterSpec, Range
 
@@ -87,6 +88,12 @@ class ParameterNode(Node):
         if kind is Clock:
             callback = self._with_possible_times(callback)
         return super().create_subscription(kind, topic, callback, *args, **kwargs)
+
+    def create_service(self, *args: Any, **kwargs: Any) -> Any:
+        """As rclpy's; answers reach a client that was met only just now."""
+        service = super().create_service(*args, **kwargs)
+        send_until_it_arrives(self, service)
+        return service
 
     def _with_possible_times(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         def take(message: Clock) -> None:

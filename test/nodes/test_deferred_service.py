@@ -19,14 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import threading
 from typing import Any
-import warnings
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from ros_harness import Ros
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.deferred_service import Answer, ATTEMPTS, DeferredService
+from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.worker import Worker
@@ -114,38 +113,6 @@ def test_an_outcome_waits_for_the_executor(ros: Ros) -> None:
     assert outcomes == ['early']
     node.destroy_node()
     rclpy.shutdown(context=context)
-
-
-@pytest.mark.parametrize('lost', [2, 1000])
-def test_an_answer_that_does_not_get_through_is_sent_again(
-    ros: Ros, monkeypatch: pytest.MonkeyPatch, lost: int
-) -> None:
-    """As when a client has found the service, and the service the client not yet."""
-    monkeypatch.setattr('tdm_planner.nodes.deferred_service.RETRY', 0.01)
-    server = rclpy.create_node('stranger', context=ros._context)
-    service = DeferredService(
-        server, Trigger, 'unknown_client', lambda _, response, answer: answer(response)
-    )
-    really_send, attempts = service._send, 0
-
-    def send(response: Any, header: Any) -> None:
-        nonlocal attempts
-        attempts += 1
-        if attempts <= lost:
-            warnings.warn('failed to send response (timeout): ...', RuntimeWarning, stacklevel=1)
-        else:
-            really_send(response, header)
-
-    service._send = send
-    answer = ros.request('unknown_client', Trigger)
-    executor = SingleThreadedExecutor(context=ros._context)
-    executor.add_node(server)
-    for _ in range(100):
-        executor.spin_once(timeout_sec=0.02)
-    assert attempts == min(lost + 1, ATTEMPTS)
-    assert ros.spin_until(answer.done, 1.0) == (lost < ATTEMPTS)
-    executor.shutdown()
-    server.destroy_node()
 
 
 def test_every_request_of_a_burst_is_answered(ros: Ros) -> None:
