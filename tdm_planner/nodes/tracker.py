@@ -252,8 +252,8 @@ class TrackerNode(ManagedNode):
         newest = self.tracker.newest
         if newest is not None and start < newest.start and self._planners.look() > 1:
             raise TrajectoryRefused(
-                f'it starts {newest.start - start:.3g} s before the one in force, and '
-                f'{self._planners.warning}'
+                f'it starts {newest.start - start:.3g} s before the one in force; of '
+                f"{self._planners.count} planners' plans the one that starts last is followed"
             )
 
     # Commands.
