@@ -52,17 +52,15 @@ class EndRequest:
     """
     SIGINT and SIGTERM, noted: `asked` says that one has come.
 
-    While `interrupts` they also raise KeyboardInterrupt, as is right while nothing is served. An
-    executor must not be interrupted: half of its callbacks would be gone, errors of its own come
-    up, and it aborts when it is freed. It is asked to end, and interrupted only by a signal that
-    comes `GRACE` s after the first.
+    They do not interrupt: raised in a finaliser KeyboardInterrupt is told and lost, a second one
+    meets the clean-up of the first, and of an executor half of the callbacks would be gone; it
+    aborts when it is freed. Only a signal that comes `GRACE` s after the first raises it.
     """
 
     GRACE = 2.0
 
     def __init__(self) -> None:
         self.asked = False
-        self.interrupts = True
         self._first = math.inf
 
     def catch(self) -> None:
@@ -78,14 +76,13 @@ class EndRequest:
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         self.asked, self._first = True, min(self._first, now)
-        if self.interrupts or now - self._first > self.GRACE:
+        if now - self._first > self.GRACE:
             raise KeyboardInterrupt
 
 
 def spin(node: Node, executor: Executor, end: EndRequest) -> None:
     """Serve the node's callbacks until the process is asked to end."""
     executor.add_node(node)
-    end.interrupts = False
     # EventsExecutor.spin() does not return on a signal, spin_once() does.
     while rclpy.ok() and not end.asked:
         executor.spin_once(timeout_sec=LONGEST_WAIT)

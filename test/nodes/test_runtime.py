@@ -60,6 +60,44 @@ def test_two_interrupts_in_a_row_end_it_as_cleanly(ros: Ros) -> None:
     assert 'Traceback' not in process.output
 
 
+@pytest.mark.parametrize('when', ['in a finaliser', 'while it leaves'])
+def test_signals_while_the_node_is_made(ros: Ros, when: str) -> None:
+    """Raised anywhere, as Python does it, one would be told as ignored, or come too late."""
+    program = f"""
+import os, signal, sys
+from rclpy.node import Node
+from tdm_planner.nodes import runtime
+
+def twice():
+    os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGINT)
+
+class Finalised:
+    def __del__(self):
+        twice()
+
+class Starting(Node):
+    def __init__(self):
+        super().__init__('starting')
+        if {when == 'in a finaliser'}:
+            Finalised()
+        else:
+            ignore = runtime.EndRequest.ignore
+            runtime.EndRequest.ignore = lambda end: (twice(), ignore(end))
+            twice()
+
+sys.exit(runtime.run(Starting))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 def test_a_computation_under_way_does_not_hold_the_end_up(ros: Ros) -> None:
     process = start(ros, 'computing')
     ros.call('computing/compute', Trigger)
