@@ -125,9 +125,8 @@ def test_of_two_planners_the_plan_that_starts_last_is_followed(ros: Ros, rig: Pr
     other = copy.deepcopy(rig.plans[-1])
     other.header.stamp = to_stamp(rig.newest_start - 100_000_000)
     publisher.publish(other)
-    rig.wait(
-        lambda: rig.said('tracker', "it starts 0.1 s before the one in force; of 2 planners' plans")
-    )
+    refusal = "it starts 0.1 s before the one in force; of 2 planners' plans"
+    rig.wait(lambda: rig.said('tracker', refusal))
     assert nanoseconds_of(rig.followed[-1].header.stamp) == rig.newest_start + 100_000_000
     ros.node.destroy_publisher(publisher)
     rig.wait(lambda: rig.figure('tracker', 'planners') == 1)
