@@ -32,13 +32,13 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-from tdm_planner.parameters import build, ros_parameters
+from tdm_planner.parameter_files import read_parameters
+from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.resources import config_file
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz
 from tdm_sim.record_command import record_command
-import yaml
 
 SWITCH = ['true', 'false']
 # A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
@@ -52,51 +52,63 @@ def start(context: LaunchContext) -> list[Any]:
         return str(LaunchConfiguration(name).perform(context))
 
     namespace = argument('namespace').strip('/')
+    file = argument('params_file')
     log_level = ['--log-level', argument('log_level')]
-    options = {
-        'package': 'tdm_planner',
-        'namespace': namespace,
-        'parameters': [argument('params_file')],
-        'ros_arguments': log_level,
-        'output': 'screen',
-    }
+    clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
+
+    def node(executable: str, **more: Any) -> Node:
+        in_enclave = ['--enclave', f'/{namespace}/{executable}'.replace('//', '/')]
+        return Node(
+            package='tdm_planner',
+            executable=executable,
+            namespace=namespace,
+            parameters=[file, *clock],
+            ros_arguments=log_level + (in_enclave if argument('enclaves') == 'true' else []),
+            output='screen',
+            **more,
+        )
+
     respawn = RESPAWN if argument('respawn') == 'true' else {}
-    described = [
-        Node(executable='planner', **options),
-        Node(executable='tracker', **options, **respawn),
-    ]
+    described: list[Any] = [node('planner'), node('tracker', **respawn)]
     if argument('plant') == 'true':
-        described.append(Node(executable='pendulum_plant', **options))
+        described.append(node('pendulum_plant'))
     if argument('description') == 'true':
-        described.append(state_publisher(argument('params_file'), namespace, log_level))
+        described.append(state_publisher(file, namespace, log_level, clock))
     if argument('rviz') == 'true':
-        described.append(rviz(namespace))
+        described.append(rviz(namespace, clock))
     if argument('record') == 'true':
         command = record_command(namespace, argument('bag'))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
 
 
-def state_publisher(params_file: str, namespace: str, log_level: list[str]) -> Node:
+def state_publisher(
+    params_file: str, namespace: str, log_level: list[str], clock: list[dict[str, bool]]
+) -> Node:
     """Describe robot_state_publisher for the plant that the file's section `planner` has."""
-    document = yaml.safe_load(Path(params_file).read_text(encoding='utf-8'))
-    plant = build(RotaryPendulum, ros_parameters(document, 'planner'), 'plant.')
+    plant = build(RotaryPendulum, read_parameters(Path(params_file)), 'plant.')
     description = ParameterValue(pendulum_urdf(plant), value_type=str)
     return Node(
         package='robot_state_publisher',
         executable='robot_state_publisher',
         namespace=namespace,
-        parameters=[{'robot_description': description}],
+        parameters=[{'robot_description': description}, *clock],
         ros_arguments=log_level,
         output='screen',
     )
 
 
-def rviz(namespace: str) -> Node:
+def rviz(namespace: str, clock: list[dict[str, bool]]) -> Node:
     """Describe RViz with the topics of the namespace."""
     view = Path(tempfile.mkdtemp(), 'pendulum.rviz')
     view.write_text(pendulum_rviz(namespace), encoding='utf-8')
-    return Node(package='rviz2', executable='rviz2', arguments=['-d', str(view)], output='screen')
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        arguments=['-d', str(view)],
+        parameters=clock,
+        output='screen',
+    )
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -145,6 +157,18 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='true',
                 choices=SWITCH,
                 description='start a tracker that has died anew, up to three times',
+            ),
+            DeclareLaunchArgument(
+                'use_sim_time',
+                default_value='false',
+                choices=SWITCH,
+                description='let all nodes follow /clock; a plant with publish_clock drives it',
+            ),
+            DeclareLaunchArgument(
+                'enclaves',
+                default_value='false',
+                choices=SWITCH,
+                description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
                 'log_level', default_value='info', description='level of all loggers'

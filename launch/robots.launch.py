@@ -37,12 +37,12 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import build, ros_parameters
 from tdm_planner.problems.formation_parameters import FormationParameters
 from tdm_planner.resources import config_file
 from tdm_planner.views.rviz import robots_rviz
 from tdm_sim.record_command import record_command
-import yaml
 
 SWITCH = ['true', 'false']
 # A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
@@ -56,26 +56,34 @@ def start(context: LaunchContext) -> list[Any]:
         return str(LaunchConfiguration(name).perform(context))
 
     file, namespace = argument('params_file'), argument('namespace').strip('/')
-    document = yaml.safe_load(Path(file).read_text(encoding='utf-8'))
+    document = parse_yaml(Path(file).read_text(encoding='utf-8'))
+    clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
     nodes = robot_nodes(document, namespace, how_many(argument('number_of_robots')))
     simulated = argument('plant') == 'true'
     respawn = RESPAWN if argument('respawn') == 'true' else {}
-    described: list[Any] = [
-        Node(
-            package='tdm_planner',
-            executable=node.executable,
-            namespace='/'.join(part for part in (namespace, node.robot) if part),
-            parameters=[file, *([node.parameters] if node.parameters else [])],
-            ros_arguments=['--log-level', argument('log_level')],
-            output='screen',
-            **(respawn if node.executable == 'tracker' else {}),
+    described: list[Any] = []
+    for node in nodes:
+        if node.executable == 'robot_plant' and not simulated:
+            continue
+        space = '/'.join(part for part in (namespace, node.robot) if part)
+        in_enclave = ['--enclave', f'/{space}/{node.executable}'.replace('//', '/')]
+        described.append(
+            Node(
+                package='tdm_planner',
+                executable=node.executable,
+                namespace=space,
+                parameters=[file, *([node.parameters] if node.parameters else []), *clock],
+                ros_arguments=[
+                    *('--log-level', argument('log_level')),
+                    *(in_enclave if argument('enclaves') == 'true' else []),
+                ],
+                output='screen',
+                **(respawn if node.executable == 'tracker' else {}),
+            )
         )
-        for node in nodes
-        if simulated or node.executable != 'robot_plant'
-    ]
     if argument('rviz') == 'true':
         robots = [node.robot for node in nodes if node.executable == 'tracker']
-        described.append(rviz(document, namespace, robots))
+        described.append(rviz(document, namespace, robots, clock))
     if argument('record') == 'true':
         command = record_command(namespace, argument('bag'))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
@@ -91,13 +99,19 @@ def how_many(text: str) -> int | None:
     return int(text)
 
 
-def rviz(document: Any, namespace: str, robots: list[str]) -> Node:
+def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str, bool]]) -> Node:
     """Describe RViz for the robots, and the arena that a parameter file has."""
     arena = build(FormationParameters, ros_parameters(document, 'planner')).arena
     view = Path(tempfile.mkdtemp(), 'robots.rviz')
     text = robots_rviz(robots, namespace, arena.length, arena.width)
     view.write_text(text, encoding='utf-8')
-    return Node(package='rviz2', executable='rviz2', arguments=['-d', str(view)], output='screen')
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        arguments=['-d', str(view)],
+        parameters=clock,
+        output='screen',
+    )
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -145,6 +159,18 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='true',
                 choices=SWITCH,
                 description='start a tracker that has died anew, up to three times',
+            ),
+            DeclareLaunchArgument(
+                'use_sim_time',
+                default_value='false',
+                choices=SWITCH,
+                description='let all nodes follow /clock; a plant with publish_clock drives it',
+            ),
+            DeclareLaunchArgument(
+                'enclaves',
+                default_value='false',
+                choices=SWITCH,
+                description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
                 'log_level', default_value='info', description='level of all loggers'

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from launch_stand_ins import description, ExecuteProcess, SOURCE, stand_ins  # noqa: F401
 import pytest
@@ -31,6 +32,7 @@ import yaml
 
 COMMON = {
     *('params_file', 'namespace', 'plant', 'rviz', 'record', 'bag', 'respawn', 'log_level'),
+    *('use_sim_time', 'enclaves'),
 }
 FILES = sorted(path.name for path in (SOURCE / 'launch').glob('*.launch.py'))
 
@@ -86,6 +88,47 @@ def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path
     assert given.value_type is str  # or launch would read the XML as YAML
     assert '<mass value="0.05"' in given.value
     assert 'xyz="0.2 0 0"' in given.value
+
+
+@pytest.mark.usefixtures('stand_ins')
+def test_numbers_are_read_as_the_nodes_do(tmp_path: Path):
+    """YAML 1.1 takes 3e-5 for a text, ROS 2 for a number."""
+    path = tmp_path / 'small.yaml'
+    path.write_text('/**/planner:\n  ros__parameters:\n    plant: {mass: 5e-2}\n')
+    nodes = description('pendulum.launch.py').nodes(params_file=str(path))
+    (publisher,) = (n for n in nodes if n.package == 'robot_state_publisher')
+    assert '<mass value="0.05"' in publisher.parameters[0]['robot_description'].value
+    path.write_text(
+        '/**/planner:\n  ros__parameters:\n    robots: [left]\n    left: {start: {x: 5e-1}}\n'
+    )
+    nodes = description('robots.launch.py').nodes(params_file=str(path), rviz='true')
+    (plant,) = (n for n in nodes if n.executable == 'robot_plant')
+    assert plant.parameters[1]['initial.x'] == 0.5
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_all_nodes_follow_the_simulated_time_on_request(name: str):
+    clock = {'use_sim_time': True}
+    assert all(
+        n.parameters[-1] == clock
+        for n in description(name).nodes(use_sim_time='true', rviz='true')
+    )
+    assert not any(clock in n.parameters for n in description(name).nodes(rviz='true'))
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_nodes_run_in_enclaves_of_the_policy_on_request(name: str):
+    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
+    known = {item.get('path') for item in policy.iter('context')}
+    for node in description(name).nodes(enclaves='true'):
+        if node.package == 'tdm_planner':
+            option, enclave = node.ros_arguments[-2:]
+            assert option == '--enclave'
+            assert enclave in known
+            assert enclave == f'/{node.namespace}/{node.executable}'
+    assert not any('--enclave' in n.ros_arguments for n in description(name).nodes())
 
 
 @pytest.mark.usefixtures('stand_ins')
@@ -239,6 +282,11 @@ def test_names_that_cannot_be_used_are_refused(tmp_path: Path, robots: Any):
 def test_ros_itself_loads_the_file(name: str):
     sources = pytest.importorskip('launch.launch_description_sources')
     pytest.importorskip('launch_ros.actions')
-    source = sources.PythonLaunchDescriptionSource(str(SOURCE / 'launch' / name))
     launch = pytest.importorskip('launch')
-    assert source.get_launch_description(launch.LaunchContext()).entities
+    context = launch.LaunchContext()
+    source = sources.PythonLaunchDescriptionSource(str(SOURCE / 'launch' / name))
+    described: list[Any] = []
+    for entity in source.get_launch_description(context).entities:
+        described += entity.execute(context) or []
+    executables = {action.node_executable for action in described}
+    assert executables >= {'planner', 'tracker'}
