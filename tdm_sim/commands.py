@@ -20,6 +20,10 @@ from collections.abc import Sequence
 import math
 from typing import Any, Literal
 
+from tdm_planner.parameters import shown
+
+_MOST_NAMES = 10  # that a sentence lists
+
 
 class MalformedCommand(ValueError):
     """A command that cannot be followed; the message says why in one sentence."""
@@ -39,7 +43,7 @@ def read_joint(message: Any, joint: str, quantity: Literal['velocity', 'effort']
     names: Sequence[str] = message.name
     values: Sequence[float] = getattr(message, quantity)
     if names.count(joint) != 1:
-        found = ', '.join(names) or 'none'
+        found = ', '.join(shown(name) for name in names[:_MOST_NAMES]) or 'none'
         raise MalformedCommand(f"it must name joint '{joint}' once, but its names are: {found}")
     if len(values) != len(names):
         raise MalformedCommand(

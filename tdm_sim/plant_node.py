@@ -70,7 +70,7 @@ class SimulationParameters(Validated):
         200.0,
         'rate of the published states',
         unit='Hz',
-        allowed=Range(0.0, 1000.0, lower_open=True),
+        allowed=Range(0.1, 1000.0),
         read_only=True,
     )
     real_time_factor: float = parameter(

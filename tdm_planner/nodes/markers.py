@@ -38,6 +38,7 @@ from visualization_msgs.msg import Marker
 Array = NDArray[np.float64]
 
 MARKER_DEPTH = 5  # messages a slow viewer may lag behind
+LONGEST_LIFETIME = 3600.0  # s
 LIFETIME = 0.5  # s that something moving stays visible without news, at least
 
 GREY = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
@@ -74,7 +75,7 @@ def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
 
 def lifetime_at(rate: float) -> float:
     """Return for how long [s] what is drawn at `rate` [Hz] must stay visible, not to flicker."""
-    return max(LIFETIME, 3.0 / rate)
+    return max(LIFETIME, min(3.0 / rate, LONGEST_LIFETIME))
 
 
 def points_of(positions: Array) -> list[Point]:

@@ -69,7 +69,7 @@ class OtherPlanners:
         try:
             stamp = json.loads(message.data)['stamp']
             start = int(stamp['sec']) * _SECOND + int(stamp['nanosec'])
-        except (ValueError, TypeError, KeyError, RecursionError):
+        except (ArithmeticError, ValueError, TypeError, KeyError, RecursionError):
             return  # not a planner's
         if start not in self._own:
             self._others.append(start)

@@ -32,6 +32,7 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import PlanInForce, Replanner, Review
 from tdm_planner.trajectory import NANOSECOND
 
+LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
 _WARNING_PERIOD = 5.0  # s, the least time between warnings of a kind
 
 
@@ -72,7 +73,7 @@ class Replanning:
         adapter.watch_trackers(rate > 0)
         if rate > 0:
             self._timer = self._node.create_timer(
-                1.0 / rate, self._on_timer, clock=pacing_clock(self._node)
+                min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
             )
 
     @property

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+import time
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
@@ -53,7 +54,6 @@ Array = NDArray[np.float64]
 
 QUEUE = 10
 MOST_HALVES = 4  # plans of which the other half may still come
-LONGEST_APART = 200_000_000  # ns between the newest joint_states and odom of one state
 
 
 class Intake(Protocol):
@@ -157,6 +157,7 @@ class TrackedRobot(TrackedPlant):
     def __init__(self) -> None:
         self._halves: dict[int, dict[str, Any]] = {}
         self._joints: JointState | None = None
+        self._joints_came = 0.0  # instant on a steady clock [s]
 
     def make_tracker(self, parameters: RobotTrackerParameters) -> TrajectoryTracker:
         """Return the robot's feedback law."""
@@ -184,18 +185,14 @@ class TrackedRobot(TrackedPlant):
         def on_controls(message: JointTrajectory) -> None:
             on_half('controls_in_force', message)
 
-        def on_joints(message: JointState) -> None:
-            self._joints = message
+        def on_odometry(message: Odometry) -> None:
+            longest = float(node.get_parameter('state_timeout').value)
+            intake.on_state(message.header.stamp, lambda: self.state(message, longest))
 
         node.create_subscription(MultiDOFJointTrajectory, 'trajectory', on_motion, LATCHED)
         node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED)
-        node.create_subscription(JointState, 'joint_states', on_joints, NEWEST)
-        node.create_subscription(
-            Odometry,
-            'odom',
-            lambda message: intake.on_state(message.header.stamp, lambda: self._state(message)),
-            NEWEST,
-        )
+        node.create_subscription(JointState, 'joint_states', self.take_joints, NEWEST)
+        node.create_subscription(Odometry, 'odom', on_odometry, NEWEST)
 
     def _complete(self, topic: str, message: Any) -> dict[str, Any] | None:
         """Return both halves of a plan when the second comes; plans of several may interleave."""
@@ -208,15 +205,33 @@ class TrackedRobot(TrackedPlant):
             del self._halves[next(iter(self._halves))]
         return None
 
-    def _state(self, odometry: Odometry) -> Array | None:
+    def take_joints(self, message: JointState) -> None:
+        """Take the half of a state that is not in `odom`."""
+        self._joints, self._joints_came = message, time.monotonic()
+
+    def state(self, odometry: Odometry, longest: float) -> Array | None:
+        """
+        Return the state (7,), None where a half is missing.
+
+        Raises
+        ------
+        InvalidProblem
+            If the halves are of instants more than `longest` [s] apart.
+
+        """
         joints = self._joints
         if joints is None:
             return None
-        apart = nanoseconds_of(odometry.header.stamp) - nanoseconds_of(joints.header.stamp)
-        if abs(apart) > LONGEST_APART:
+        stamps = [nanoseconds_of(half.header.stamp) for half in (odometry, joints)]
+        apart = (
+            abs(stamps[0] - stamps[1]) * NANOSECOND
+            if all(stamps)
+            else time.monotonic() - self._joints_came  # without stamps, by when it came
+        )
+        if apart > longest:
             raise InvalidProblem(
-                f'odom and the newest joint_states are {abs(apart) * NANOSECOND:.3g} s apart, '
-                f'more than {LONGEST_APART * NANOSECOND:g} s'
+                f'odom and the newest joint_states are {apart:.3g} s apart, more than '
+                f'state_timeout = {longest:g} s'
             )
         return np.append(odometry_state(odometry), thruster_angle(joints))
 

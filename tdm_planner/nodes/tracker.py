@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.motion_clock import MotionClock, NO_TIME, pacing_clock
 from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
+from tdm_planner.nodes.ration import Ration
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
@@ -59,6 +60,12 @@ WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 _COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
 
+# Of a flood of plans as many are looked at as leave the commands their rate; the newest waits, but
+# not longer than until shortly before its start.
+_SHARE_FOR_PLANS = 0.01  # of the time
+_RESERVE_FOR_PLANS = 0.15  # s; some ten plans
+_IMMINENT = 0.15  # s before its start
+
 _PLANT = ParameterSpec(
     name='plant',
     kind=str,
@@ -76,6 +83,14 @@ def tracker_specifications(plant: str) -> dict[str, ParameterSpec]:
         AUTOSTART.name: AUTOSTART,
         **specifications(PLANTS[plant].parameters),
     }
+
+
+class _Offer(NamedTuple):
+    """A trajectory that has arrived; see `Intake.on_trajectory`."""
+
+    stamp: Any
+    read: Callable[[], Trajectory]
+    messages: Mapping[str, Any]
 
 
 class TrackerNode(ManagedNode):
@@ -97,7 +112,8 @@ class TrackerNode(ManagedNode):
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
         self._newest: tuple[Array, float] | None = None
-        self._offered: tuple[Any, Callable[[], Trajectory], Mapping[str, Any]] | None = None
+        self._offered: _Offer | None = None
+        self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS)
         self._timer: Timer | None = None
         self._rate: RateWatch | None = None
         self.bring_up()
@@ -208,17 +224,31 @@ class TrackerNode(ManagedNode):
         """
         Put a trajectory in force, or refuse it with a reason; the old one then stays.
 
-        One that is in force already, as a planner that was restarted repeats it, changes nothing.
-        The newest one is kept while the node is not active, or does not know the simulated time.
+        The newest one waits while the node is not active, does not know the simulated time, or
+        has been offered more than it can look at beside its commands.
         """
-        if not self.active or not self._time.runs:
-            self._offered = stamp, read, messages
+        waiting, self._offered = self._offered, _Offer(stamp, read, messages)
+        ready = self.active and self._time.runs
+        if ready and waiting is not None and self._instant(stamp) < self._instant(waiting.stamp):
+            self._look_at(waiting)  # it may be the one to keep, see `_check_latest`
+        self._take_offered()
+
+    def _take_offered(self) -> None:
+        offered = self._offered
+        if offered is None or not self.active or not self._time.runs:
             return
+        imminent = abs(self._instant(offered.stamp) - self._time.now()) < _IMMINENT
+        if imminent or self._plans.allows:
+            self._offered = None
+            self._look_at(offered)
+
+    def _look_at(self, offered: _Offer) -> None:
+        """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""
         began = time.perf_counter()
         try:
-            trajectory = read()
+            trajectory = offered.read()
             now = self._time.now()
-            start = self._instant(stamp) + float(trajectory.times[0])
+            start = self._instant(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)
@@ -231,17 +261,14 @@ class TrackerNode(ManagedNode):
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
-            self._in_force.accepted(trajectory, messages)
+            self._in_force.accepted(trajectory, offered.messages)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
             )
+        finally:
+            self._plans.spent(time.perf_counter() - began)
         self._diagnostics.update()
-
-    def _take_offered(self) -> None:
-        offered, self._offered = self._offered, None
-        if offered is not None:
-            self.on_trajectory(*offered)
 
     def _check_latest(self, start: float) -> None:
         """
@@ -322,7 +349,6 @@ class TrackerNode(ManagedNode):
     def report(self) -> Report:
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
-        level, message = Level.OK, phase.value
         slow = '' if self._rate is None else self._rate.problem()
         told = [
             '' if self._time.runs else NO_TIME,
@@ -331,10 +357,8 @@ class TrackerNode(ManagedNode):
             f'commands at {slow}' if slow else '',
         ]
         told = [text for text in told if text]
-        if told:
-            level, message = Level.WARN, '; '.join([message, *told])
-        if problem:
-            level, message = Level.ERROR, f'{phase.value}: {problem}'
+        level = Level.ERROR if problem else Level.WARN if told else Level.OK
+        message = '; '.join([phase.value + (f': {problem}' if problem else ''), *told])
         if self.invalid_overrides:
             level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
         now = self._time.now()

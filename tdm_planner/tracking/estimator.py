@@ -59,6 +59,10 @@ class CommandHistory:
             kept = bisect_right(self._times, time - _HISTORY) - 1
             del self._times[:kept], self._controls[:kept]
 
+    def adopt(self, other: CommandHistory) -> None:
+        """Go on from another history of the same controls."""
+        self._times, self._controls = list(other._times), list(other._controls)
+
     def clear(self) -> None:
         """Forget every command."""
         self._times.clear()

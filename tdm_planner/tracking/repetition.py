@@ -32,25 +32,33 @@ class RepetitionWatch:
 
     Samples that stay the same to the last bit for `window` s, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
-    the noise, the sensor is `stuck`, until it shows another number or the plant should rest.
+    the noise, the sensor is `stuck`, until it shows another number or the plant should rest. What
+    happens in gaps of more than `window` s between samples is not judged.
     """
 
     def __init__(self, estimator: StateEstimator, window: float) -> None:
         self._estimator = estimator
         self._window = window
         self._sample: Array | None = None
-        self._since = 0.0
+        self._since = self._last = 0.0
         self._next = 1
         self.stuck = False
 
     def observe(self, state: Array, stamp: float) -> None:
         """Take a sample (nx,) of the instant `stamp` [s], later than that of the one before."""
-        sample = self._sample
+        sample, before, self._last = self._sample, self._last, stamp
         if sample is None or not np.array_equal(state, sample) or stamp <= self._since:
             self._sample, self.stuck = state.copy(), False
             self._begin(stamp)
+        elif stamp - before > self._window:
+            self._begin(stamp)
         elif stamp - self._since >= self._next * self._window:
             self._judge(sample, stamp)
+
+    def adopt(self, other: RepetitionWatch) -> None:
+        """Go on with what another watch of the same sensor has seen."""
+        self._sample, self.stuck = other._sample, other.stuck
+        self._since, self._last, self._next = other._since, other._last, other._next
 
     def _begin(self, stamp: float) -> None:
         self._since, self._next = stamp, 1

@@ -459,6 +459,9 @@ class TrajectoryTracker(ABC):
             else Motion(motion.trajectory, motion.start, self.prepare(motion.trajectory))
             for motion in (other.current, other.following)
         )
+        self.wants_plan, self._restless = other.wants_plan, other._restless
+        self.history.adopt(other.history)
+        self._repetition.adopt(other._repetition)
         if other.estimator.stamp is not None:
             stamp = other.estimator.stamp
             self.estimator.observe(other.estimator.predict(stamp), stamp)

@@ -167,6 +167,29 @@ def test_trajectories_are_refused_with_a_reason(
     assert says_meanwhile(ros, bench, states, reason)
 
 
+def test_of_a_flood_of_plans_the_newest_is_followed(
+    ros: Ros, bench: Bench, states: Any, plan: Trajectory
+) -> None:
+    """All of them would take more time than the commands leave; the last must not be lost."""
+    followed = ros.subscribe('/scripted/trajectory_in_force', JointTrajectory, LATCHED)
+    keep_publishing(ros, states, 0.2)
+    for _ in range(150):
+        publish_state(states)
+        newest = message(plan)
+        bench.plans.publish(newest)
+        ros.spin_for(0.01)
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end and not (
+        followed and followed[-1].header.stamp == newest.header.stamp
+    ):
+        keep_publishing(ros, states, 0.02)
+    assert followed[-1].header.stamp == newest.header.stamp
+    assert len(followed) < 100
+    bench.tracker.end_cleanly()
+    bench.tracker = bench.start()
+    assert bench.says('no state has been received')
+
+
 def test_a_state_that_stops_coming_is_an_error_until_it_returns(
     ros: Ros, bench: Bench, states: Any
 ) -> None:

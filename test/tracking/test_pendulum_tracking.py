@@ -309,6 +309,23 @@ def test_changed_parameters_act_without_a_jump(plan: Trajectory) -> None:
     assert loop.held(1.0)
 
 
+def test_changed_parameters_leave_a_stuck_sensor_stuck() -> None:
+    tracker = make_tracker(replan__on_deviation=True)
+    tracker.phase = Phase.RECOVERING
+    state = hanging() + np.array([0.0, 0.8, 0.0, 0.0])
+    for k in range(60):
+        tracker.observe(state, 0.005 * k)
+        command = tracker.command(0.005 * k)
+    assert 'sensor stuck' in command.problem
+    changed = make_tracker(replan__on_deviation=True, weights__torque=2.0)
+    changed.adopt(tracker)
+    for k in range(60, 65):
+        changed.observe(state, 0.005 * k)
+        command = changed.command(0.005 * k)
+        assert 'sensor stuck' in command.problem
+        assert not command.control.any()
+
+
 def test_a_trajectory_no_feedback_can_follow_is_refused(plan: Trajectory) -> None:
     wild = plan.states.copy()
     wild[5:, 2:] = 1e200

@@ -94,6 +94,15 @@ def test_it_is_let_go_where_the_plant_should_rest_without_torque() -> None:
     assert not shown[-1]
 
 
+def test_a_gap_of_any_length_is_no_matter() -> None:
+    """Not integrated over: an hour took minutes, a leap of simulated time for ever."""
+    sensor = Sensor()
+    assert not sensor.show(HANGING, 0.02)
+    sensor.time += 1.7e9
+    assert not sensor.show(HANGING, 0.02)
+    assert sensor.until_stuck(HANGING, 0.02) < 0.3
+
+
 def test_the_tracker_commands_nothing_then() -> None:
     tracker = PendulumTracker(PendulumTrackerParameters())
     tracker.phase = tracker.phase.RECOVERING
