@@ -98,8 +98,10 @@ def middleware(
     node.destroy_node()
 
 
-@pytest.mark.parametrize('lost', [0, 2, 1000])
-@pytest.mark.parametrize('service', REQUESTS)
+LOST = [*((service, 2) for service in REQUESTS), ('at_once', 1000)]
+
+
+@pytest.mark.parametrize(('service', 'lost'), LOST)
 def test_it_is_sent_again(ros: Ros, middleware: Middleware, service: str, lost: int) -> None:
     middleware.lost = lost
     kind, request = REQUESTS[service]
