@@ -62,7 +62,7 @@ ifeq ($(ROS),native)
 endif
 	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS)]' || { echo \
 	  'The packages could not be installed (see above). ROS 2 wheels exist for Linux on x86-64 with' \
-	  'Python 3.10 to 3.14; elsewhere install and source ROS 2 Jazzy, then try again.' >&2; exit 1; }
+	  'Python 3.10 to 3.14 (tested: to 3.13); elsewhere install and source ROS 2 Jazzy, then try again.' >&2; exit 1; }
 	@echo '[3/3] compiled kernels'
 	@$(BIN)/python -m tdm_planner.set_up
 	@touch '$@'

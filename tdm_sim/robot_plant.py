@@ -66,7 +66,7 @@ class RobotInitialState(Validated):
     y: float = parameter(2.0, 'position along y', unit='m', allowed=_PLACE)
     u: float = parameter(0.0, 'velocity along x', unit='m/s', allowed=_RATE)
     v: float = parameter(0.0, 'velocity along y', unit='m/s', allowed=_RATE)
-    yaw: float = parameter(0.0, 'attitude', unit='rad', allowed=_PLACE)
+    yaw: float = parameter(0.0, 'yaw, from the x axis', unit='rad', allowed=_PLACE)
     omega: float = parameter(0.0, 'yaw rate', unit='rad/s', allowed=_RATE)
     alpha: float = parameter(
         0.0, "thruster's angle from the robot's front", unit='rad', allowed=_PLACE
@@ -84,7 +84,7 @@ class RobotNoise(Validated):
     velocity: float = parameter(
         0.0, 'noise of the velocity along x and along y', unit='m/s', allowed=NON_NEGATIVE
     )
-    yaw: float = parameter(0.0, 'noise of the attitude', unit='rad', allowed=NON_NEGATIVE)
+    yaw: float = parameter(0.0, 'noise of the yaw', unit='rad', allowed=NON_NEGATIVE)
     yaw_rate: float = parameter(0.0, 'noise of the yaw rate', unit='rad/s', allowed=NON_NEGATIVE)
     alpha: float = parameter(
         0.0, "noise of the thruster's angle", unit='rad', allowed=NON_NEGATIVE

@@ -112,3 +112,32 @@ def test_tables_list_exactly_what_the_nodes_have(running: Any, heading: str):
 
     running.spin_until(lambda: found() == expected, timeout=15.0)
     assert sorted(found()) == sorted(expected)
+
+
+@pytest.mark.parametrize(('name', 'namespace'), [(node[0], node[3]) for node in NODES])
+def test_what_the_tables_leave_out_is_named(running: Any, name: str, namespace: str):
+    """What ROS 2 gives to nodes by itself is exactly what the page lists in words."""
+    text = (SOURCE / 'docs' / 'interfaces.md').read_text(encoding='utf-8')
+    listed = text.partition('What ROS 2 gives to nodes')[2].partition('\n###')[0]
+    of_every_node, of_managed_nodes = (
+        {topic.removeprefix('/') for topic in re.findall('`(.+?)`', part)}
+        for part in listed.split('\n- ')[1:]
+    )
+    expected = of_every_node - {'use_sim_time', 'clock'}
+    if name in ('planner', 'tracker'):
+        expected |= of_managed_nodes
+
+    def found() -> set[str]:
+        node = running.node
+        topics = [
+            topic
+            for ask in (
+                node.get_publisher_names_and_types_by_node,
+                node.get_service_names_and_types_by_node,
+            )
+            for topic, _ in ask(name, namespace)
+        ]
+        return {topic.rpartition('/')[2] for topic in topics if OF_EVERY_NODE.search(topic)}
+
+    running.spin_until(lambda: found() == expected, timeout=15.0)
+    assert found() == expected

@@ -26,7 +26,7 @@ from typing import Any
 from tdm_planner.parameter_docs import parameter_table, yaml_value
 from tdm_planner.parameters import ParameterSpec
 from tools.endpoints import Endpoint, KINDS
-from tools.interface_texts import JSON_KEYS, TOPICS
+from tools.interface_texts import JSON_KEYS, TOPICS, UNITS
 
 Specifications = Mapping[str, ParameterSpec]
 
@@ -90,17 +90,30 @@ def robot_parameter_table(specifications: Specifications) -> str:
 
 
 def parameter_names(nodes: Mapping[str, Specifications]) -> str:
-    """Return every parameter of all nodes: name, unit, and which nodes have it."""
-    where: dict[str, dict[str, str]] = {}
+    """
+    Return every parameter of all nodes: name, unit, and which nodes have it.
+
+    A parameter whose unit differs from node to node has a row for each of them.
+    """
+    where: dict[str, dict[str, list[str]]] = {}
     for node, specifications in nodes.items():
         for name, spec in merged_robots(specifications).items():
-            unit = (spec[0] if isinstance(spec, list) else spec).unit
-            where.setdefault(name, {})[node] = unit
+            unit = unit_of(node, name, spec[0] if isinstance(spec, list) else spec)
+            where.setdefault(name, {}).setdefault(unit, []).append(node)
     rows = ['| parameter | unit | nodes |', '| --- | --- | --- |']
-    for name in sorted(where):
-        units = ', '.join(sorted(set(where[name].values()) - {''}))
-        rows.append(f'| `{name}` | {units} | {", ".join(where[name])} |')
+    for name, units in sorted(where.items()):
+        rows += [f'| `{name}` | {unit} | {", ".join(those)} |' for unit, those in units.items()]
     return '\n'.join(rows) + '\n'
+
+
+def unit_of(node: str, name: str, spec: ParameterSpec) -> str:
+    """Return the unit that a parameter has in a node: the declared one, or that of `UNITS`."""
+    told = UNITS.get((node, name))
+    if told is None:
+        return spec.unit
+    if spec.unit:
+        raise SystemExit(f'tools/interface_texts.py: the unit of {name} of {node} is declared')
+    return told
 
 
 def key_table(keys: Iterable[str]) -> str:

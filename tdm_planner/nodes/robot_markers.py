@@ -68,7 +68,7 @@ class RobotPicture:
     jet of the thruster; `separation`, a disc of half the minimum separation: where two of them
     touch, the robots are as near as they may be; `name`; `trail`.
 
-    The plume's orientation is psi + alpha, the direction of the force on the robot; the jet itself
+    The plume's orientation is yaw + alpha, the direction of the force on the robot; the jet itself
     leaves the opposite side of the body, as gas does. Its length is four radii at full thrust and
     in proportion below.
     """

@@ -145,7 +145,7 @@ class RobotStart(Validated):
 
     x: float | None = parameter(None, 'position along x', unit='m', allowed=_COORDINATE)
     y: float | None = parameter(None, 'position along y', unit='m', allowed=_COORDINATE)
-    yaw: float = parameter(0.0, 'attitude', unit='rad', allowed=_COORDINATE)
+    yaw: float = parameter(0.0, 'yaw, from the x axis', unit='rad', allowed=_COORDINATE)
     u: float = parameter(0.0, 'velocity along x', unit='m/s', allowed=Range(-100.0, 100.0))
     v: float = parameter(0.0, 'velocity along y', unit='m/s', allowed=Range(-100.0, 100.0))
     omega: float = parameter(0.0, 'yaw rate', unit='rad/s', allowed=Range(-100.0, 100.0))
@@ -196,7 +196,7 @@ class FormationParameters(Validated):
         allowed=Range(5, 15),
     )
     yaw_order: int = parameter(
-        5, 'order of the reference polynomials of the attitude: odd', allowed=Range(5, 15)
+        5, 'order of the reference polynomials of the yaw: odd', allowed=Range(5, 15)
     )
     speed_factor_order: int = parameter(
         0,

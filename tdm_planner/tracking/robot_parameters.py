@@ -51,7 +51,7 @@ class RobotFeedback(Validated):
     )
     yaw: float = parameter(
         0.1,
-        'error of the attitude that is worth all the torque: less is stiffer',
+        'error of the yaw that is worth all the torque: less is stiffer',
         unit='rad',
         allowed=POSITIVE,
     )
@@ -81,7 +81,7 @@ class RobotEstimatorParameters(Validated):
     )
     angle_noise: float = parameter(
         0.005,
-        'standard deviation of the attitude and its rate',
+        'standard deviation of the yaw and its rate',
         unit='rad, rad/s',
         allowed=NOISE,
     )

@@ -47,7 +47,7 @@ DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
         'y': 'position',
         'u': 'velocity along x',
         'v': 'velocity along y',
-        'yaw': 'attitude',
+        'yaw': 'yaw',
         'omega': 'yaw rate',
         'alpha': 'thruster angle',
         'thrust': 'thruster',

@@ -21,10 +21,14 @@ Commands of this package are run. Those that need a ROS 2 installation, start pr
 
 from __future__ import annotations
 
+import argparse
 import ast
 from configparser import ConfigParser
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 import re
+import shlex
 import shutil
 from typing import Any
 from xml.etree import ElementTree
@@ -39,8 +43,16 @@ import yaml
 
 LONG = 60.0  # s; results are tested here, not how soon they come on a busy machine
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
-OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', 'python', 'pip', '.', 'source'}
+OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', '.', 'source'}
+MODULES_OF_OTHER_PROJECTS = {'colcon', 'venv'}
 SERVICES = {'plan', 'reset', 'push'}
+SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are checked in a folder like it
+VARIABLES = {
+    'ROS_SECURITY_KEYSTORE': '.+',
+    'ROS_SECURITY_ENABLE': 'true|false',
+    'ROS_SECURITY_STRATEGY': 'Enforce|Permissive',
+    'ROS_SECURITY_ENCLAVE_OVERRIDE': '/.+',
+}
 
 
 @pytest.fixture(autouse=True)
@@ -53,10 +65,25 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Problem, 'solve', solve_patiently)
 
 
+def typed(page: Path) -> list[list[str]]:
+    """Return the words of every command, those of blocks marked `console` too."""
+    found = [*commands(page), *console_commands(page)]
+    return [[word.replace(SHARE, '.') for word in command] for command in found]
+
+
+def console_commands(page: Path) -> list[list[str]]:
+    """Return the words of every line of the blocks marked `console`, which may stand in lists."""
+    text = page.read_text(encoding='utf-8')
+    found = re.findall(r'^( *)```console\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
+    lines = ''.join(block for _, block in found).replace('\\\n', ' ').splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
 def test_all_pages_are_found():
     names = {name_of(page) for page in PAGES}
     assert {'README.md', 'CONTRIBUTING.md', 'docs/theory.md', 'docs/nodes/planner.md'} <= names
     assert sum(len(commands(page)) for page in PAGES) > 30
+    assert len(console_commands(SOURCE / 'docs' / 'security.md')) >= 8
 
 
 @EVERY_PAGE
@@ -82,11 +109,31 @@ def test_commands_do_what_they_say(
     """In order, in a folder that has the package's parameter files."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
-    for command in commands(page):
-        check = CHECKS.get(command[0])
-        assert check is not None or command[0] in OF_OTHER_PROJECTS, command
-        if check is not None:
-            check(command)
+    for command in typed(page):
+        check_command(command)
+
+
+def check_command(command: list[str]) -> None:
+    while '=' in command[0]:
+        check_variable(command[0])
+        command = command[1:]
+    check = CHECKS.get(command[0])
+    assert check is not None or command[0] in OF_OTHER_PROJECTS, command
+    if check is not None:
+        check(command)
+
+
+def check_variable(assignment: str) -> None:
+    """Check that a variable is one of ROS 2, and its value one that it takes."""
+    name, _, value = assignment.partition('=')
+    assert re.fullmatch(VARIABLES[name], value), assignment
+    if name == 'ROS_SECURITY_ENCLAVE_OVERRIDE':
+        assert value in enclaves(), assignment
+
+
+def check_export(command: list[str]) -> None:
+    assert len(command) == 2, command
+    check_variable(command[1])
 
 
 def check_tdm(command: list[str]) -> None:
@@ -121,7 +168,35 @@ def check_ros2(command: list[str]) -> None:
         'param': check_param,
         'lifecycle': check_lifecycle,
         'bag': lambda _: None,
+        'security': check_security,
     }[command[1]](command)
+
+
+@cache
+def enclaves() -> frozenset[str]:
+    """Return the paths of the enclaves that the policy has."""
+    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml')
+    return frozenset(context.get('path', '') for context in policy.iter('context'))
+
+
+def check_security(command: list[str]) -> None:
+    """Check a command of SROS2 by its options, and that the files it is given are there."""
+    parser = argparse.ArgumentParser(allow_abbrev=False)
+    verbs = parser.add_subparsers(required=True, dest='verb')
+    verbs.add_parser('create_keystore').add_argument('keystore', type=Path)
+    artifacts = verbs.add_parser('generate_artifacts')
+    artifacts.add_argument('-k', dest='keystore', type=Path, required=True)
+    artifacts.add_argument('-e', dest='enclaves', nargs='*', default=[])
+    artifacts.add_argument('-p', dest='policies', nargs='*', type=Path, default=[])
+    verbs.add_parser('generate_policy').add_argument('policy', type=Path)
+    given = parser.parse_args(command[2:])  # exits for what is wrong
+    if given.verb == 'create_keystore':
+        given.keystore.mkdir()
+    elif given.verb == 'generate_artifacts':
+        assert given.keystore.is_dir(), command
+        assert given.policies or given.enclaves, command
+        assert all(path.is_file() for path in given.policies), command
+        assert set(given.enclaves) <= enclaves(), command
 
 
 def check_param(command: list[str]) -> None:
@@ -164,12 +239,19 @@ def check_launch(command: list[str]) -> None:
 
 
 def check_run(command: list[str]) -> None:
-    """Check that the executable exists, and that it has the parameters that are set."""
+    """
+    Check that the executable exists, and that it has the parameters that are set.
+
+    An enclave must be in the policy, and be that of the node.
+    """
+    _, _, package, executable, *arguments = command
+    assert package == 'tdm_planner'
+    if executable == 'tdm':
+        check_tdm([executable, *arguments])
+        return
     pytest.importorskip('rclpy')
     from tools.node_parameters import parameters_by_node
 
-    _, _, package, executable, *arguments = command
-    assert package == 'tdm_planner'
     found = {
         node: parameters
         for node, parameters in parameters_by_node().items()
@@ -178,7 +260,11 @@ def check_run(command: list[str]) -> None:
     assert found, command
     assert not arguments or arguments[0] == '--ros-args', command
     for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
-        assert option in ('-p', '-r'), command
+        assert option in ('-p', '-r', '--enclave'), command
+        if option == '--enclave':
+            assert assignment in enclaves(), command
+            assert f'__ns:={assignment.removesuffix(f"/{executable}")}' in arguments, command
+            continue
         name, value = assignment.split(':=')
         if option == '-p' and name == 'use_sim_time':  # of every node, by rclpy
             assert isinstance(yaml.safe_load(value), bool), command
@@ -195,6 +281,20 @@ def check_service(command: list[str]) -> None:
     assert kind == 'std_srvs/srv/Trigger'
 
 
+def check_python(command: list[str]) -> None:
+    """Check that the module is there, one of the package or of a tool."""
+    assert command[1] == '-m', command
+    assert command[2] in MODULES_OF_OTHER_PROJECTS or find_spec(command[2]), command
+
+
+def check_pip(command: list[str]) -> None:
+    """Check that what is installed is what the tests run with."""
+    assert command[1] == 'install', command
+    pinned = (SOURCE / 'constraints.txt').read_text(encoding='utf-8')
+    for package in command[2:]:
+        assert re.search(rf'^{re.escape(package)}==', pinned, re.MULTILINE), command
+
+
 def check_program(command: list[str]) -> None:
     assert (SOURCE / command[0]).is_file(), command
 
@@ -204,6 +304,9 @@ CHECKS = {
     'make': check_make,
     'cp': check_copy,
     'ros2': check_ros2,
+    'export': check_export,
+    'python3': check_python,
+    'pip': check_pip,
     '.ci/run': check_program,
 }
 
@@ -215,6 +318,38 @@ def test_an_unknown_command_would_be_noticed(tmp_path: Path, monkeypatch: pytest
     (command,) = commands(page)
     with pytest.raises(AssertionError):
         check_launch(command)
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'ros2 security generate_artefacts -k keystore -p config/security/policy.xml',
+        'ros2 security generate_artifacts -k keystore -p config/security/rules.xml',
+        'ros2 security generate_artifacts -k nowhere -p config/security/policy.xml',
+        'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/plannner',
+        'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/tracker',
+        'ros2 run tdm_planner planner --ros-args -r __ns:=/robots --enclave /pendulum/planner',
+        'ros2 service call /pendulum/plan std_srvs/srv/Trigger --ros-args --enclave /operator',
+        'ROS_SECURITY_ENCLAVE_OVERRIDE=/nobody ros2 service call /pendulum/plan',
+        'export ROS_SECURITY_STRATEGY=Enforced',
+        'export ROS_SECURITY=true',
+        'ros2 run tdm_planner tdm plan pendulum --no-such-option',
+        'python3 -m tdm_planner.setup',
+        'pip install rosbag2',
+        f'cp "{SHARE}/config/pendulums.yaml" my_rig.yaml',
+    ],
+)
+def test_a_wrong_command_would_be_noticed(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    page = tmp_path / 'page.md'
+    page.write_text(f'1. A step:\n\n   ```console\n   {line}\n   ```\n', encoding='utf-8')
+    (tmp_path / 'keystore').mkdir()
+    shutil.copytree(SOURCE / 'config', tmp_path / 'config')
+    monkeypatch.chdir(tmp_path)
+    (command,) = typed(page)
+    with pytest.raises((AssertionError, KeyError, OSError, SystemExit, ValueError)):
+        check_command(command)
 
 
 @EVERY_PAGE
