@@ -20,12 +20,13 @@ import re
 import subprocess
 import sys
 
-from mcap_ros2.reader import read_ros2_messages
 import numpy as np
 import pytest
 from ros_harness import reserved_domain, ros_environment
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
+
+reader = pytest.importorskip('mcap_ros2.reader')
 
 
 def run_demo(folder, *arguments):
@@ -43,7 +44,7 @@ def run_demo(folder, *arguments):
 def topics(folder):
     (bag,) = Path(folder, 'bag').glob('*.mcap')
     counts = {}
-    for message in read_ros2_messages(bag):
+    for message in reader.read_ros2_messages(bag):
         counts[message.channel.topic] = counts.get(message.channel.topic, 0) + 1
     return counts
 
@@ -68,7 +69,7 @@ def test_pendulum(tmp_path):
     (bag,) = Path(folder, 'bag').glob('*.mcap')
     theta = [
         m.ros_msg.position[list(m.ros_msg.name).index('pendulum')]
-        for m in read_ros2_messages(bag, topics=['/pendulum/joint_states'])
+        for m in reader.read_ros2_messages(bag, topics=['/pendulum/joint_states'])
     ]
     last = np.array(theta[-900:])  # 4.5 s at 200 Hz
     upright = 2 * np.pi * np.round(last / (2 * np.pi))

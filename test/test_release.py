@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
+from functools import cache
 import os
 from pathlib import Path
 import re
@@ -24,7 +26,6 @@ import sys
 from typing import Any
 from xml.etree import ElementTree
 
-from catkin_pkg import changelog, package
 import pytest
 import tdm_planner
 from tools import headers
@@ -50,6 +51,9 @@ ROSDEP_KEYS = {
 # Without a rosdep key: optional, with a fall-back or a message that says how to get it.
 WITHOUT_KEY = {'daqp', 'mcap', 'plotly', 'rosbags', 'zstandard'}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
+# Whatever the tests import by the name of a file beside them, or of a folder of sources.
+BESIDE = {path.stem: path for path in (SOURCE / 'test').rglob('*.py')}
 
 
 def imported(*folders: str) -> set[str]:
@@ -64,6 +68,77 @@ def imported(*folders: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 found.add(str(node.module).split('.')[0])
     return found - set(sys.stdlib_module_names) - {*FOLDERS} | found & {'launch'}
+
+
+@cache
+def at_import(path: Path) -> list[ast.stmt | ast.Call]:
+    """Return imports and calls that are carried out when a file is imported, in their order."""
+
+    def inside(node: ast.AST) -> Iterator[ast.stmt | ast.Call]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import | ast.ImportFrom | ast.Call):
+                yield child
+            optional = isinstance(child, ast.Try) and 'ImportError' in ast.dump(child)
+            if not optional and not isinstance(child, FUNCTIONS):
+                yield from inside(child)
+
+    return list(inside(ast.parse(path.read_text(encoding='utf-8'))))
+
+
+def asked_for(call: ast.Call) -> str | None:
+    """Return the package that is looked for before it is imported."""
+    name = getattr(call.func, 'attr', getattr(call.func, 'id', ''))
+    if name in ('importorskip', 'find_spec') and isinstance(call.args[0], ast.Constant):
+        return str(call.args[0].value).split('.')[0]
+    return None
+
+
+def modules_of(node: ast.stmt) -> list[str]:
+    """Return the modules that a statement may import: a name may be a module's."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    assert isinstance(node, ast.ImportFrom)
+    assert not node.level
+    return [str(node.module), *(f'{node.module}.{alias.name}' for alias in node.names)]
+
+
+@cache
+def files_of(module: str) -> list[Path]:
+    """Return the sources that an import of a module of ours reads, and no file of others."""
+    parts = module.split('.')
+    if parts[0] not in FOLDERS:
+        return []
+    paths = [SOURCE.joinpath(*parts[: k + 1]) for k in range(len(parts))]
+    candidates = [file for path in paths for file in (path / '__init__.py', Path(f'{path}.py'))]
+    return [file for file in candidates if file.is_file()]
+
+
+def needed(test: Path) -> dict[str, str]:
+    """Return the packages without which a test cannot be imported, and where they are imported."""
+    found: dict[str, str] = {}
+    asked = set(sys.stdlib_module_names)
+    seen: set[Path] = set()
+
+    def run(path: Path) -> None:
+        if path in seen:
+            return
+        seen.add(path)
+        for node in at_import(path):
+            if isinstance(node, ast.Call):
+                asked.add(str(asked_for(node)))
+                continue
+            for module in modules_of(node):
+                name = module.split('.')[0]
+                for file in [BESIDE[name]] if name in BESIDE else files_of(module):
+                    run(file)
+                if name not in {*FOLDERS, *BESIDE, *asked}:
+                    found.setdefault(name, f'{path.relative_to(SOURCE)}:{node.lineno}')
+
+    conftest = test.parent / 'conftest.py'
+    if conftest.is_file():
+        run(conftest)
+    run(test)
+    return found
 
 
 def launched() -> set[str]:
@@ -85,6 +160,7 @@ def depends(manifest: ElementTree.Element, kind: str) -> set[str]:
 
 
 def test_manifest_is_read_without_a_warning():
+    package = pytest.importorskip('catkin_pkg.package')
     warnings: list[str] = []
     read = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)
     read.validate(warnings=warnings)
@@ -119,7 +195,45 @@ def test_tests_depend_on_what_they_use(manifest: ElementTree.Element):
     assert ros <= ours
 
 
+def test_with_what_rosdep_installs_all_tests_are_collected(manifest: ElementTree.Element):
+    """Whatever else a test needs it must ask for: pytest.importorskip, or within a function."""
+    listed = depends(manifest, 'exec_depend') | depends(manifest, 'test_depend')
+    missing = {}
+    for path in SOURCES:
+        if path.relative_to(SOURCE).parts[0] == 'test' and path.name.startswith(('test_', 'conf')):
+            packages = needed(path).items()
+            found = {by for name, by in packages if ROSDEP_KEYS.get(name, name) not in listed}
+            if found:
+                missing[path.name] = sorted(found)
+    assert not missing
+
+
+def test_what_a_test_asks_for_is_told_from_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    helper, test = tmp_path / 'test' / 'this_helper.py', tmp_path / 'test' / 'test_this.py'
+    helper.parent.mkdir()
+    monkeypatch.setattr(sys.modules[__name__], 'SOURCE', tmp_path)
+    monkeypatch.setitem(BESIDE, 'this_helper', helper)
+    helper.write_text('import one, two.three\ndef later():\n    import four\n')
+    test.write_text('if True:\n    from this_helper import x\nimport os\nfrom five import y\n')
+    assert needed(test) == {
+        'one': 'test/this_helper.py:1',
+        'two': 'test/this_helper.py:1',
+        'five': 'test/test_this.py:4',
+    }
+    at_import.cache_clear()
+    test.write_text(
+        "import pytest\npytest.importorskip('two.three')\nimport this_helper\n"
+        "if find_spec('five'):\n    import five\npytest.importorskip('one')\n"
+        'try:\n    import six\nexcept ImportError:\n    six = None\n'
+    )
+    assert set(needed(test)) == {'pytest', 'one'}
+    at_import.cache_clear()
+
+
 def test_changelog_is_in_the_format_of_catkin():
+    changelog = pytest.importorskip('catkin_pkg.changelog')
     text = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
     assert text.splitlines()[1] == 'Changelog for package tdm_planner'
     # A release turns the first heading into version and date, which is what catkin_pkg can read.

@@ -39,7 +39,7 @@ from tdm_planner.nodes.answers import send_until_it_arrives
 from tdm_planner.nodes.configured_entities import ConfiguredEntities
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.parameters import ParameterSpec, shown, specifications
 from tdm_planner.problems.request import RequestParameters
 
 AUTOSTART = specifications(RequestParameters)['autostart']
@@ -262,7 +262,7 @@ class ManagedNode(ConfiguredEntities):
             changed: ChangeState.Response = self._change_state(request, response)
             return changed
         self.get_logger().warning(
-            f"no transition '{wanted.label or wanted.id}' from {self._stage.value}: possible are "
+            f"no transition '{shown(wanted.label) or wanted.id}' from {self._stage.value}: possible are "
             f'{", ".join(possible.values()) or "none"}'
         )
         response.success = False

@@ -25,10 +25,11 @@ import time
 
 import pytest
 from ros_harness import Ros
-from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes.messages import nanoseconds_of
+
+highlevel = pytest.importorskip('rosbags.highlevel')
 
 PATIENCE = 90.0  # s
 ROOM = 11 * 2**20  # bytes, of which the recorder keeps 8 MB in reserve
@@ -92,7 +93,7 @@ def check_what_was_said(text: str) -> None:
 
 def check_bag(bag: Path, topic: str, said: str) -> None:
     """Check that it is whole: as many messages as was said, those of the plant among them."""
-    with AnyReader([bag]) as reader:
+    with highlevel.AnyReader([bag]) as reader:
         found = [connection.topic for connection, _, _ in reader.messages()]
     assert re.search(rf'with {len(found)} messages', said), (len(found), said)
     assert topic in found

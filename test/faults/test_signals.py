@@ -325,12 +325,11 @@ def test_while_it_runs(ros: Ros, scene: str, way: str) -> None:
 
 
 def test_a_recording_that_is_ended_can_be_read(ros: Ros) -> None:
-    from rosbags.highlevel import AnyReader
-
+    highlevel = pytest.importorskip('rosbags.highlevel')
     subject = busy_recorder(ros)
     bag = Path(subject.process.process.args[-1])
     subject.end('Ctrl-C while it ends')
-    with AnyReader([bag]) as reader:
+    with highlevel.AnyReader([bag]) as reader:
         assert reader.message_count > 10
 
 

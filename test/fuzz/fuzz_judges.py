@@ -72,11 +72,14 @@ def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOW
         ) from error
 
 
-def planned(problem_class: type[Problem], parameters: Mapping[str, Any]) -> Solution | TdmError:
+def planned(
+    problem_class: type[Problem], parameters: Mapping[str, Any], deadline: float = DEADLINE
+) -> Solution | TdmError:
     """Plan with a short deadline; a solution must be verified, a refusal must name its cause."""
     found = outcome(
-        lambda: problem_class.from_parameters(parameters).solve(deadline=DEADLINE, seed=0),
+        lambda: problem_class.from_parameters(parameters).solve(deadline=deadline, seed=0),
         dict(parameters),
+        deadline + ALLOWANCE,
     )
     if isinstance(found, Solution):
         assert found.verification.ok

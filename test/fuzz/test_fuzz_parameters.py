@@ -26,13 +26,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem, Solution
 
 PENDULUM = PendulumSwingUp.parameter_specifications({})
 ROBOTS = RobotFormation.parameter_specifications({})
 PROBLEMS = {'pendulum_swing_up': PendulumSwingUp, 'robot_formation': RobotFormation}
+PATIENCE = 1.0  # s for problems that can be solved
 
 
 @cases(70)
@@ -73,6 +74,70 @@ def arenas(draw: Any) -> dict[str, Any]:
 @given(arenas())
 def test_robots_anywhere_are_planned_for_or_refused(parameters: dict[str, Any]) -> None:
     planned(RobotFormation, parameters)
+
+
+@st.composite
+def moderate_pendulums(draw: Any) -> dict[str, Any]:
+    """Nothing that anybody could object to: a rig like the real one, at a speed it can have."""
+    angle = draw(st.floats(0.8, 3.0))
+    size = st.floats(0.8, 1.25)
+    return {
+        **{f'plant.{name}': draw(size) * PENDULUM[f'plant.{name}'].default
+           for name in ('mass', 'com_distance', 'arm_length', 'inertia.disk')},
+        'limits.torque': draw(st.floats(0.03, 0.2)),
+        'limits.disk_angle': angle,
+        'torque_reserve': draw(st.floats(0.0, 0.3)),
+        'start.theta': draw(st.floats(-4.0, 4.0)),
+        'start.psi': draw(st.floats(-0.5, 0.5)) * angle,
+        'start.theta_dot': draw(st.floats(-2.0, 2.0)),
+        'start.psi_dot': draw(st.floats(-1.0, 1.0)),
+    }  # fmt: skip
+
+
+@st.composite
+def moderate_arenas(draw: Any) -> dict[str, Any]:
+    """One to three robots at rest, well apart from one another and from the walls."""
+    places = [(0.7 + 1.3 * (k % 3), 0.7 + 1.3 * (k // 3)) for k in range(9)]
+    count = draw(st.integers(1, 3))
+    chosen = draw(st.lists(st.sampled_from(places), min_size=count, max_size=count, unique=True))
+    near = st.floats(-0.2, 0.2)
+    values: dict[str, Any] = {
+        'robots': [f'robot{k + 1}' for k in range(count)],
+        'formation.anchor': [2.0 + draw(near), 2.0 + draw(near), draw(st.floats(-3.0, 3.0))],
+        'limits.thrust': draw(st.floats(0.8, 3.0)),
+        'plant.mass': draw(st.floats(8.0, 13.0)),
+        'weights.gas': draw(st.floats(0.0, 0.9)),
+    }
+    for k, (x, y) in enumerate(chosen):
+        values |= {
+            f'robot{k + 1}.start.x': x + draw(near),
+            f'robot{k + 1}.start.y': y + draw(near),
+        }
+        values[f'robot{k + 1}.start.yaw'] = draw(st.floats(-3.0, 3.0))
+    return values
+
+
+@pytest.mark.parametrize(
+    ('problem', 'strategy'),
+    [(PendulumSwingUp, moderate_pendulums()), (RobotFormation, moderate_arenas())],
+    ids=list(PROBLEMS),
+)
+def test_what_is_valid_is_never_refused_and_often_planned_for(
+    problem: type[Problem], strategy: Any
+) -> None:
+    """Whoever refuses everything would pass all other tests here."""
+    found: list[Solution | TdmError] = []
+
+    @cases(12)
+    @given(strategy)
+    def ask(parameters: dict[str, Any]) -> None:
+        found.append(planned(problem, parameters, PATIENCE))
+        assert not isinstance(found[-1], InvalidProblem), (str(found[-1]), parameters)
+
+    ask()
+    plans = sum(isinstance(answer, Solution) for answer in found)
+    print(f'{problem.__name__}: {plans} plans of {len(found)} problems')
+    assert plans >= len(found) / 4
 
 
 @cases(60)

@@ -65,12 +65,11 @@ def read_with_mcap(bag: Path) -> dict[str, list[Any]]:
 
 
 def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
-    from rosbags.rosbag2 import Reader
-    from rosbags.typesys import get_typestore, Stores
-
-    store = get_typestore(Stores.ROS2_JAZZY)
+    rosbag2 = pytest.importorskip('rosbags.rosbag2')
+    typesys = pytest.importorskip('rosbags.typesys')
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     messages = defaultdict(list)
-    with Reader(bag) as reader:
+    with rosbag2.Reader(bag) as reader:
         for connection, _, data in reader.messages():
             messages[connection.topic].append(store.deserialize_cdr(data, connection.msgtype))
     return messages

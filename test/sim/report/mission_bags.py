@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from page_missions import pendulum_plan, pendulum_states, robot_states
+import pytest
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 
 START = 1_700_000_000_250_000_000  # ns: the first plan's motion starts
@@ -54,9 +55,8 @@ class Item(NamedTuple):
 
 @cache
 def store() -> Any:
-    from rosbags.typesys import get_typestore, Stores
-
-    return get_typestore(Stores.ROS2_JAZZY)
+    typesys = pytest.importorskip('rosbags.typesys')
+    return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
 def made(kind: str, **fields: Any) -> Any:

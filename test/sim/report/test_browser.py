@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 import json
 import math
 import re
@@ -24,6 +25,12 @@ import time
 import numpy as np
 from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
 import pytest
+
+if find_spec('plotly') is None or find_spec('selenium') is None:
+    pytest.skip(
+        'reports are drawn by plotly, browsers driven by selenium', allow_module_level=True
+    )
+
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
