@@ -262,8 +262,8 @@ class ManagedNode(ConfiguredEntities):
             changed: ChangeState.Response = self._change_state(request, response)
             return changed
         self.get_logger().warning(
-            f"no transition '{shown(wanted.label) or wanted.id}' from {self._stage.value}: possible are "
-            f'{", ".join(possible.values()) or "none"}'
+            f"no transition '{shown(wanted.label) or wanted.id}' from {self._stage.value}: "
+            f'possible are {", ".join(possible.values()) or "none"}'
         )
         response.success = False
         return response
