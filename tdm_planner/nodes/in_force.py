@@ -24,7 +24,7 @@ from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.tracking.tracker import Motion
 from tdm_planner.trajectory import Trajectory
 
-Messages = Mapping[str, Any]
+Messages = Mapping[str, Any]  # or as bytes, which rclpy publishes as they are
 
 
 class InForce:

@@ -26,7 +26,9 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -63,13 +65,19 @@ class Intake(Protocol):
         """Take a state (nx,) read from a message, of the instant `stamp`; None: not complete."""
 
     def on_trajectory(
-        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
+        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, bytes]
     ) -> None:
         """
         Take a trajectory that starts at `stamp`, and the `messages` it came in, by topic.
 
-        The topics are those of `TrackedPlant.in_force`.
+        The topics are those of `TrackedPlant.in_force`. The messages are as they came: to take
+        one apart costs milliseconds, which a plan that is replaced at once is not worth.
         """
+
+
+def stamp_of(data: bytes) -> Any:
+    """Return the time stamp of a message that begins with a header, from its serialised form."""
+    return deserialize_message(data, Header).stamp  # what follows the header is not looked at
 
 
 class TrackedPlant(ABC):
@@ -109,16 +117,15 @@ class TrackedPendulum(TrackedPlant):
 
     def subscribe(self, node: Node, intake: Intake) -> None:
         """Subscribe to `trajectory` and `joint_states`."""
-        node.create_subscription(
-            JointTrajectory,
-            'trajectory',
-            lambda message: intake.on_trajectory(
-                message.header.stamp,
-                lambda: pendulum_trajectory(message),
-                {'trajectory_in_force': message},
-            ),
-            LATCHED,
-        )
+
+        def on_trajectory(data: bytes) -> None:
+            intake.on_trajectory(
+                stamp_of(data),
+                lambda: pendulum_trajectory(deserialize_message(data, JointTrajectory)),
+                {'trajectory_in_force': data},
+            )
+
+        node.create_subscription(JointTrajectory, 'trajectory', on_trajectory, LATCHED, raw=True)
         node.create_subscription(
             JointState,
             'joint_states',
@@ -155,7 +162,7 @@ class TrackedRobot(TrackedPlant):
     )
 
     def __init__(self) -> None:
-        self._halves: dict[int, dict[str, Any]] = {}
+        self._halves: dict[int, dict[str, bytes]] = {}
         self._joints: JointState | None = None
         self._joints_came = 0.0  # instant on a steady clock [s]
 
@@ -168,37 +175,43 @@ class TrackedRobot(TrackedPlant):
         given = str(node.get_parameter('robot_name').value)
         robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
 
-        def on_half(topic: str, message: Any) -> None:
-            halves = self._complete(topic, message)
+        def on_half(topic: str, data: bytes) -> None:
+            stamp = stamp_of(data)
+            halves = self._complete(topic, nanoseconds_of(stamp), data)
             if halves is not None:
+                read = {
+                    topic: lambda topic=topic, kind=kind: deserialize_message(halves[topic], kind)
+                    for topic, kind in self.in_force.items()
+                }
                 intake.on_trajectory(
-                    message.header.stamp,
+                    stamp,
                     lambda: robot_trajectory(
-                        halves['trajectory_in_force'], halves['controls_in_force'], robot
+                        read['trajectory_in_force'](), read['controls_in_force'](), robot
                     ),
                     halves,
                 )
 
-        def on_motion(message: MultiDOFJointTrajectory) -> None:
-            on_half('trajectory_in_force', message)
+        def on_motion(data: bytes) -> None:
+            on_half('trajectory_in_force', data)
 
-        def on_controls(message: JointTrajectory) -> None:
-            on_half('controls_in_force', message)
+        def on_controls(data: bytes) -> None:
+            on_half('controls_in_force', data)
 
         def on_odometry(message: Odometry) -> None:
             longest = float(node.get_parameter('state_timeout').value)
             intake.on_state(message.header.stamp, lambda: self.state(message, longest))
 
-        node.create_subscription(MultiDOFJointTrajectory, 'trajectory', on_motion, LATCHED)
-        node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED)
+        node.create_subscription(
+            MultiDOFJointTrajectory, 'trajectory', on_motion, LATCHED, raw=True
+        )
+        node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED, raw=True)
         node.create_subscription(JointState, 'joint_states', self.take_joints, NEWEST)
         node.create_subscription(Odometry, 'odom', on_odometry, NEWEST)
 
-    def _complete(self, topic: str, message: Any) -> dict[str, Any] | None:
+    def _complete(self, topic: str, stamp: int, data: bytes) -> dict[str, bytes] | None:
         """Return both halves of a plan when the second comes; plans of several may interleave."""
-        stamp = nanoseconds_of(message.header.stamp)
         halves = self._halves.setdefault(stamp, {})
-        halves[topic] = message
+        halves[topic] = data
         if len(halves) == len(self.in_force):
             return self._halves.pop(stamp)
         while len(self._halves) > MOST_HALVES:
@@ -211,7 +224,7 @@ class TrackedRobot(TrackedPlant):
 
     def state(self, odometry: Odometry, longest: float) -> Array | None:
         """
-        Return the state (7,), None where a half is missing.
+        Return the measured x, y, u, v, yaw, omega, alpha (7,); None where a half is missing.
 
         Raises
         ------

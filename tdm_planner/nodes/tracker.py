@@ -90,7 +90,7 @@ class _Offer(NamedTuple):
 
     stamp: Any
     read: Callable[[], Trajectory]
-    messages: Mapping[str, Any]
+    messages: Mapping[str, bytes]
 
 
 class TrackerNode(ManagedNode):
@@ -219,7 +219,7 @@ class TrackerNode(ManagedNode):
             self.tracker.observe(state, at)
 
     def on_trajectory(
-        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, Any]
+        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, bytes]
     ) -> None:
         """
         Put a trajectory in force, or refuse it with a reason; the old one then stays.
