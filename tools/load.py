@@ -49,6 +49,7 @@ from tdm_planner.nodes.qos import NEWEST, SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_sim.processes import NodeProcesses
 from tools.memory import resident
+from tools.priority import make_real_time
 
 RATE = 200.0  # Hz, of commands and states
 _UP_LIMIT = 60.0  # s
@@ -142,8 +143,12 @@ class Client:
         self.service.call_async(Trigger.Request()).add_done_callback(answered)
 
 
-def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
-    """Ask for plans with many clients at once and return the figures."""
+def clients(seconds: float, count: int, folder: Path, real_time: int = 0) -> dict[str, Any]:
+    """
+    Ask for plans with many clients at once and return the figures.
+
+    `real_time` is the priority of plant and tracker, as on a robot's computer; 0 for none.
+    """
     with NodeProcesses(folder) as processes:
         processes.start(
             'probe',
@@ -152,6 +157,8 @@ def clients(seconds: float, count: int, folder: Path) -> dict[str, Any]:
         )
         for name, module in (('plant', _PENDULUM), ('tracker', _TRACKER), ('planner', _PLANNER)):
             processes.start(name, module, ['--ros-args', '-r', '__ns:=/pendulum'])
+        quick = {name: processes.identifiers[name] for name in ('plant', 'tracker')}
+        make_real_time(quick, real_time, and_this=False)
         with Bench(processes) as bench:
             heard: list[JointState] = []
             bench.node.create_subscription(
@@ -292,6 +299,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = kinds.add_parser('clients')
     asked.add_argument('--seconds', type=float, default=60.0)
     asked.add_argument('--clients', type=int, default=20)
+    asked.add_argument(
+        '--real-time', type=int, default=0, metavar='LEVEL',
+        help='real-time priority of plant and tracker (0: none)',
+    )  # fmt: skip
     many = kinds.add_parser('robots')
     many.add_argument('--seconds', type=float, default=20.0)
     many.add_argument('--robots', type=int, default=12)
@@ -304,7 +315,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault('ROS_LOG_DIR', folder)
         try:
             figures = (
-                clients(given.seconds, given.clients, Path(folder))
+                clients(given.seconds, given.clients, Path(folder), given.real_time)
                 if given.kind == 'clients'
                 else robots(given.seconds, given.robots, Path(folder))
             )

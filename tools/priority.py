@@ -22,7 +22,7 @@ import os
 _FURTHER = 10  # levels of SCHED_RR between what takes long and what must be quick
 
 
-def make_real_time(identifiers: Mapping[str, int], level: int) -> None:
+def make_real_time(identifiers: Mapping[str, int], level: int, and_this: bool = True) -> None:
     """
     Give processes just started, by name, and this one, real-time priority; needs root.
 
@@ -31,7 +31,8 @@ def make_real_time(identifiers: Mapping[str, int], level: int) -> None:
     """
     if not level:
         return
-    for name, identifier in {**identifiers, 'this': os.getpid()}.items():
+    this = {'this': os.getpid()} if and_this else {}
+    for name, identifier in {**identifiers, **this}.items():
         quick = 'plant' in name or 'tracker' in name
         priority = os.sched_param(level + _FURTHER * quick)
         os.sched_setscheduler(identifier, os.SCHED_RR, priority)
