@@ -54,6 +54,7 @@ from tools.priority import make_real_time
 
 LARGEST_GROWTH = 1.0  # MB/h
 SAMPLING = 5.0  # s
+THIS = 'mission control'
 ROBOT_RATE = 50.0  # Hz; ten nodes at 200 Hz are more than two cores can do besides other work
 _WARM_UP = 600.0  # s; of short runs a third
 _DOMAIN = '73'
@@ -81,9 +82,13 @@ class Soak:
 
     @property
     def growing(self) -> dict[str, float]:
-        """Return the processes whose memory grows too fast, or is not known [MB/h]."""
+        """Return the nodes whose memory grows too fast, or is not known [MB/h]."""
         growth = self.memory.growth(self.warm_up)
-        return {name: slope for name, slope in growth.items() if not slope < LARGEST_GROWTH}
+        return {
+            name: slope
+            for name, slope in growth.items()
+            if name != THIS and not slope < LARGEST_GROWTH  # this program keeps a record
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, for JSON."""
@@ -162,9 +167,7 @@ def soak(
             if now >= next_sample:
                 next_sample = now + SAMPLING
                 # This process as well: what its client library holds.
-                record.memory.sample(
-                    now, {**processes.identifiers, 'mission control': os.getpid()}
-                )
+                record.memory.sample(now, {**processes.identifiers, THIS: os.getpid()})
             progress.update(_line(record))
 
         with MissionControl(made, processes, look) as control:
@@ -214,10 +217,12 @@ def _write(record: Soak, folder: Path) -> None:
 
 def draw(record: Soak, path: Path) -> None:
     """Write a picture of the memory of every process over time."""
+    import matplotlib
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 5), layout='constrained')
     axes = figure.add_subplot()
+    axes.set_prop_cycle(color=list(matplotlib.colormaps['tab20'](range(20))))
     growth = record.memory.growth(record.warm_up)
     minutes = [time / 60 for time in record.memory.times]
     for name, sizes in record.memory.sizes.items():
