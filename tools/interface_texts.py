@@ -89,15 +89,6 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
     }
 )
 
-# By node (as in `tools.node_parameters`) and parameter: units that depend on the plant, which the
-# declaration common to all plants therefore leaves open.
-UNITS: Mapping[tuple[str, str], str] = MappingProxyType(
-    {
-        ('tracker pendulum', 'tolerance.start'): 'rad',
-        ('tracker pendulum', 'tolerance.path'): 'rad',
-    }
-)
-
 # By dotted key; `*` stands for names that depend on the problem.
 JSON_KEYS: Mapping[str, str] = MappingProxyType(
     {

@@ -26,7 +26,7 @@ from typing import Any
 from tdm_planner.parameter_docs import parameter_table, yaml_value
 from tdm_planner.parameters import ParameterSpec
 from tools.endpoints import Endpoint, KINDS
-from tools.interface_texts import JSON_KEYS, TOPICS, UNITS
+from tools.interface_texts import JSON_KEYS, TOPICS
 
 Specifications = Mapping[str, ParameterSpec]
 
@@ -98,22 +98,12 @@ def parameter_names(nodes: Mapping[str, Specifications]) -> str:
     where: dict[str, dict[str, list[str]]] = {}
     for node, specifications in nodes.items():
         for name, spec in merged_robots(specifications).items():
-            unit = unit_of(node, name, spec[0] if isinstance(spec, list) else spec)
+            unit = (spec[0] if isinstance(spec, list) else spec).unit
             where.setdefault(name, {}).setdefault(unit, []).append(node)
     rows = ['| parameter | unit | nodes |', '| --- | --- | --- |']
     for name, units in sorted(where.items()):
         rows += [f'| `{name}` | {unit} | {", ".join(those)} |' for unit, those in units.items()]
     return '\n'.join(rows) + '\n'
-
-
-def unit_of(node: str, name: str, spec: ParameterSpec) -> str:
-    """Return the unit that a parameter has in a node: the declared one, or that of `UNITS`."""
-    told = UNITS.get((node, name))
-    if told is None:
-        return spec.unit
-    if spec.unit:
-        raise SystemExit(f'tools/interface_texts.py: the unit of {name} of {node} is declared')
-    return told
 
 
 def key_table(keys: Iterable[str]) -> str:

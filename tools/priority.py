@@ -24,7 +24,7 @@ _FURTHER = 10  # levels of SCHED_RR between what takes long and what must be qui
 
 def make_real_time(identifiers: Mapping[str, int], level: int, and_this: bool = True) -> None:
     """
-    Give processes just started, by name, and this one, real-time priority; needs root.
+    Give processes just started, by name, `and_this` one, real-time priority; needs root.
 
     `level` is that of planners and the like, in 1..89; plants and trackers go before them, as on
     a robot's computer. 0 leaves everything as it is.

@@ -50,6 +50,10 @@ class Budget:
         """Whether the deadline has passed."""
         return self.remaining <= 0
 
+    def leaving(self, seconds: float, share: float) -> Budget:
+        """Return what remains but for `seconds` [s], at most that `share` of the whole."""
+        return Budget(self.remaining - min(seconds, share * self.seconds))
+
 
 @dataclass(frozen=True)
 class Point:

@@ -178,18 +178,16 @@ class TrackedRobot(TrackedPlant):
         def on_half(topic: str, data: bytes) -> None:
             stamp = stamp_of(data)
             halves = self._complete(topic, nanoseconds_of(stamp), data)
-            if halves is not None:
-                read = {
-                    topic: lambda topic=topic, kind=kind: deserialize_message(halves[topic], kind)
-                    for topic, kind in self.in_force.items()
-                }
-                intake.on_trajectory(
-                    stamp,
-                    lambda: robot_trajectory(
-                        read['trajectory_in_force'](), read['controls_in_force'](), robot
-                    ),
-                    halves,
+            if halves is None:
+                return
+
+            def read() -> Trajectory:
+                motion, controls = (
+                    deserialize_message(halves[name], kind) for name, kind in self.in_force.items()
                 )
+                return robot_trajectory(motion, controls, robot)
+
+            intake.on_trajectory(stamp, read, halves)
 
         def on_motion(data: bytes) -> None:
             on_half('trajectory_in_force', data)

@@ -362,8 +362,8 @@ class FormationSearch(Search[Candidate]):
             return Candidate(program, program.evaluate(np.zeros(0))), True
         before = program.evaluations
         # What is left when the search must end is for the check.
-        check = min(_CHECK_TIME * program.model.task.n, _CHECK_SHARE * self.budget.seconds)
-        minimum = minimise(program, guess, options, Budget(self.budget.remaining - check))
+        until = self.budget.leaving(_CHECK_TIME * program.model.task.n, _CHECK_SHARE)
+        minimum = minimise(program, guess, options, until)
         self.budget.evaluations += program.evaluations - before
         candidate = Candidate(program, minimum.point)
         violation = float(minimum.point.violations[0])

@@ -103,8 +103,7 @@ class SwitchingMethod(Search[Candidate]):
 
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""
-        check = min(_CHECK_TIME, _CHECK_SHARE * self.budget.seconds)
-        until = Budget(self.budget.remaining - check)
+        until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
         found = polish(self._task, candidate, steps, self._tolerance, until)
         self.budget.evaluations += until.evaluations
         return found

@@ -25,15 +25,16 @@ NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed w
 
 @dataclass(frozen=True)
 class Tolerances(Validated):
-    """How far the state may be from the trajectory; rad for the pendulum, m for a robot."""
+    """How far the state may be from the trajectory: an angle, unless a plant says otherwise."""
 
     start: float = parameter(
         0.3,
-        'largest deviation at the start for a trajectory to be accepted, rad or m',
+        'largest deviation at the start for a trajectory to be accepted',
+        unit='rad',
         allowed=POSITIVE,
     )
     path: float = parameter(
-        1.0, 'deviation on the way at which the motion is given up, rad or m', allowed=POSITIVE
+        1.0, 'deviation on the way at which the motion is given up', unit='rad', allowed=POSITIVE
     )
 
 

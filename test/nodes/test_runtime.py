@@ -34,6 +34,17 @@ def start(ros: Ros, name: str, *arguments: str) -> NodeProcess:
     )
 
 
+def run_program(ros: Ros, program: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of its own to its end."""
+    return subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_process_with_code_0(ros: Ros, number: signal.Signals) -> None:
     process = start(ros, f'ended_by_{number.name.lower()}')
@@ -88,13 +99,7 @@ class Starting(Node):
 
 sys.exit(runtime.run(Starting))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    done = run_program(ros, program)
     assert (done.returncode, done.stderr) == (0, '')
 
 
@@ -142,13 +147,7 @@ class Failing(Node):
 
 sys.exit(run(Failing))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    done = run_program(ros, program)
     assert done.returncode == code, done.stderr
     assert ('fatal' in done.stderr) == (code == 1)
 
@@ -175,13 +174,7 @@ class Converting(Node):
 
 sys.exit(run(Converting))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    done = run_program(ros, program)
     assert done.returncode == 0, done.stderr
     assert 'fatal' not in done.stderr
 
@@ -224,13 +217,7 @@ class Late(Node):
 
 sys.exit(run(Late))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    done = run_program(ros, program)
     assert done.returncode == code, done.stderr
     assert 'Traceback' not in done.stderr
     assert ('fatal: RuntimeError: something broke' in done.stderr) == (code == 1)
