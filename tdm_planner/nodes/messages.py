@@ -19,6 +19,8 @@ from __future__ import annotations
 from builtin_interfaces.msg import Duration, Time
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import WORLD_FRAME
 from tdm_planner.nodes.qos import LATCHED
@@ -47,6 +49,7 @@ __all__ = [
     'pendulum_message',
     'pendulum_trajectory',
     'seconds_of',
+    'stamp_of',
     'to_duration',
     'to_stamp',
 ]
@@ -62,6 +65,11 @@ _SECOND = 1_000_000_000  # ns
 def to_stamp(nanoseconds: int) -> Time:
     """Instant [ns since the epoch] as a message."""
     return Time(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
+
+
+def stamp_of(data: bytes) -> Time:
+    """Return the time stamp of a message that begins with a header, from its serialised form."""
+    return deserialize_message(data, Header).stamp  # what follows the header is not looked at
 
 
 def to_duration(seconds: float) -> Duration:

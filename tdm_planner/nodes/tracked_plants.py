@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -36,6 +35,7 @@ from tdm_planner.nodes.messages import (
     nanoseconds_of,
     PENDULUM_JOINTS,
     pendulum_trajectory,
+    stamp_of,
 )
 from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.robot_messages import (
@@ -73,11 +73,6 @@ class Intake(Protocol):
         The topics are those of `TrackedPlant.in_force`. The messages are as they came: to take
         one apart costs milliseconds, which a plan that is replaced at once is not worth.
         """
-
-
-def stamp_of(data: bytes) -> Any:
-    """Return the time stamp of a message that begins with a header, from its serialised form."""
-    return deserialize_message(data, Header).stamp  # what follows the header is not looked at
 
 
 class TrackedPlant(ABC):

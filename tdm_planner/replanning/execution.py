@@ -32,6 +32,7 @@ from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]
 
+_SAME_START = 1e-6  # s; instants are told in nanoseconds
 _TAKEN_OVER = 0.05  # s after a plan's start until its tracker's errors are from it
 _TOLD_APART = 0.2  # of tolerance.start, by which plans must differ to be told apart
 _NEARER = 0.5  # share of the difference from the one that there may be from the other
@@ -51,13 +52,15 @@ class Observation:
     A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
 
     `error` (nx,) is the deviation from the plan that the tracker follows, as the tracker tells it
-    at about that instant; None where it does not.
+    at about that instant; `accepted`, the start [s] of the last plan that it says it has accepted.
+    None where it does not tell.
     """
 
     state: Array
     stamp: float
     mode: Mode
     error: Array | None = None
+    accepted: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,15 +138,18 @@ def keeping(
     observations: Mapping[str, Observation],
 ) -> list[str]:
     """
-    Tell by the errors that trackers like this one publish which of two plans they follow.
+    Tell by what trackers like this one publish which of two plans they follow.
 
-    The error told is compared with the deviations from either plan. Where the plans hardly differ
-    as yet the newer one is believed to be followed; so it is until it has been for a while.
+    The error told is compared with the deviations from either plan: who says that the newer one
+    was accepted is believed, but not everybody who tells errors does. Where the plans hardly
+    differ as yet the newer one is believed to be followed; so it is until it has been for a while.
     """
     apart = _TOLD_APART * tracker.parameters.tolerance.start
     found = []
     for name, seen in observations.items():
         if seen.error is None or seen.stamp < newer.start + _TAKEN_OVER:
+            continue
+        if seen.accepted is not None and abs(seen.accepted - newer.start) < _SAME_START:
             continue
         off = []
         for plan in (earlier, newer):

@@ -79,6 +79,14 @@ def test_what_is_not_told_or_does_not_differ_is_taken_to_be_followed(swing: Plan
     assert not execution.keeping(swing, later, {VEHICLE: soon})
 
 
+def test_a_tracker_that_says_it_accepted_a_plan_is_believed(swing: PlanInForce) -> None:
+    """Measured after a push, and with the error of before it, the state can mislead."""
+    execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
+    seen = following(swing, 0.9, np.zeros(4))
+    assert execution.keeping(swing, later, {VEHICLE: replace(seen, accepted=swing.start)})
+    assert not execution.keeping(swing, later, {VEHICLE: replace(seen, accepted=later.start)})
+
+
 def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended(crossing: PlanInForce) -> None:
     problem = crossing.problem
     assert isinstance(problem, RobotFormation)

@@ -200,7 +200,9 @@ class FormationAdapter(Adapter):
         for watch in self._watches.values():
             watch.close()
         names = self._robots if on else ()
-        self._watches = {name: CommandWatch(self.node, f'{name}/') for name in names}
+        self._watches = {
+            name: CommandWatch(self.node, MultiDOFJointTrajectory, f'{name}/') for name in names
+        }
 
     def execution(self, problem: Problem) -> FormationExecution:
         """Return the trackers' feedback as a model."""
@@ -222,12 +224,13 @@ class FormationAdapter(Adapter):
                 continue
             state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
             watch = self._watches.get(name)
-            mode, away = Mode.FOLLOWING, None
+            mode, away, accepted = Mode.FOLLOWING, None, None
             if watch is not None:
                 mode = watch.mode(now)
                 told = watch.error(newest.instant, _ERRORS)
                 away = None if told is None else told[_OF_THE_STATE]
-            found[name] = Observation(state, seconds(newest.instant), mode, away)
+                accepted = watch.accepted(seconds)
+            found[name] = Observation(state, seconds(newest.instant), mode, away, accepted)
         if missing:
             raise NoState('; '.join(missing))
         return found

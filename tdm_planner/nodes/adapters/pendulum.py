@@ -148,7 +148,7 @@ class PendulumAdapter(Adapter):
         """Begin, or cease, to listen to the tracker."""
         if self._watch is not None:
             self._watch.close()
-        self._watch = CommandWatch(self.node) if on else None
+        self._watch = CommandWatch(self.node, JointTrajectory) if on else None
 
     def execution(self, problem: Problem) -> SwingUpExecution:
         """Return the tracker's feedback as a model."""
@@ -160,12 +160,13 @@ class PendulumAdapter(Adapter):
     ) -> dict[str, Observation]:
         """Return the newest state of the pendulum."""
         newest = self._state.fresh(now, values['start.max_age'])
-        mode, error = Mode.FOLLOWING, None
+        mode, error, accepted = Mode.FOLLOWING, None, None
         if self._watch is not None:
             mode = self._watch.mode(now)
             error = self._watch.error(newest.instant, PENDULUM_JOINTS)
+            accepted = self._watch.accepted(seconds)
         stamp = seconds(newest.instant)
-        return {VEHICLE: Observation(_motion(newest.message), stamp, mode, error)}
+        return {VEHICLE: Observation(_motion(newest.message), stamp, mode, error, accepted)}
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""
