@@ -34,10 +34,10 @@ _MISSED = 50_000_000  # ns by which the newest tracking_error may lag behind the
 
 class CommandWatch:
     """
-    Listens in the namespace `prefix` ('' or 'robot1/') to `joint_command`, `tracking_error` and
-    `trajectory_in_force`, which is of the type `plan`.
+    Listens to `joint_command`, `tracking_error`, `trajectory_in_force` in a tracker's namespace.
 
-    A tracker publishes its tracking error with every command that follows a plan, and only then.
+    That is `prefix` ('' or 'robot1/'); `plan` is the type of `trajectory_in_force`. A tracker
+    publishes its tracking error with every command that follows a plan, and only then.
     """
 
     def __init__(self, node: Node, plan: type, prefix: str = '') -> None:
