@@ -85,7 +85,7 @@ class RobotNoise(Validated):
         0.0, 'noise of the velocity along x and along y', unit='m/s', allowed=NON_NEGATIVE
     )
     yaw: float = parameter(0.0, 'noise of the yaw', unit='rad', allowed=NON_NEGATIVE)
-    yaw_rate: float = parameter(0.0, 'noise of the yaw rate', unit='rad/s', allowed=NON_NEGATIVE)
+    omega: float = parameter(0.0, 'noise of the yaw rate', unit='rad/s', allowed=NON_NEGATIVE)
     alpha: float = parameter(
         0.0, "noise of the thruster's angle", unit='rad', allowed=NON_NEGATIVE
     )
@@ -111,13 +111,19 @@ class RobotDisturbance(Validated):
 
 @dataclass(frozen=True)
 class RobotArena(Validated):
-    """Walls of the arena [0, length] x [0, width]."""
+    """Walls of the arena [0, length] x [0, width], and what is drawn of its rules."""
 
     walls: bool = parameter(False, 'whether the robot bounces off the walls')
     length: float = parameter(4.0, 'length along x', unit='m', allowed=POSITIVE)
     width: float = parameter(4.0, 'width along y', unit='m', allowed=POSITIVE)
     robot_radius: float = parameter(
         0.15, "radius of the robot's body", unit='m', allowed=NON_NEGATIVE
+    )
+    minimum_separation: float = parameter(
+        0.4,
+        'least distance of two robots, the diameter of the disc drawn around this one',
+        unit='m',
+        allowed=POSITIVE,
     )
 
 
@@ -127,12 +133,6 @@ class RobotMarkers(MarkerParameters):
 
     trail: float = parameter(
         60.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
-    )
-    separation: float = parameter(
-        0.4,
-        'least distance of two robots, the diameter of the disc drawn around this one',
-        unit='m',
-        allowed=POSITIVE,
     )
 
 
@@ -189,7 +189,7 @@ class RobotPlant(PlantNode):
             noise=np.array(
                 [noise.position] * 2
                 + [noise.velocity] * 2
-                + [noise.yaw, noise.yaw_rate, noise.alpha, 0.0, 0.0]
+                + [noise.yaw, noise.omega, noise.alpha, 0.0, 0.0]
             ),
             gains=gains,
             command_timeout=parameters.command_timeout,
@@ -222,7 +222,7 @@ class RobotPlant(PlantNode):
 
     def _look(self) -> RobotLook:
         given = self.parameters
-        radius, separation = given.arena.robot_radius, given.markers.separation
+        radius, separation = given.arena.robot_radius, given.arena.minimum_separation
         # A point has no picture: without a radius the body is drawn as large as the disc allows.
         return RobotLook(
             self.robot_name, radius or 0.375 * separation, separation, given.limits.thrust
@@ -273,7 +273,7 @@ class RobotPlant(PlantNode):
         odom.twist.twist.angular.z = omega
         noise = self.parameters.noise
         odom.pose.covariance = _covariance(noise.position, noise.yaw)
-        odom.twist.covariance = _covariance(noise.velocity, noise.yaw_rate)
+        odom.twist.covariance = _covariance(noise.velocity, noise.omega)
         self._odom.publish(odom)
 
     def read_command(self, message: JointState) -> Array:

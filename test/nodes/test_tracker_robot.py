@@ -63,7 +63,7 @@ class Rig:
     def __init__(self, ros: Ros) -> None:
         self.ros = ros
         initial = {'x': 1.0, 'y': 1.0, 'yaw': 3.0, 'alpha': 1.0}
-        noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'yaw_rate': 0.005}
+        noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
         ros.start(
             'tdm_sim.robot_plant',
             {
