@@ -84,7 +84,8 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
 
     Joints [pendulum, disk]: positions [theta, psi], their rates (exactly zero at the end of a
     motion that ends at rest), accelerations (where torque jumps, those after the jump) and effort
-    [0, T].
+    [0, T]. Of torque that is held the last one acts for no time and is 0: a controller that keeps
+    the last point must not keep a torque.
 
     Raises
     ------
@@ -101,6 +102,9 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
     states = trajectory.states.copy()
     if (np.abs(states[-1, 2:]) < _AT_REST).all():
         states[-1, 2:] = 0.0
+    torques = trajectory.control('torque').tolist()
+    if trajectory.interpolation == 'zero_order_hold':
+        torques[-1] = 0.0
     message = JointTrajectory(joint_names=PENDULUM_JOINTS)
     message.header.stamp = stamp
     message.header.frame_id = WORLD_FRAME
@@ -113,11 +117,7 @@ def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
             time_from_start=to_duration(time),
         )
         for time, state, rate, torque in zip(
-            trajectory.times.tolist(),
-            states,
-            rates,
-            trajectory.control('torque').tolist(),
-            strict=True,
+            trajectory.times.tolist(), states, rates, torques, strict=True
         )
     ]
     return message

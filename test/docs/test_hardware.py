@@ -21,6 +21,7 @@ joint_trajectory_controller: "validation of trajectories", its documentation and
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Callable
 from copy import deepcopy
 import itertools
@@ -35,8 +36,10 @@ import pytest
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS, pendulum_message, to_stamp
 from tdm_planner.nodes.tracked_plants import TrackedPendulum
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.commands import MalformedCommand
+from tdm_sim.integrator import integrate
 from tdm_sim.pendulum_plant import PendulumPlant
 from trajectory_msgs.msg import JointTrajectory
 import yaml
@@ -140,6 +143,53 @@ def test_the_rules_would_notice(
     assert refusal(message, PENDULUM_JOINTS, effort=True, now=0) == reason
 
 
+def carried_out(
+    message: JointTrajectory, limit: float, gains: dict[str, float], rate: int = 500
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Simulate the controller with `interpolation_method: none`; states at the start and at the end.
+
+    As documented it keeps the point it has until the first one is due, then takes the next one.
+    """
+    plant, state = RotaryPendulum(), np.array([math.pi, 0.0, 0.0, 0.0])
+    times = [nanoseconds(point.time_from_start) / SECOND for point in message.points]
+    wait, at_start = 1.0, None
+    for tick in range(math.ceil((wait + times[-1]) * rate)):
+        elapsed = tick / rate - wait
+        position = velocity = effort = 0.0
+        if elapsed >= 0.0:
+            at_start = state if at_start is None else at_start
+            point = message.points[min(bisect.bisect_right(times, elapsed), len(times) - 1)]
+            position, velocity, effort = (
+                point.positions[1],
+                point.velocities[1],
+                point.effort[1],
+            )
+        effort += gains['p'] * (position - state[1]) + gains['d'] * (velocity - state[3])
+        torque = np.array([np.clip(effort, -limit, limit)])
+        state = integrate(plant, state, torque, 1.0 / rate)
+    assert at_start is not None
+    return at_start, state
+
+
+def test_the_pages_controller_waits_for_the_start_and_comes_near_upright(
+    planned: JointTrajectory, request: pytest.FixtureRequest
+):
+    parameters = controller()
+    assert parameters['interpolation_method'] == 'none'
+    limit = request.node.callspec.params['planned'][0]
+    at_start, at_end = carried_out(planned, limit, parameters['gains']['disk'])
+    assert at_start == pytest.approx([math.pi, 0.0, 0.0, 0.0], abs=1e-9)
+    assert abs(math.remainder(at_end[0], math.tau)) < 0.25
+
+
+def test_a_controller_that_keeps_the_last_point_keeps_no_torque():
+    problem = PendulumSwingUp.from_parameters({'limits.torque': 0.09, 'solver.deadline': 10.0})
+    plan = problem.solve().trajectory.with_rates(problem.plant.derivative)
+    assert plan.control('torque')[-1] != 0.0
+    assert list(pendulum_message(plan, to_stamp(0)).points[-1].effort) == [0.0, 0.0]
+
+
 def test_controller_without_effort_interface_and_late_messages_are_refused(
     planned: JointTrajectory,
 ):
@@ -147,31 +197,44 @@ def test_controller_without_effort_interface_and_late_messages_are_refused(
     assert refusal(planned, PENDULUM_JOINTS, effort=True, now=200 * SECOND) == 'in the past'
 
 
-def test_the_pages_controller_is_for_these_joints(planned: JointTrajectory):
+def controller() -> dict[str, Any]:
     (text,) = blocks(PAGE, 'yaml')
-    parameters = yaml.safe_load(text)['swing_up']['ros__parameters']
+    return dict(yaml.safe_load(text)['swing_up']['ros__parameters'])
+
+
+def test_the_pages_controller_is_for_these_joints(planned: JointTrajectory):
+    parameters = controller()
     assert sorted(parameters['joints']) == sorted(planned.joint_names)
     assert parameters['command_joints'] == ['disk']
     assert parameters['command_interfaces'] == ['effort']
 
 
-def hardware() -> dict[str, dict[str, list[str]]]:
-    """Interfaces of the joints in the page's ros2_control element."""
+def hardware() -> list[dict[str, dict[str, list[str]]]]:
+    """Return the page's ros2_control components: interfaces of the joints of each."""
     (text,) = blocks(PAGE, 'xml')
-    return {
-        str(joint.get('name')): {
-            kind: [str(item.get('name')) for item in joint.findall(f'{kind}_interface')]
-            for kind in ('command', 'state')
+    return [
+        {
+            str(joint.get('name')): {
+                kind: [str(item.get('name')) for item in joint.findall(f'{kind}_interface')]
+                for kind in ('command', 'state')
+            }
+            for joint in component.findall('joint')
         }
-        for joint in ElementTree.fromstring(text).findall('joint')
-    }
+        for component in ElementTree.fromstring(text).findall('ros2_control')
+    ]
+
+
+def sent_by(component: dict[str, dict[str, list[str]]], effort: float) -> JointState:
+    """Return a command as topic hardware sends it: all names, values where there is a command."""
+    commanded = [name for name, found in component.items() if 'effort' in found['command']]
+    return JointState(name=list(component), effort=[effort for _ in commanded])
 
 
 def test_topic_hardware_understands_the_states_it_gets():
     """Its state interfaces are fields of joint_states, joints found by name in any order."""
-    joints = hardware()
-    assert set(joints) == set(PENDULUM_JOINTS)
-    for interfaces in joints.values():
+    joints = [item for component in hardware() for item in component.items()]
+    assert sorted(name for name, _ in joints) == sorted(PENDULUM_JOINTS)
+    for _, interfaces in joints:
         assert set(interfaces['state']) <= {'position', 'velocity', 'effort'}
     state = JointState(
         name=['disk', 'another', 'pendulum'], position=[1.0, 9.0, 2.0], velocity=[3.0, 9.0, 4.0]
@@ -180,14 +243,12 @@ def test_topic_hardware_understands_the_states_it_gets():
 
 
 def test_plant_obeys_the_commands_that_topic_hardware_sends():
-    """It publishes the joints that have command interfaces, with empty fields for the others."""
-    commanded = [name for name, found in hardware().items() if 'effort' in found['command']]
-    assert commanded == ['disk']
+    motor, encoder = hardware()
     read = PendulumPlant.read_command
-    sent = JointState(name=commanded, effort=[0.01])
-    assert read(None, sent).tolist() == [0.01]  # type: ignore[arg-type]
-    with pytest.raises(MalformedCommand):
-        read(None, JointState(name=commanded))  # type: ignore[arg-type]
+    assert read(None, sent_by(motor, 0.01)).tolist() == [0.01]  # type: ignore[arg-type]
+    # As one component the two joints would send a command that nobody can read for sure.
+    with pytest.raises(MalformedCommand, match='1 values for 2 named joints'):
+        read(None, sent_by({**motor, **encoder}, 0.01))  # type: ignore[arg-type]
 
 
 def test_the_tracker_commands_the_same_joint():
