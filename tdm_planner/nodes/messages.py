@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from builtin_interfaces.msg import Duration, Time
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,7 @@ __all__ = [
     'PENDULUM_JOINTS',
     'PENDULUM_STATES',
     'WORLD_FRAME',
+    'from_wire',
     'joint_indices',
     'joint_motion',
     'nanoseconds_of',
@@ -67,9 +70,35 @@ def to_stamp(nanoseconds: int) -> Time:
     return Time(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
 
 
+def from_wire(data: bytes, kind: type) -> Any:
+    """
+    Return a message of the type `kind` from its serialised form.
+
+    Raises
+    ------
+    InvalidProblem
+        If it is no such message.
+
+    """
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError:  # RMWError
+        raise InvalidProblem(
+            f'{len(data)} bytes came that are no {kind.__name__} message'
+        ) from None
+
+
 def stamp_of(data: bytes) -> Time:
-    """Return the time stamp of a message that begins with a header, from its serialised form."""
-    return deserialize_message(data, Header).stamp  # what follows the header is not looked at
+    """
+    Return the time stamp of a message that begins with a header, from its serialised form.
+
+    Raises
+    ------
+    InvalidProblem
+        If it does not even have a header.
+
+    """
+    return from_wire(data, Header).stamp  # what follows the header is not looked at
 
 
 def to_duration(seconds: float) -> Duration:

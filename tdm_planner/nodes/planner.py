@@ -17,12 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 import gc
 import sys
 import threading
 from types import MappingProxyType
 from typing import Any
 
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
@@ -31,6 +34,7 @@ from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.motion_clock import MotionClock
 from tdm_planner.nodes.other_planners import OtherPlanners
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.planning import (
@@ -53,6 +57,7 @@ from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 _REQUEST = specifications(RequestParameters)
 _NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
+_CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
 _SUPERSEDED = "another planner's plan is in force"
 _BUSY = 'a request is being solved: ask again when it is answered'
 
@@ -90,6 +95,7 @@ class Planner(ManagedNode):
         self._preparing = False
         self._activation = 0
         self._unanswered: list[_Reply] = []
+        self._watch_clock()
         self.bring_up()
 
     def configure(self) -> None:
@@ -167,6 +173,43 @@ class Planner(ManagedNode):
             declared = set(wanted)
         kept = declared | set(_REQUEST)
         self.withdraw([name for name in self.parameter_values if name not in kept])
+
+    def _watch_clock(self) -> None:
+        """Notice when the time of day is set, or simulated time begins anew."""
+        self._time = MotionClock(self, self._on_clock_step)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._time.now, clock=steady)
+        self._jumps = self.get_clock().create_jump_callback(
+            JumpThreshold(
+                min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+            ),
+            post_callback=self._on_simulated_jump,
+        )
+
+    def _on_clock_step(self, step: float) -> None:
+        """Let the plan in force go on as the plant does, which the clock is not told of."""
+        self.get_logger().warning(f'the clock was set by {step:+.3g} s: the plan in force goes on')
+        nanoseconds = round(step / NANOSECOND)
+        if self._replanning is not None:
+            self._replanning.clock_was_set(nanoseconds)
+        if self._adapter is not None:
+            self._adapter.clock_was_set(nanoseconds)
+        if self._plan is not None:
+            self._moved(replace(self._plan, start=self._plan.start + nanoseconds))
+
+    def _on_simulated_jump(self, jump: TimeJump) -> None:
+        """Forget the plan in force when simulated time is set back: trackers give it up."""
+        if not self.get_clock().ros_time_is_active or self._plan is None:
+            return
+        self.get_logger().warning('simulated time was set back: the plan in force is given up')
+        if self._adapter is not None:
+            self._adapter.clock_was_set(None)
+        self._moved(None)
+
+    def _moved(self, plan: Plan | None) -> None:
+        self._plan = plan
+        if self._replanning is not None and not self._superseded:
+            self._replanning.plan = plan
 
     def _now(self) -> int:
         return int(self.get_clock().now().nanoseconds)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
+import time
 from typing import Any
 
 from tdm_planner.exceptions import (
@@ -44,8 +45,10 @@ CODES = (
     'BUSY',
 )
 
-
-_SHARES_OF_DELAY = (1.0, 0.5, 0.25)
+_RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
+_SHORTEST = 0.01  # s; in less nothing is found
+_MARGIN = 0.1  # s that checking and publishing a plan may take
+_LOOK = 0.002  # s between looks at the clock
 
 
 @dataclass(frozen=True)
@@ -97,15 +100,19 @@ def make_plan(
         if now <= 0:
             raise NoState(NO_TIME)
         if values['start.source'] == 'measured' and adapter.measures:
-            return _plan_from_measured(problem_class, values, adapter, now)
+            return _plan_from_measured(problem_class, values, adapter, clock)
         problem = problem_class.from_parameters(values)
-        return Plan(problem, problem.solve(), now + round(values['start.delay'] / NANOSECOND))
+        solution = _verified(problem.solve())
+        return Plan(problem, solution, now + round(values['start.delay'] / NANOSECOND))
     except Exception as error:  # noqa: B902
         return Failure.of(error)
 
 
 def _plan_from_measured(
-    problem_class: type[Problem], values: Mapping[str, Any], adapter: Adapter, now: int
+    problem_class: type[Problem],
+    values: Mapping[str, Any],
+    adapter: Adapter,
+    clock: Callable[[], int],
 ) -> Plan:
     """
     Plan from the measured state; sooner than `start.delay` where that is too late.
@@ -113,22 +120,52 @@ def _plan_from_measured(
     A plant in motion may have left its limits, or be beyond help, by the time a motion starts.
     """
     failure: TdmError | None = None
-    for share in _SHARES_OF_DELAY:
+    now = _after_a_start(adapter, values, clock)
+    for share in (1.0, *_RETRIES):
         delay = share * values['start.delay']
         start = now + round(delay / NANOSECOND)
         measured = adapter.measured_start(values, now, start)
         try:
             problem = problem_class.from_parameters({**values, **measured})
-            allowed = (
-                problem.solver.deadline if share == 1 else min(problem.solver.deadline, delay)
-            )
-            return Plan(problem, problem.solve(deadline=allowed), start)
+            allowed = problem.solver.deadline
+            if failure is not None:
+                allowed = min(allowed, (start - clock()) * NANOSECOND)
+                if allowed < _SHORTEST:
+                    break
+            return Plan(problem, _verified(problem.solve(deadline=allowed)), start)
         except (DeadlineExceeded, VerificationFailed):
             raise
         except (InvalidProblem, Infeasible) as error:
             failure = failure or _of_the_future(error, delay)
     assert failure is not None
     raise failure
+
+
+def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: Callable[[], int]) -> int:
+    """
+    Return the instant to plan at [ns]: the present, or that of the newest plan's start.
+
+    It is waited for where a plan made now could be published after it. From then on the plant
+    follows that plan; until then, the one before.
+    """
+    now = clock()
+    begins = adapter.next_start(now)
+    longest = max(values['solver.deadline'], max(_RETRIES) * values['start.delay']) + _MARGIN
+    if begins is None or (begins - now) * NANOSECOND > longest:
+        return now
+    patience = time.monotonic() + 2.0 * longest  # simulated time may stand still
+    while (now := clock()) < begins and time.monotonic() < patience:
+        time.sleep(_LOOK)
+    return now
+
+
+def _verified(solution: Solution) -> Solution:
+    """Return a solution that its own check approves of, whoever has written the problem."""
+    check = solution.verification
+    if not check.ok:
+        why = '; '.join(check.reasons) or 'it gives no reasons'
+        raise VerificationFailed(f'the plan does not pass its own check: {why}')
+    return solution
 
 
 def _of_the_future(error: TdmError, delay: float) -> TdmError:
@@ -147,18 +184,17 @@ def plan_answer(plan: Plan, plan_id: int, warnings: Sequence[str] = ()) -> str:
     """
     solution = plan.solution
     added = {'warnings': list(warnings)} if warnings else {}
-    return json.dumps(
-        {
-            'plan_id': plan_id,
-            'duration': solution.duration,
-            'cost': solution.cost,
-            'penalty': solution.penalty,
-            'solve_time': solution.solve_time,
-            'evaluations': solution.evaluations,
-            'summary': ' '.join(solution.summary.split()),
-            **added,
-        }
-    )
+    document = {
+        'plan_id': plan_id,
+        'duration': solution.duration,
+        'cost': solution.cost,
+        'penalty': solution.penalty,
+        'solve_time': solution.solve_time,
+        'evaluations': solution.evaluations,
+        'summary': ' '.join(solution.summary.split()),
+        **added,
+    }
+    return json.dumps(finite(document), allow_nan=False)
 
 
 def plan_summary(plan: Plan, plan_id: int) -> str:

@@ -41,6 +41,11 @@ class Ration:
         self._at = now
         return self._left > 0.0
 
+    @property
+    def overdrawn(self) -> float:
+        """How much more has been spent than there was [s]."""
+        return 0.0 if self.allows else -self._left
+
     def spent(self, seconds: float) -> None:
         """Take note of work that has been done; it may have taken more than was left."""
         self._left -= seconds

@@ -47,8 +47,8 @@ class Recovery:
         adapter.watch_plans_followed(self._on_found)
 
     def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
-        if time.monotonic() > self._until:
-            return
+        if self._timer is None and time.monotonic() > self._until:
+            return  # what was found before, and waits for the node, is to be of the newest
         self._found = (trajectories, start) if trajectories else None
         if self._timer is None:
             self._timer = self._node.create_timer(GRACE, self._on_timer)

@@ -54,12 +54,26 @@ class Replanning:
         self._question: tuple[Mapping[str, Any], Problem] | None = None
         self._reviewing = False
         self._waiting: Callable[[], None] | None = None
-        self.active = False  # while it is not, no review begins and none has consequences
+        self._period = object()  # of activity, to tell a review of an earlier one
+        self._active = False
         self.plan: Plan | None = None
         self.adapter: Adapter | None = None
         self.values: Mapping[str, Any] = {}
         self.reviews = self.replans = 0
         self.last = ''
+
+    @property
+    def active(self) -> bool:
+        """While it is not, no review begins, and one that is under way has no consequences."""
+        return self._active
+
+    @active.setter
+    def active(self, active: bool) -> None:
+        self._active, self._period = active, object()
+
+    def clock_was_set(self, step: int) -> None:
+        """Take note that instants of the node's clock are `step` [ns] more than they were."""
+        self._origin += step
 
     def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
         """Follow changed parameters; the timer is made anew where its rate has changed."""
@@ -124,8 +138,22 @@ class Replanning:
                 # A fault of the program; the plan in force stays.
                 return error
 
-        self._reviewing = True
-        self._worker.submit(job, self._on_review)
+        self._reviewing, period = True, self._period
+
+        def done(review: Review | Exception) -> None:
+            self._reviewing = False
+            self.reviews += 1
+            if self._period is not period:
+                self.last = 'deactivated meanwhile'
+            elif self.plan is not plan:
+                self.last = 'another plan came into force meanwhile'
+            else:
+                self._on_review(review)
+            waiting, self._waiting = self._waiting, None
+            if waiting is not None:
+                waiting()
+
+        self._worker.submit(job, done)
 
     def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
         """Return the replanner for the plan in force, made anew for every plan."""
@@ -159,11 +187,7 @@ class Replanning:
         return {name: value for name, value in parameters.items() if 'start.' in name}
 
     def _on_review(self, outcome: Review | Exception) -> None:
-        self._reviewing = False
-        self.reviews += 1
-        if not self.active:
-            self.last = 'deactivated meanwhile'
-        elif isinstance(outcome, Exception):
+        if isinstance(outcome, Exception):
             self.last = f'{type(outcome).__name__}: {" ".join(str(outcome).split())}'
             self._node.get_logger().error(
                 f'no replanning: {self.last}', throttle_duration_sec=_WARNING_PERIOD
@@ -171,9 +195,6 @@ class Replanning:
         else:
             self.last = outcome.reason
             self._take_over(outcome)
-        waiting, self._waiting = self._waiting, None
-        if waiting is not None:
-            waiting()
 
     def _take_over(self, review: Review) -> None:
         if review.refused:

@@ -26,10 +26,10 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
+    from_wire,
     joint_motion,
     LATCHED,
     nanoseconds_of,
@@ -74,6 +74,9 @@ class Intake(Protocol):
         one apart costs milliseconds, which a plan that is replaced at once is not worth.
         """
 
+    def refuse(self, error: Exception) -> None:
+        """Leave out a trajectory of which not even the stamp can be read."""
+
 
 class TrackedPlant(ABC):
     """A plant as the tracker node sees it."""
@@ -114,9 +117,14 @@ class TrackedPendulum(TrackedPlant):
         """Subscribe to `trajectory` and `joint_states`."""
 
         def on_trajectory(data: bytes) -> None:
+            try:
+                stamp = stamp_of(data)
+            except InvalidProblem as error:
+                intake.refuse(error)
+                return
             intake.on_trajectory(
-                stamp_of(data),
-                lambda: pendulum_trajectory(deserialize_message(data, JointTrajectory)),
+                stamp,
+                lambda: pendulum_trajectory(from_wire(data, JointTrajectory)),
                 {'trajectory_in_force': data},
             )
 
@@ -171,14 +179,18 @@ class TrackedRobot(TrackedPlant):
         robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
 
         def on_half(topic: str, data: bytes) -> None:
-            stamp = stamp_of(data)
+            try:
+                stamp = stamp_of(data)
+            except InvalidProblem as error:
+                intake.refuse(error)
+                return
             halves = self._complete(topic, nanoseconds_of(stamp), data)
             if halves is None:
                 return
 
             def read() -> Trajectory:
                 motion, controls = (
-                    deserialize_message(halves[name], kind) for name, kind in self.in_force.items()
+                    from_wire(halves[name], kind) for name, kind in self.in_force.items()
                 )
                 return robot_trajectory(motion, controls, robot)
 

@@ -173,8 +173,13 @@ class TrackerNode(ManagedNode):
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Refuse values that do not make a tracker together."""
-        self._make_tracker(values)
+        """Refuse values that do not make a tracker together, or none for the plan in force."""
+        made = self._make_tracker(values)
+        if self.configured:
+            try:
+                made.adopt(self.tracker)
+            except TrajectoryRefused as error:
+                raise InvalidProblem(f'the plan in force could not be followed: {error}') from None
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Go on with the changed parameters, without a jump of phase or trajectory."""
@@ -230,15 +235,23 @@ class TrackerNode(ManagedNode):
         waiting, self._offered = self._offered, _Offer(stamp, read, messages)
         ready = self.active and self._time.runs
         if ready and waiting is not None and self._instant(stamp) < self._instant(waiting.stamp):
-            self._look_at(waiting)  # it may be the one to keep, see `_check_latest`
+            # The one before may be the one to keep, see `_check_latest`.
+            if self._plans.allows:
+                self._look_at(waiting)
+            else:
+                self._offered = waiting
         self._take_offered()
 
     def _take_offered(self) -> None:
         offered = self._offered
         if offered is None or not self.active or not self._time.runs:
             return
-        imminent = abs(self._instant(offered.stamp) - self._time.now()) < _IMMINENT
-        if imminent or self._plans.allows:
+        # A stamp of zero means now, whenever that is: it can wait.
+        imminent = (
+            nanoseconds_of(offered.stamp) != 0
+            and abs(self._instant(offered.stamp) - self._time.now()) < _IMMINENT
+        )
+        if self._plans.allows or (imminent and self._plans.overdrawn < _RESERVE_FOR_PLANS):
             self._offered = None
             self._look_at(offered)
 
@@ -254,9 +267,7 @@ class TrackerNode(ManagedNode):
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
-            self._refused += 1
-            self._refusal = f'trajectory refused: {error}'
-            self.get_logger().error(self._refusal)
+            self.refuse(error)
         else:
             self._accepted += 1
             self._refusal = ''
@@ -269,6 +280,12 @@ class TrackerNode(ManagedNode):
         finally:
             self._plans.spent(time.perf_counter() - began)
         self._diagnostics.update()
+
+    def refuse(self, error: Exception) -> None:
+        """Leave a trajectory out, and say why."""
+        self._refused += 1
+        self._refusal = f'trajectory refused: {error}'
+        self.get_logger().error(self._refusal)
 
     def _check_latest(self, start: float) -> None:
         """

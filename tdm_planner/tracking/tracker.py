@@ -252,7 +252,7 @@ class TrajectoryTracker(ABC):
         try:
             self._check(trajectory, start, now)
         except TrajectoryMissed as missed:
-            lately = now - start - trajectory.duration < _LATELY
+            lately = start <= now < start + trajectory.duration + _LATELY
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
                 self.give_up(str(missed))
             raise
@@ -451,12 +451,20 @@ class TrajectoryTracker(ABC):
         self.current, self.phase, self.reason = motion, Phase.TRACKING, ''
 
     def adopt(self, other: TrajectoryTracker) -> None:
-        """Go on from where another tracker of the same plant is; gains are computed anew."""
+        """
+        Go on from where another tracker of the same plant is; gains are computed anew.
+
+        Raises
+        ------
+        TrajectoryRefused
+            If there are none for a trajectory in force.
+
+        """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
         self.current, self.following = (
             None
             if motion is None
-            else Motion(motion.trajectory, motion.start, self.prepare(motion.trajectory))
+            else Motion(motion.trajectory, motion.start, self._prepared(motion.trajectory))
             for motion in (other.current, other.following)
         )
         self.wants_plan, self._restless = other.wants_plan, other._restless
@@ -465,6 +473,8 @@ class TrajectoryTracker(ABC):
         if other.estimator.stamp is not None:
             stamp = other.estimator.stamp
             self.estimator.observe(other.estimator.predict(stamp), stamp)
+        if self.phase is Phase.RECOVERING and not self.parameters.replan.on_deviation:
+            self.stop(self.reason)
 
     def give_up(self, reason: str) -> None:
         """Give the motion up; where a new plan is to be asked for, bring the plant to rest."""

@@ -14,10 +14,12 @@
 
 """Where a plant will be when the next plan takes over, against its motion under the old plan."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tdm_planner.nodes.adapters.formation import _CARRIED, _deviation, _drifted, _TRACKED
-from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
+from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
 from tdm_planner.verification import replay
@@ -75,3 +77,31 @@ def test_after_its_end_the_plan_stays_at_the_goal(plan):
     np.testing.assert_allclose(plan.reference(late), plan.trajectory.states[-1], atol=1e-12)
     early = plan.reference(START - SECOND)
     np.testing.assert_allclose(early, plan.trajectory.states[0], atol=1e-12)
+
+
+def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
+    plans, now = PlansInForce(), START - SECOND
+    assert plans.at(now) is None
+    assert plans.next_start(now) is None
+    plans.add(plan, now)
+    assert plans.at(now) is None
+    assert plans.next_start(now) == START
+    assert plans.at(START) is plan
+    second, third = (replace(plan, start=START + wait * SECOND) for wait in (9, 10))
+    plans.add(second, START + 8 * SECOND)
+    assert plans.at(START + 8 * SECOND) is plan
+    plans.add(third, START + 8 * SECOND + 1)  # the second one never begins
+    assert plans.at(START + 9 * SECOND) is plan
+    assert plans.next_start(START + 9 * SECOND) == third.start
+    assert plans.at(third.start) is third
+
+
+def test_plans_move_with_a_clock_that_is_set(plan):
+    plans = PlansInForce()
+    plans.add(plan, START - SECOND)
+    plans.clock_was_set(-3600 * SECOND)
+    moved = plans.at(START - 3600 * SECOND)
+    assert moved is not None
+    assert moved.trajectory is plan.trajectory
+    plans.clock_was_set(None)
+    assert plans.at(START) is None

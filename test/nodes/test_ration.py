@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
+import pytest
 from tdm_planner.nodes.ration import Ration
 
 
@@ -42,6 +43,16 @@ def test_the_reserve_is_used_up_and_comes_back() -> None:
     assert not ration.allows
     clock.now += 0.2
     assert ration.allows
+
+
+def test_what_is_overdrawn_is_told() -> None:
+    clock = Clock()
+    ration = Ration(0.01, 0.05, clock)
+    assert ration.overdrawn == 0.0
+    ration.spent(0.07)
+    assert ration.overdrawn == pytest.approx(0.02)
+    clock.now += 1.0
+    assert ration.overdrawn == pytest.approx(0.01)
 
 
 def test_no_more_than_the_reserve_is_saved() -> None:

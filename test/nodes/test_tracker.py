@@ -167,6 +167,19 @@ def test_trajectories_are_refused_with_a_reason(
     assert says_meanwhile(ros, bench, states, reason)
 
 
+@pytest.mark.parametrize('data', [b'\0\1\0\0', b'\0\1\0\0' + bytes(12), b'\xff' * 40])
+def test_bytes_that_are_no_trajectory_are_refused(
+    ros: Ros, bench: Bench, states: Any, data: bytes
+) -> None:
+    """Whatever a faulty node sends, the tracker stays."""
+    count = bench.tracker.output.count('trajectory refused: ')
+    bench.plans.publish(data)
+    assert ros.spin_until(lambda: bench.tracker.output.count('trajectory refused: ') > count)
+    assert says_meanwhile(ros, bench, states, 'trajectory refused: ')
+    assert bench.tracker.running
+    assert 'Traceback' not in bench.tracker.output
+
+
 def test_of_a_flood_of_plans_the_newest_is_followed(ros: Ros, plan: Trajectory) -> None:
     """All of them would take more time than the commands leave; the last must not be lost."""
     bench, states = Bench(ros, 'flooded'), ros.publisher('/flooded/joint_states', JointState)

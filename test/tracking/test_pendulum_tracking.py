@@ -309,6 +309,27 @@ def test_changed_parameters_act_without_a_jump(plan: Trajectory) -> None:
     assert loop.held(1.0)
 
 
+def test_a_recovery_ends_when_it_is_not_wanted_any_more() -> None:
+    swinging = make_tracker(replan__on_deviation=True)
+    swinging.observe(np.array([math.pi - 1.0, 0.0, 4.0, 0.0]), 0.0)
+    swinging.give_up('it was pushed')
+    assert swinging.command(0.005).phase is Phase.RECOVERING
+    changed = make_tracker(replan__on_deviation=False)
+    changed.adopt(swinging)
+    command = changed.command(0.01)
+    assert command.phase is Phase.STOPPED
+    assert command.control == 0.0
+    assert command.problem == 'it was pushed'
+
+
+def test_parameters_that_give_no_feedback_along_the_plan_are_refused(plan: Trajectory) -> None:
+    tracker = make_tracker()
+    tracker.observe(plan.states[0], 0.0)
+    tracker.accept(plan, 0.1, 0.01)
+    with pytest.raises(TrajectoryRefused, match='no feedback'):
+        make_tracker(plant__com_distance=10.0).adopt(tracker)
+
+
 def test_changed_parameters_leave_a_stuck_sensor_stuck() -> None:
     tracker = make_tracker(replan__on_deviation=True)
     tracker.phase = Phase.RECOVERING

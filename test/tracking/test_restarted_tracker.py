@@ -59,6 +59,18 @@ def test_not_unless_it_is_asked_to(plan):
     assert made.phase is Phase.IDLE
 
 
+@pytest.mark.parametrize('ahead', [0.5, 5.0])
+def test_a_plan_that_begins_elsewhere_in_the_future_moves_nothing(plan, ahead):
+    made = tracker()
+    made.observe(HANGING + np.array([0.3, 0.0, 0.0, 0.0]), 100.02)
+    before = made.command(100.03).control
+    elsewhere = replace(plan, states=plan.states + np.array([1.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(TrajectoryRefused):
+        made.accept(elsewhere, 100.0 + ahead, 100.04)
+    assert made.phase is Phase.IDLE
+    assert made.command(100.05).control == before == 0.0
+
+
 def test_the_plan_of_yesterday_moves_nothing(plan):
     made = tracker()
     with pytest.raises(TrajectoryRefused, match='past'):

@@ -52,8 +52,8 @@ class Adapter(ABC):
     """
     Gathers measured states for a kind of problem, and publishes its solutions.
 
-    Made once by the planner node, with the values of its parameters. Every method but
-    `measured_start` is called in the executor's thread.
+    Made once by the planner node, with the values of its parameters. Methods are called in the
+    executor's thread, but for those that say otherwise.
     """
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
@@ -83,9 +83,26 @@ class Adapter(ABC):
 
         """
 
+    def next_start(self, now: int) -> int | None:
+        """
+        Instant [ns] at which the newest published plan begins; None where it has begun at `now`.
+
+        Until then `measured_start` reckons with the one before. Called in the worker's thread.
+        """
+        del now
+        return None
+
     @abstractmethod
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish a plan whose motion starts at the instant `start` [ns]."""
+
+    def clock_was_set(self, step: int | None) -> None:
+        """
+        Take note that instants of the node's clock are `step` [ns] more than they were.
+
+        The plans in force go on. With None simulated time began anew: trackers have given them up.
+        """
+        del step
 
     def accept_requests(self, request: PlanRequest) -> None:
         """Begin to ask for plans, where the adapter has topics that ask for them."""

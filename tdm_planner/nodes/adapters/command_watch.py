@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from itertools import chain
 
 import numpy as np
@@ -99,7 +100,8 @@ class CommandWatch:
         return seconds(self._accepted) if self._accepted else None
 
     def _on_plan(self, data: bytes) -> None:
-        self._accepted = nanoseconds_of(stamp_of(data))  # 0 where it has given the plan up
+        with suppress(InvalidProblem):
+            self._accepted = nanoseconds_of(stamp_of(data))  # 0 where it has given the plan up
 
     def _on_command(self, message: JointState) -> None:
         self._command = message

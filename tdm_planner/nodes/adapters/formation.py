@@ -31,7 +31,7 @@ from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
-from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
+from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
 from tdm_planner.nodes.adapters.robot_stand_in import RobotStandIn
 from tdm_planner.nodes.formation_markers import formation_markers
 from tdm_planner.nodes.messages import LATCHED, to_stamp
@@ -80,7 +80,7 @@ class FormationAdapter(Adapter):
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         super().__init__(node, values)
         self._robots = {name: self._connect(name) for name in values['robots']}
-        self._in_force: dict[str, PlanInForce] = {}
+        self._in_force: dict[str, PlansInForce] = {}
         self._watches: dict[str, CommandWatch] = {}
         self._goal_tools: list[GoalTool] = []
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
@@ -139,11 +139,11 @@ class FormationAdapter(Adapter):
         return found
 
     def _predicted(self, name: str, now: int, max_age: float, start: int) -> Array:
-        robot = self._robots[name]
+        robot, plans = self._robots[name], self._in_force.get(name)
         newest = robot.odometry.fresh(now, max_age)
         alpha = thruster_angle(robot.joints.fresh(now, max_age).message)
         return predicted_start(
-            self._in_force.get(name),
+            None if plans is None else plans.at(now),
             np.append(odometry_state(newest.message), alpha),
             newest.instant,
             start,
@@ -163,20 +163,32 @@ class FormationAdapter(Adapter):
                 found.append(f"robot '{name}': no plant publishes {robot.odometry.topic}")
         return found
 
+    def next_start(self, now: int) -> int | None:
+        """Instant [ns] at which the newest published plan begins; None where it has begun."""
+        plans = next(iter(self._in_force.values()), None)  # all begin at once
+        return None if plans is None else plans.next_start(now)
+
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish motion, controls and path of every robot, and draw them."""
         assert isinstance(problem, RobotFormation)
         plant, stamp = problem.plant, to_stamp(start)
+        now = int(self.node.get_clock().now().nanoseconds)
         for name, planned in solution.trajectories.items():
             trajectory = planned.with_rates(plant.derivative)
             robot = self._robots[name]
             robot.controls.publish(robot_controls_message(trajectory, plant, stamp))
             robot.trajectory.publish(robot_trajectory_message(name, trajectory, stamp))
             robot.path.publish(robot_path_message(trajectory, start))
-            self._in_force[name] = PlanInForce(trajectory, start)
+            plans = self._in_force.setdefault(name, PlansInForce())
+            plans.add(PlanInForce(trajectory, start), now)
         ends = {name: plan.states[-1, [0, 1, 4]] for name, plan in solution.trajectories.items()}
         paths = {name: plan.states[:, :2] for name, plan in solution.trajectories.items()}
         self._markers.publish(formation_markers(problem.arena, ends, paths))
+
+    def clock_was_set(self, step: int | None) -> None:
+        """Let the plans in force go on as the trackers have them go on."""
+        for plans in self._in_force.values():
+            plans.clock_was_set(step)
 
     def watch_plans_followed(self, found: Found) -> None:
         """Begin to listen to what the robots' trackers say they follow."""

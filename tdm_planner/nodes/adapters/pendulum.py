@@ -30,7 +30,7 @@ from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter, Found
 from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement, Received
-from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, predicted_start
+from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
 from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
 from tdm_planner.nodes.messages import (
     joint_motion,
@@ -70,7 +70,7 @@ class PendulumAdapter(Adapter):
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
-        self._in_force: PlanInForce | None = None
+        self._in_force = PlansInForce()
         self._watch: CommandWatch | None = None
         self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
         self._stand_in = StandIn(node, 'plant_markers', self._draw)
@@ -99,7 +99,7 @@ class PendulumAdapter(Adapter):
                     f'[{-fastest:.3g}, {fastest:.3g}] rad/s to be planned from'
                 )
         state = predicted_start(
-            self._in_force,
+            self._in_force.at(now),
             measured,
             newest.instant,
             start,
@@ -113,6 +113,10 @@ class PendulumAdapter(Adapter):
             for name, value in zip(PENDULUM_STATES, state.tolist(), strict=True)
         }
 
+    def next_start(self, now: int) -> int | None:
+        """Instant [ns] at which the newest published plan begins; None where it has begun."""
+        return self._in_force.next_start(now)
+
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish the trajectory, and draw it."""
         assert isinstance(problem, PendulumSwingUp)
@@ -120,8 +124,13 @@ class PendulumAdapter(Adapter):
         if trajectory.rates is None:
             trajectory = trajectory.with_rates(problem.plant.derivative)
         self._trajectories.publish(pendulum_message(trajectory, to_stamp(start)))
-        self._in_force = PlanInForce(trajectory, start)
+        now = int(self.node.get_clock().now().nanoseconds)
+        self._in_force.add(PlanInForce(trajectory, start), now)
         self._markers.publish(plan_markers(problem.plant, trajectory))
+
+    def clock_was_set(self, step: int | None) -> None:
+        """Let the plans in force go on as the tracker has them go on."""
+        self._in_force.clock_was_set(step)
 
     def watch_plans_followed(self, found: Found) -> None:
         """Begin to listen to what the tracker says it follows."""

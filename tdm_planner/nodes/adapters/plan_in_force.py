@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,37 @@ class PlanInForce:
     def reference(self, instant: int) -> Array:
         """Return the planned state (nx,) at an instant [ns]; before and after: that of the end."""
         return self.trajectory.sample((instant - self.start) * NANOSECOND).state
+
+
+class PlansInForce:
+    """
+    The newest published plan, and the one that is carried out until the newest begins.
+
+    A plan that is replaced before it begins is never carried out. May be asked from any thread.
+    """
+
+    def __init__(self) -> None:
+        self._plans: tuple[PlanInForce, ...] = ()  # in the order of their publication
+
+    def add(self, plan: PlanInForce, now: int) -> None:
+        """Take note of a plan published at the instant `now` [ns]."""
+        carried_out = self.at(now)
+        self._plans = (plan,) if carried_out is None else (carried_out, plan)
+
+    def at(self, now: int) -> PlanInForce | None:
+        """Return the plan carried out at the instant `now` [ns]; None before the first begins."""
+        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
+
+    def clock_was_set(self, step: int | None) -> None:
+        """Let all begin `step` [ns] later, as the node's clock was set; None: forget them."""
+        self._plans = (
+            () if step is None else tuple(replace(p, start=p.start + step) for p in self._plans)
+        )
+
+    def next_start(self, now: int) -> int | None:
+        """Instant [ns] at which the newest plan begins; None where that is not after `now`."""
+        start = self._plans[-1].start if self._plans else now
+        return start if start > now else None
 
 
 def predicted_start(

@@ -1,0 +1,159 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From parameters and a measured state to a plan or the reason for none, without ROS running."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+import math
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tdm_planner.exceptions import Infeasible
+from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer
+
+SECOND = 1_000_000_000
+BEGIN = 1_700_000_000 * SECOND
+
+
+class Clock:
+    """A clock that runs; `passed` [s] since it was made."""
+
+    def __init__(self) -> None:
+        self._begin = time.monotonic_ns()
+
+    def __call__(self) -> int:
+        return BEGIN + time.monotonic_ns() - self._begin
+
+    @property
+    def passed(self) -> float:
+        return (self() - BEGIN) / SECOND
+
+
+class Adapter:
+    """Measures how far ahead it is asked to look; a plan begins at `begins` [s]."""
+
+    measures = True
+
+    def __init__(self, begins: float = -1.0) -> None:
+        self.begins = BEGIN + round(begins * SECOND)
+        self.asked: list[float] = []
+
+    def next_start(self, now: int) -> int | None:
+        return self.begins if self.begins > now else None
+
+    def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
+        self.asked.append((now - BEGIN) / SECOND)
+        return {'start.x': (start - now) / SECOND}
+
+
+def solution(ok: bool = True, **changes: Any) -> Any:
+    check = SimpleNamespace(ok=ok, reasons=() if ok else ('it hits the wall',))
+    figures = {'duration': 1.0, 'cost': 1.0, 'penalty': 0.0, 'solve_time': 0.1}
+    return SimpleNamespace(
+        verification=check, **{**figures, 'evaluations': 3, 'summary': 'a plan', **changes}
+    )
+
+
+class Problem:
+    """Solved at once; `deadline` s are allowed."""
+
+    deadline = 0.3
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.values = values
+        self.solver = SimpleNamespace(deadline=self.deadline)
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Problem:
+        return cls(values)
+
+    def solve(self, deadline: float | None = None) -> Any:
+        return solution()
+
+
+class Unchecked(Problem):
+    """One's own, that answers with what its check objects to."""
+
+    def solve(self, deadline: float | None = None) -> Any:
+        return solution(ok=False)
+
+
+class Distant(Problem):
+    """Finds after a while that nothing can be done from a start so far ahead."""
+
+    def solve(self, deadline: float | None = None) -> Any:
+        time.sleep(min(0.25, 0.8 * (deadline or 1.0)))
+        if self.values['start.x'] > 0.3:
+            raise Infeasible('there is no way from this start')
+        return solution()
+
+
+def request(kind: Any, adapter: Any, source: str = 'measured', delay: float = 0.4) -> Any:
+    clock = Clock()
+    values = {'start.source': source, 'start.delay': delay, 'solver.deadline': kind.deadline}
+    return make_plan(kind, values, adapter, clock), clock
+
+
+@pytest.mark.parametrize('source', ['measured', 'parameters'])
+def test_what_its_own_check_objects_to_is_no_plan(source: str) -> None:
+    made, _ = request(Unchecked, Adapter(), source)
+    assert isinstance(made, Failure)
+    assert made.code == 'VERIFICATION_FAILED'
+    assert 'it hits the wall' in made.reason
+
+
+def test_a_plan_that_may_begin_meanwhile_is_waited_for() -> None:
+    adapter = Adapter(begins=0.2)
+    made, _ = request(Problem, adapter)
+    assert isinstance(made, Plan)
+    assert adapter.asked[0] >= 0.2
+    assert made.start == BEGIN + round((adapter.asked[0] + 0.4) * SECOND)
+
+
+def test_a_plan_that_is_replaced_before_it_begins_is_not() -> None:
+    adapter = Adapter(begins=5.0)
+    request(Problem, adapter)
+    assert adapter.asked[0] < 0.2
+
+
+def test_a_clock_that_stands_still_is_not_waited_for_without_end() -> None:
+    values = {'start.source': 'measured', 'start.delay': 0.1, 'solver.deadline': 0.1}
+    adapter = Adapter(begins=0.1)
+    began = time.monotonic()
+    made = make_plan(Problem, values, adapter, lambda: BEGIN)  # type: ignore[arg-type]
+    assert isinstance(made, Plan)
+    assert time.monotonic() - began < 5.0
+
+
+def test_what_begins_sooner_is_not_begun_too_late() -> None:
+    """Half the delay has passed when the first attempt fails: no time is left for the others."""
+    made, _ = request(Distant, Adapter())
+    assert isinstance(made, Failure)
+    assert made.code == 'INFEASIBLE'
+    made, clock = request(Distant, Adapter(), delay=0.56)
+    assert isinstance(made, Plan)
+    assert clock() <= made.start
+
+
+@pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
+def test_the_answer_is_json_whatever_a_problem_of_ones_own_returns(cost: Any, told: Any) -> None:
+    plan = Plan(Problem({}), solution(cost=cost), BEGIN)  # type: ignore[arg-type]
+    answer = json.loads(plan_answer(plan, 1), parse_constant=pytest.fail)
+    assert answer['cost'] == told

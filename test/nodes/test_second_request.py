@@ -1,0 +1,63 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Requests that come while the plan before has not begun: over DDS, plant and tracker running."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from ros_harness import NodeProcess, Ros
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS
+
+WEAK = {'limits.torque': 0.02}
+
+
+class Rig:
+    """A pendulum that hangs at rest, its tracker and its planner."""
+
+    def __init__(self, ros: Ros, namespace: str) -> None:
+        self.ros, self.namespace = ros, namespace
+        self.plant = self.start('tdm_sim.pendulum_plant', {})
+        self.tracker = self.start('tdm_planner.nodes.tracker', {})
+        self.planner = self.start('tdm_planner.nodes.planner', {'solver.deadline': 0.3})
+        self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
+
+    def start(self, module: str, parameters: dict[str, Any]) -> NodeProcess:
+        return self.ros.start(module, {**WEAK, **parameters}, namespace=self.namespace)
+
+    @property
+    def upright(self) -> bool:
+        motions = [joint_motion(state, PENDULUM_JOINTS) for state in self.states[-100:]]
+        return all(abs(math.remainder(float(motion[0]), math.tau)) < 0.1 for motion in motions)
+
+
+# The first plan begins a second after its request; the last request waits for it to begin.
+@pytest.mark.parametrize('pauses', [(0.2,), (0.45,), (0.75,), (0.1, 0.3, 0.3)], ids=str)
+def test_the_last_of_several_requests_is_followed(ros: Ros, pauses: tuple[float, ...]) -> None:
+    rig = Rig(ros, 'second_' + '_'.join(str(round(100 * pause)) for pause in pauses))
+    assert ros.spin_until(lambda: bool(rig.states), 20.0)
+    for pause in (*pauses, 0.0):
+        done, answer = ros.trigger(f'/{rig.namespace}/plan')
+        assert done, answer
+        ros.spin_for(pause)
+    assert ros.spin_until(lambda: rig.upright, 10.0), rig.tracker.output
+    # Made in the middle of a swing a plan may be refused, and the one before be carried on.
+    assert len(pauses) > 1 or pauses[0] > 0.3 or 'refused' not in rig.tracker.output
+    assert 'stopped' not in rig.tracker.output
+    for process in (rig.planner, rig.tracker, rig.plant):
+        process.end_cleanly()
