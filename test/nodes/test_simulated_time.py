@@ -77,3 +77,35 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ros
     assert 'refused' not in tracker.output
     assert not texts(diagnostics[-1:], '/early/tracker')[0].startswith('simulated')
     tracker.end_cleanly()
+
+
+def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Ros) -> None:
+    """A state measured then is planned from as it is: nobody follows the plan before."""
+    parameters = {'use_sim_time': True, 'limits.torque': 0.09, 'solver.deadline': 10.0}
+    planner = ros.start('tdm_planner.nodes.planner', parameters, namespace='anew')
+    clock = ros.publisher('/clock', Clock)
+    states = ros.publisher('/anew/joint_states', JointState)
+    plans = ros.subscribe('/anew/trajectory', JointTrajectory, LATCHED)
+
+    def at(seconds: float) -> None:
+        now = Time(nanoseconds=BEGIN + round(seconds * 1e9)).to_msg()
+        hanging = JointState(name=['pendulum', 'disk'], position=[np.pi, 0.0], velocity=[0.0, 0.0])
+        hanging.header.stamp = now
+        clock.publish(Clock(clock=now))
+        ros.spin_for(0.05)
+        states.publish(hanging)
+        ros.spin_for(0.05)
+
+    at(100.0)
+    done, answer = ros.trigger('/anew/plan', timeout=60.0)
+    assert done, answer
+    # Half way up, by the plan, where the pendulum never was.
+    at(100.98)
+    at(99.9)
+    assert ros.spin_until(lambda: 'simulated time was set back' in planner.output)
+    at(101.2)
+    done, answer = ros.trigger('/anew/plan', timeout=60.0)
+    assert done, answer
+    assert ros.spin_until(lambda: len(plans) == 2)
+    np.testing.assert_allclose(plans[-1].points[0].positions, [np.pi, 0.0], atol=1e-9)
+    planner.end_cleanly()
