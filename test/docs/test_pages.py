@@ -242,7 +242,8 @@ def check_run(command: list[str]) -> None:
     """
     Check that the executable exists, and that it has the parameters that are set.
 
-    An enclave must be in the policy, and be that of the node.
+    Parameter files must be there, or made by an earlier command of the page. An enclave must be
+    in the policy, and be that of the node.
     """
     _, _, package, executable, *arguments = command
     assert package == 'tdm_planner'
@@ -260,7 +261,10 @@ def check_run(command: list[str]) -> None:
     assert found, command
     assert not arguments or arguments[0] == '--ros-args', command
     for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
-        assert option in ('-p', '-r', '--enclave'), command
+        assert option in ('-p', '-r', '--enclave', '--params-file'), command
+        if option == '--params-file':
+            assert Path(assignment).is_file(), command
+            continue
         if option == '--enclave':
             assert assignment in enclaves(), command
             assert f'__ns:={assignment.removesuffix(f"/{executable}")}' in arguments, command
@@ -329,6 +333,7 @@ def test_an_unknown_command_would_be_noticed(tmp_path: Path, monkeypatch: pytest
         'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/plannner',
         'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/tracker',
         'ros2 run tdm_planner planner --ros-args -r __ns:=/robots --enclave /pendulum/planner',
+        'ros2 run tdm_planner planner --ros-args --params-file my_rig.yaml',
         'ros2 service call /pendulum/plan std_srvs/srv/Trigger --ros-args --enclave /operator',
         'ROS_SECURITY_ENCLAVE_OVERRIDE=/nobody ros2 service call /pendulum/plan',
         'export ROS_SECURITY_STRATEGY=Enforced',
