@@ -94,3 +94,24 @@ def test_the_speed_may_be_changed_on_the_way(ros: Ros, plant: str) -> None:
     steps = np.diff([nanoseconds_of(clock.clock) for clock in clocks])
     assert (steps > 0).all()
     assert not (steps % STEP).any()
+
+
+def test_a_second_clock_is_told_of(ros: Ros, plant: str) -> None:
+    told = '2 nodes publish /clock: '
+    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+
+    def tells(name: str) -> bool:
+        """Whether the plant's newest status warns of another clock."""
+        texts = [
+            status.message
+            for array in diagnostics
+            for status in array.status
+            if status.name == f'{name}: simulation'
+        ]
+        return bool(texts) and told in texts[-1]
+
+    other = ros.start('tdm_sim.robot_plant', {'publish_clock': True}, namespace='other')
+    assert ros.spin_until(lambda: tells(plant) and tells('/other/robot_plant'), 60.0)
+    assert told in other.output
+    other.end_cleanly()
+    assert ros.spin_until(lambda: not tells(plant), 30.0)
