@@ -86,7 +86,8 @@ def state_publisher(
     params_file: str, namespace: str, log_level: list[str], clock: list[dict[str, bool]]
 ) -> Node:
     """Describe robot_state_publisher for the plant that the file's section `planner` has."""
-    plant = build(RotaryPendulum, read_parameters(Path(params_file)), 'plant.')
+    planner = read_parameters(Path(params_file), namespace=namespace)
+    plant = build(RotaryPendulum, planner, 'plant.')
     description = ParameterValue(pendulum_urdf(plant), value_type=str)
     return Node(
         package='robot_state_publisher',

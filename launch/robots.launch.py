@@ -101,7 +101,7 @@ def how_many(text: str) -> int | None:
 
 def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str, bool]]) -> Node:
     """Describe RViz for the robots, and the arena that a parameter file has."""
-    arena = build(FormationParameters, ros_parameters(document, 'planner')).arena
+    arena = build(FormationParameters, ros_parameters(document, 'planner', namespace)).arena
     view = Path(tempfile.mkdtemp(), 'robots.rviz')
     text = robots_rviz(robots, namespace, arena.length, arena.width)
     view.write_text(text, encoding='utf-8')

@@ -91,6 +91,28 @@ def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path
 
 
 @pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_only_sections_count_that_the_planner_takes(name: str, tmp_path: Path):
+    path = tmp_path / 'mine.yaml'
+    mine = {'plant': {'mass': 0.05}, 'robots': ['mine']}
+    others = {'plant': {'mass': 0.07}, 'robots': ['others', 'theirs']}
+    document = {
+        '/hall/planner': {'ros__parameters': mine},
+        '/attic/planner': {'ros__parameters': others},
+    }
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    launch = description(name)
+    nodes = launch.nodes(params_file=str(path), namespace='hall')
+    if name.startswith('pendulum'):
+        (publisher,) = (n for n in nodes if n.package == 'robot_state_publisher')
+        assert '<mass value="0.05"' in publisher.parameters[0]['robot_description'].value
+    else:
+        assert {n.namespace for n in nodes} == {'hall', 'hall/mine'}
+    with pytest.raises(InvalidProblem, match="'/cellar/planner', only for /hall/planner, /attic"):
+        launch.nodes(params_file=str(path), namespace='cellar')
+
+
+@pytest.mark.usefixtures('stand_ins')
 def test_numbers_are_read_as_the_nodes_do(tmp_path: Path):
     """YAML 1.1 takes 3e-5 for a text, ROS 2 for a number."""
     path = tmp_path / 'small.yaml'
@@ -273,7 +295,7 @@ def test_default_robots_stand_at_their_default_starts():
 @pytest.mark.parametrize('robots', [[], ['left', 'left'], ['le ft'], 'left'])
 def test_names_that_cannot_be_used_are_refused(tmp_path: Path, robots: Any):
     path = tmp_path / 'wrong.yaml'
-    path.write_text(yaml.safe_dump({'planner': {'ros__parameters': {'robots': robots}}}))
+    path.write_text(yaml.safe_dump({'/**/planner': {'ros__parameters': {'robots': robots}}}))
     with pytest.raises(InvalidProblem, match="'robots'"):
         description('robots.launch.py').nodes(params_file=str(path))
 
