@@ -33,7 +33,7 @@ from tools.headers import bare, FOLDERS, sources
 import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
-SOURCES = [path for path in sources() if path.name != 'setup.py']
+SOURCES = [path for path in sources() if path.suffix == '.py' and path.name != 'setup.py']
 # Order and number of elements in package_format3.xsd (REP 149).
 ELEMENTS = ['name', 'version', 'description', 'maintainer', 'license', 'url', 'author']
 DEPENDENCIES = re.compile(r'(build|build_export|buildtool|buildtool_export|exec|doc|test)_depend$')
@@ -279,15 +279,22 @@ def test_missing_headers_are_told_and_written(
     (tmp_path / 'tools').mkdir()
     for path in (tmp_path / 'setup.py', tmp_path / 'tools' / 'some.py'):
         path.write_text('"""Text."""\n')
+    (tmp_path / 'tools' / 'some.c').write_text('int some;\n')
     monkeypatch.setattr(headers, 'ROOT', tmp_path)
     monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
     assert headers.main() == 1
-    assert 'tools/some.py: no copyright' in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert 'tools/some.py: no copyright' in told
+    assert 'tools/some.c: no copyright' in told
     for _ in range(2):
         monkeypatch.setattr(sys, 'argv', ['headers'])
         assert headers.main() == 0
         written = (tmp_path / 'tools' / 'some.py').read_text()
-        assert written == headers.HEADER + '\n"""Text."""\n'
+        assert written.startswith('# Copyright 2026 The tdm_planner authors\n#\n# Licensed')
+        assert written.endswith('# limitations under the License.\n\n"""Text."""\n')
+        written = (tmp_path / 'tools' / 'some.c').read_text()
+        assert written.startswith('// Copyright 2026 The tdm_planner authors\n//\n// Licensed')
+        assert written.endswith('// limitations under the License.\n\nint some;\n')
     monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
     assert headers.main() == 0
 
