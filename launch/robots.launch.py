@@ -56,17 +56,20 @@ def start(context: LaunchContext) -> list[Any]:
         return str(LaunchConfiguration(name).perform(context))
 
     file, namespace = argument('params_file'), argument('namespace').strip('/')
+    # launch_ros puts a namespace that is pushed before the nodes' own; in absolute names we must.
+    pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
+    whole = joined(pushed, namespace)
     document = parse_yaml(Path(file).read_text(encoding='utf-8'))
     clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
-    nodes = robot_nodes(document, namespace, how_many(argument('number_of_robots')))
+    nodes = robot_nodes(document, whole, how_many(argument('number_of_robots')))
     simulated = argument('plant') == 'true'
     respawn = RESPAWN if argument('respawn') == 'true' else {}
     described: list[Any] = []
     for node in nodes:
         if node.executable == 'robot_plant' and not simulated:
             continue
-        space = '/'.join(part for part in (namespace, node.robot) if part)
-        in_enclave = ['--enclave', f'/{space}/{node.executable}'.replace('//', '/')]
+        space = joined(namespace, node.robot)
+        in_enclave = ['--enclave', '/' + joined(whole, node.robot, node.executable)]
         described.append(
             Node(
                 package='tdm_planner',
@@ -83,11 +86,16 @@ def start(context: LaunchContext) -> list[Any]:
         )
     if argument('rviz') == 'true':
         robots = [node.robot for node in nodes if node.executable == 'tracker']
-        described.append(rviz(document, namespace, robots, clock))
+        described.append(rviz(document, whole, robots, clock))
     if argument('record') == 'true':
-        command = record_command(namespace, argument('bag'))
+        command = record_command(whole, argument('bag'))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
+
+
+def joined(*parts: str) -> str:
+    """Join the parts of a name that are not empty."""
+    return '/'.join(part for part in parts if part)
 
 
 def how_many(text: str) -> int | None:

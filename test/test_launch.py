@@ -168,6 +168,40 @@ def test_rviz_opens_on_request_with_the_topics_of_the_namespace(name: str, topic
     assert f'Value: {topic}\n' in Path(file).read_text()
 
 
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('pushed', ['site', '/site'])
+@pytest.mark.parametrize(
+    ('name', 'topic'),
+    [('pendulum', '/site/hall/plant_markers'), ('robots', '/site/hall/robot2/goal_pose')],
+)
+def test_absolute_names_have_a_namespace_that_is_pushed(pushed: str, name: str, topic: str):
+    """Those of nodes are left to launch_ros, which puts it before relative ones."""
+    arguments = {'rviz': 'true', 'record': 'true', 'bag': 'bag', 'enclaves': 'true'}
+    started = description(f'{name}.launch.py').started(pushed, namespace='hall', **arguments)
+    (recorder,) = (item for item in started if isinstance(item, ExecuteProcess))
+    assert recorder.cmd == record_command('site/hall', 'bag')
+    (rviz,) = (item for item in started if getattr(item, 'package', '') == 'rviz2')
+    assert f'Value: {topic}\n' in Path(rviz.arguments[1]).read_text()
+    nodes = [item for item in started if getattr(item, 'package', '') == 'tdm_planner']
+    for node in nodes:
+        assert node.namespace.split('/')[0] == 'hall'
+        enclave = node.ros_arguments[-1]
+        assert enclave == f'/site/{node.namespace}/{node.executable}'
+        if node.executable == 'tracker' and name == 'robots':
+            assert node.parameters[1]['planner_service'] == '/site/hall/plan'
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_the_section_of_a_pushed_namespace_is_taken(name: str, tmp_path: Path):
+    path = tmp_path / 'mine.yaml'
+    mine = {'plant': {'mass': 0.05}, 'robots': ['mine']}
+    path.write_text(yaml.safe_dump({'/site/hall/planner': {'ros__parameters': mine}}))
+    assert description(name).nodes('/site', params_file=str(path), namespace='hall')
+    with pytest.raises(InvalidProblem, match="'/hall/planner'"):
+        description(name).nodes(params_file=str(path), namespace='hall')
+
+
 ROBOTS = {
     '/**/planner': {
         'ros__parameters': {
