@@ -79,9 +79,9 @@ def start(context: LaunchContext) -> list[Any]:
         planner = read_parameters(Path(file), namespace=whole)
         described.append(state_publisher(planner, namespace, log_level, clock))
     if argument('rviz') == 'true':
-        described.append(rviz(whole, clock))
+        described.append(rviz(whole, log_level, clock))
     if argument('record') == 'true':
-        command = record_command(whole, argument('bag'))
+        command = record_command(whole, argument('bag'), bool(clock))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
 
@@ -107,7 +107,7 @@ def state_publisher(
     )
 
 
-def rviz(namespace: str, clock: list[dict[str, bool]]) -> Node:
+def rviz(namespace: str, log_level: list[str], clock: list[dict[str, bool]]) -> Node:
     """Describe RViz with the topics of the namespace."""
     view = Path(tempfile.mkdtemp(), 'pendulum.rviz')
     view.write_text(pendulum_rviz(namespace), encoding='utf-8')
@@ -116,6 +116,7 @@ def rviz(namespace: str, clock: list[dict[str, bool]]) -> Node:
         executable='rviz2',
         arguments=['-d', str(view)],
         parameters=clock,
+        ros_arguments=log_level,
         output='screen',
     )
 
@@ -180,7 +181,9 @@ def generate_launch_description() -> LaunchDescription:
                 description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
-                'log_level', default_value='info', description='level of all loggers'
+                'log_level',
+                default_value='info',
+                description='level of the loggers of all nodes but the recorder',
             ),
             OpaqueFunction(function=start),
         ]

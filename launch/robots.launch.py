@@ -60,6 +60,7 @@ def start(context: LaunchContext) -> list[Any]:
     pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
     whole = joined(pushed, namespace)
     document = parse_yaml(Path(file).read_text(encoding='utf-8'))
+    log_level = ['--log-level', argument('log_level')]
     clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
     nodes = robot_nodes(document, whole, how_many(argument('number_of_robots')))
     simulated = argument('plant') == 'true'
@@ -77,7 +78,7 @@ def start(context: LaunchContext) -> list[Any]:
                 namespace=space,
                 parameters=[file, *([node.parameters] if node.parameters else []), *clock],
                 ros_arguments=[
-                    *('--log-level', argument('log_level')),
+                    *log_level,
                     *(in_enclave if argument('enclaves') == 'true' else []),
                 ],
                 output='screen',
@@ -86,9 +87,9 @@ def start(context: LaunchContext) -> list[Any]:
         )
     if argument('rviz') == 'true':
         robots = [node.robot for node in nodes if node.executable == 'tracker']
-        described.append(rviz(document, whole, robots, clock))
+        described.append(rviz(document, whole, robots, log_level, clock))
     if argument('record') == 'true':
-        command = record_command(whole, argument('bag'))
+        command = record_command(whole, argument('bag'), bool(clock))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
 
@@ -107,7 +108,13 @@ def how_many(text: str) -> int | None:
     return int(text)
 
 
-def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str, bool]]) -> Node:
+def rviz(
+    document: Any,
+    namespace: str,
+    robots: list[str],
+    log_level: list[str],
+    clock: list[dict[str, bool]],
+) -> Node:
     """Describe RViz for the robots, and the arena that a parameter file has."""
     arena = build(FormationParameters, ros_parameters(document, 'planner', namespace)).arena
     view = Path(tempfile.mkdtemp(), 'robots.rviz')
@@ -118,6 +125,7 @@ def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str,
         executable='rviz2',
         arguments=['-d', str(view)],
         parameters=clock,
+        ros_arguments=log_level,
         output='screen',
     )
 
@@ -181,7 +189,9 @@ def generate_launch_description() -> LaunchDescription:
                 description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
-                'log_level', default_value='info', description='level of all loggers'
+                'log_level',
+                default_value='info',
+                description='level of the loggers of all nodes but the recorder',
             ),
             OpaqueFunction(function=start),
         ]

@@ -298,7 +298,7 @@ def test_only_trackers_are_started_anew(name: str):
 
 @pytest.mark.usefixtures('stand_ins')
 @pytest.mark.parametrize('name', FILES)
-def test_recording_on_request(name: str):
+def test_recording_on_request(name: str, monkeypatch: pytest.MonkeyPatch):
     def recorders(**arguments: str) -> list[ExecuteProcess]:
         started = description(name).started(**arguments)
         return [item for item in started if isinstance(item, ExecuteProcess)]
@@ -306,6 +306,21 @@ def test_recording_on_request(name: str):
     assert not recorders()
     (recorder,) = recorders(record='true', bag='my_bag', namespace='hall')
     assert recorder.cmd == record_command('hall', 'my_bag')
+    asked: list[bool] = []
+    monkeypatch.setattr(
+        'tdm_sim.record_command.record_command',
+        lambda namespace, bag, use_sim_time: asked.append(use_sim_time) or [],
+    )
+    for switch in ('true', 'false'):
+        recorders(record='true', use_sim_time=switch)
+    assert asked == [True, False]
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_the_log_level_is_that_of_all_nodes(name: str):
+    for node in description(name).nodes(log_level='debug', rviz='true'):
+        assert node.ros_arguments == ['--log-level', 'debug']
 
 
 @pytest.mark.usefixtures('stand_ins')
