@@ -48,7 +48,8 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-# Without a rosdep key: optional, with a fall-back or a message that says how to get it.
+# Without a rosdep key of a system package: optional, with a fall-back or a message that says how
+# to get it.
 WITHOUT_KEY = {'daqp', 'mcap', 'plotly', 'rosbags', 'zstandard'}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
