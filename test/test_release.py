@@ -331,6 +331,12 @@ def test_workflow_runs_the_same_script_on_every_python():
     assert oldest[1] == job['strategy']['matrix']['python'][0]
 
 
+def test_colcon_runs_all_tests_every_night():
+    steps = load('.github/workflows/nightly.yml')['jobs']['colcon']['steps']
+    commands = [step['run'] for step in steps if 'run' in step]
+    assert commands[-3:] == ['colcon build', 'colcon test', 'colcon test-result --verbose']
+
+
 def test_hooks_before_a_commit_are_those_of_make_lint():
     (repository,) = load('.pre-commit-config.yaml')['repos']
     assert repository['repo'] == 'local'
