@@ -28,13 +28,21 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 import re
-import shlex
 import shutil
 from typing import Any
 from xml.etree import ElementTree
 
 import pages
-from pages import blocks, commands, name_of, PAGES, SOURCE
+from pages import (
+    blocks,
+    commands,
+    console_commands,
+    name_of,
+    PAGES,
+    SHARE,
+    SOURCE,
+    typed,
+)
 import pytest
 from tdm_planner import cli
 from tdm_planner.problems.base import Problem, Solution
@@ -46,7 +54,6 @@ EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
 OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', '.', 'source'}
 MODULES_OF_OTHER_PROJECTS = {'colcon', 'venv'}
 SERVICES = {'plan', 'reset', 'push'}
-SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are checked in a folder like it
 VARIABLES = {
     'ROS_SECURITY_KEYSTORE': '.+',
     'ROS_SECURITY_ENABLE': 'true|false',
@@ -63,20 +70,6 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
         return solve(self, LONG, **options)
 
     monkeypatch.setattr(Problem, 'solve', solve_patiently)
-
-
-def typed(page: Path) -> list[list[str]]:
-    """Return the words of every command, those of blocks marked `console` too."""
-    found = [*commands(page), *console_commands(page)]
-    return [[word.replace(SHARE, '.') for word in command] for command in found]
-
-
-def console_commands(page: Path) -> list[list[str]]:
-    """Return the words of every line of the blocks marked `console`, which may stand in lists."""
-    text = page.read_text(encoding='utf-8')
-    found = re.findall(r'^( *)```console\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
-    lines = ''.join(block for _, block in found).replace('\\\n', ' ').splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
 def test_all_pages_are_found():
