@@ -52,12 +52,15 @@ def start(context: LaunchContext) -> list[Any]:
         return str(LaunchConfiguration(name).perform(context))
 
     namespace = argument('namespace').strip('/')
+    # launch_ros puts a namespace that is pushed before the nodes' own; in absolute names we must.
+    pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
+    whole = joined(pushed, namespace)
     file = argument('params_file')
     log_level = ['--log-level', argument('log_level')]
     clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
 
     def node(executable: str, **more: Any) -> Node:
-        in_enclave = ['--enclave', f'/{namespace}/{executable}'.replace('//', '/')]
+        in_enclave = ['--enclave', '/' + joined(whole, executable)]
         return Node(
             package='tdm_planner',
             executable=executable,
@@ -73,20 +76,26 @@ def start(context: LaunchContext) -> list[Any]:
     if argument('plant') == 'true':
         described.append(node('pendulum_plant'))
     if argument('description') == 'true':
-        described.append(state_publisher(file, namespace, log_level, clock))
+        planner = read_parameters(Path(file), namespace=whole)
+        described.append(state_publisher(planner, namespace, log_level, clock))
     if argument('rviz') == 'true':
-        described.append(rviz(namespace, clock))
+        described.append(rviz(whole, log_level, clock))
     if argument('record') == 'true':
-        command = record_command(namespace, argument('bag'))
+        command = record_command(whole, argument('bag'), bool(clock))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
 
 
+def joined(*parts: str) -> str:
+    """Join the parts of a name that are not empty."""
+    return '/'.join(part for part in parts if part)
+
+
 def state_publisher(
-    params_file: str, namespace: str, log_level: list[str], clock: list[dict[str, bool]]
+    planner: dict[str, Any], namespace: str, log_level: list[str], clock: list[dict[str, bool]]
 ) -> Node:
-    """Describe robot_state_publisher for the plant that the file's section `planner` has."""
-    plant = build(RotaryPendulum, read_parameters(Path(params_file)), 'plant.')
+    """Describe robot_state_publisher for the plant that the planner's parameters have."""
+    plant = build(RotaryPendulum, planner, 'plant.')
     description = ParameterValue(pendulum_urdf(plant), value_type=str)
     return Node(
         package='robot_state_publisher',
@@ -98,7 +107,7 @@ def state_publisher(
     )
 
 
-def rviz(namespace: str, clock: list[dict[str, bool]]) -> Node:
+def rviz(namespace: str, log_level: list[str], clock: list[dict[str, bool]]) -> Node:
     """Describe RViz with the topics of the namespace."""
     view = Path(tempfile.mkdtemp(), 'pendulum.rviz')
     view.write_text(pendulum_rviz(namespace), encoding='utf-8')
@@ -107,6 +116,7 @@ def rviz(namespace: str, clock: list[dict[str, bool]]) -> Node:
         executable='rviz2',
         arguments=['-d', str(view)],
         parameters=clock,
+        ros_arguments=log_level,
         output='screen',
     )
 
@@ -171,7 +181,9 @@ def generate_launch_description() -> LaunchDescription:
                 description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
-                'log_level', default_value='info', description='level of all loggers'
+                'log_level',
+                default_value='info',
+                description='level of the loggers of all nodes but the recorder',
             ),
             OpaqueFunction(function=start),
         ]

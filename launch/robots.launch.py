@@ -56,17 +56,21 @@ def start(context: LaunchContext) -> list[Any]:
         return str(LaunchConfiguration(name).perform(context))
 
     file, namespace = argument('params_file'), argument('namespace').strip('/')
+    # launch_ros puts a namespace that is pushed before the nodes' own; in absolute names we must.
+    pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
+    whole = joined(pushed, namespace)
     document = parse_yaml(Path(file).read_text(encoding='utf-8'))
+    log_level = ['--log-level', argument('log_level')]
     clock = [{'use_sim_time': True}] if argument('use_sim_time') == 'true' else []
-    nodes = robot_nodes(document, namespace, how_many(argument('number_of_robots')))
+    nodes = robot_nodes(document, whole, how_many(argument('number_of_robots')))
     simulated = argument('plant') == 'true'
     respawn = RESPAWN if argument('respawn') == 'true' else {}
     described: list[Any] = []
     for node in nodes:
         if node.executable == 'robot_plant' and not simulated:
             continue
-        space = '/'.join(part for part in (namespace, node.robot) if part)
-        in_enclave = ['--enclave', f'/{space}/{node.executable}'.replace('//', '/')]
+        space = joined(namespace, node.robot)
+        in_enclave = ['--enclave', '/' + joined(whole, node.robot, node.executable)]
         described.append(
             Node(
                 package='tdm_planner',
@@ -74,7 +78,7 @@ def start(context: LaunchContext) -> list[Any]:
                 namespace=space,
                 parameters=[file, *([node.parameters] if node.parameters else []), *clock],
                 ros_arguments=[
-                    *('--log-level', argument('log_level')),
+                    *log_level,
                     *(in_enclave if argument('enclaves') == 'true' else []),
                 ],
                 output='screen',
@@ -83,11 +87,16 @@ def start(context: LaunchContext) -> list[Any]:
         )
     if argument('rviz') == 'true':
         robots = [node.robot for node in nodes if node.executable == 'tracker']
-        described.append(rviz(document, namespace, robots, clock))
+        described.append(rviz(document, whole, robots, log_level, clock))
     if argument('record') == 'true':
-        command = record_command(namespace, argument('bag'))
+        command = record_command(whole, argument('bag'), bool(clock))
         described.append(ExecuteProcess(cmd=command, name='record', output='screen'))
     return described
+
+
+def joined(*parts: str) -> str:
+    """Join the parts of a name that are not empty."""
+    return '/'.join(part for part in parts if part)
 
 
 def how_many(text: str) -> int | None:
@@ -99,9 +108,15 @@ def how_many(text: str) -> int | None:
     return int(text)
 
 
-def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str, bool]]) -> Node:
+def rviz(
+    document: Any,
+    namespace: str,
+    robots: list[str],
+    log_level: list[str],
+    clock: list[dict[str, bool]],
+) -> Node:
     """Describe RViz for the robots, and the arena that a parameter file has."""
-    arena = build(FormationParameters, ros_parameters(document, 'planner')).arena
+    arena = build(FormationParameters, ros_parameters(document, 'planner', namespace)).arena
     view = Path(tempfile.mkdtemp(), 'robots.rviz')
     text = robots_rviz(robots, namespace, arena.length, arena.width)
     view.write_text(text, encoding='utf-8')
@@ -110,6 +125,7 @@ def rviz(document: Any, namespace: str, robots: list[str], clock: list[dict[str,
         executable='rviz2',
         arguments=['-d', str(view)],
         parameters=clock,
+        ros_arguments=log_level,
         output='screen',
     )
 
@@ -173,7 +189,9 @@ def generate_launch_description() -> LaunchDescription:
                 description='run every node of this package in the SROS2 enclave of its name',
             ),
             DeclareLaunchArgument(
-                'log_level', default_value='info', description='level of all loggers'
+                'log_level',
+                default_value='info',
+                description='level of the loggers of all nodes but the recorder',
             ),
             OpaqueFunction(function=start),
         ]

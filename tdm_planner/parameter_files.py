@@ -63,10 +63,17 @@ def parse_yaml(text: str) -> Any:
 
 
 def read_parameters(
-    path: Path | None, settings: Sequence[str] = (), node: str = 'planner'
+    path: Path | None,
+    settings: Sequence[str] = (),
+    node: str = 'planner',
+    namespace: str | None = None,
+    *,
+    required: bool = True,
 ) -> dict[str, Any]:
     """
     Return a node's flat parameters from a parameter file and ``name=value`` settings.
+
+    `node`, `namespace` and `required` are those of `ros_parameters`.
 
     Raises
     ------
@@ -77,7 +84,8 @@ def read_parameters(
     values: dict[str, Any] = {}
     if path is not None:
         try:
-            values.update(ros_parameters(parse_yaml(path.read_text(encoding='utf-8')), node))
+            document = parse_yaml(path.read_text(encoding='utf-8'))
+            values.update(ros_parameters(document, node, namespace, required=required))
         except OSError as error:
             raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
         except (UnicodeDecodeError, yaml.YAMLError) as error:

@@ -92,7 +92,8 @@ def run_demo(
     """
     require_one_ros()
     file = config_file(f'{plant}.yaml') if parameters is None else parameters
-    scene = SCENES[plant](read_parameters(file), file.resolve())
+    kind = SCENES[plant]
+    scene = kind(read_parameters(file, namespace=kind.namespace), file.resolve())
     scene.speed = SPEED.check(speed)
     _prepare_folder(output)
     with make_progress(quiet) as progress:

@@ -121,7 +121,7 @@ class RobotsScene(Scene):
         """Plants, trackers, planner."""
         commands: list[NodeCommand] = []
         first = next(iter(self.robots))
-        for node in robot_nodes({'planner': {'ros__parameters': self.parameters}}):
+        for node in robot_nodes({'/**/planner': {'ros__parameters': self.parameters}}):
             space = f'{self.namespace}/{node.robot}' if node.robot else self.namespace
             name = f'{node.executable}_{node.robot}' if node.robot else node.executable
             drives_clock = node.executable == 'robot_plant' and node.robot == first

@@ -62,7 +62,13 @@ class Scene(ABC):
         arguments = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
         executable = module.rsplit('.', 1)[-1]
         settings = speed_settings(
-            executable, self.file, self.speed, drives_clock, self.rates, self.followers
+            executable,
+            self.file,
+            self.speed,
+            drives_clock,
+            self.rates,
+            self.followers,
+            namespace,
         )
         for key, value in settings.items():
             arguments += ['-p', f'{key}:={json.dumps(value)}']

@@ -56,16 +56,19 @@ def speed_settings(
     drives_clock: bool,
     rates: float = 1.0,
     followers: Sequence[str] = ('joint_command',),
+    namespace: str | None = None,
 ) -> Settings:
     """
     Return what a node is told beside the parameter file, for a demo `speed` times real time.
 
     `rates` is how many times more often than at real time the nodes may be called in a second;
-    `followers` are the topics whose publishers the clock waits for.
+    `followers` are the topics whose publishers the clock waits for. Of the parameter file those
+    sections count that are for the node in `namespace`; None: in any.
     """
     if speed == 1.0:
         return {}
-    declared, given = _DECLARED[executable](), read_parameters(file, node=executable)
+    declared = _DECLARED[executable]()
+    given = read_parameters(file, node=executable, namespace=namespace, required=False)
     settings: Settings = {'use_sim_time': not drives_clock}
     if drives_clock:
         settings |= {'publish_clock': True, 'real_time_factor': speed}

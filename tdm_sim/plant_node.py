@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.time import Time
+from rclpy.time_source import CLOCK_TOPIC
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -40,6 +41,7 @@ from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.ros_parameters import ParameterNode
+from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.parameters import (
     build,
     parameter,
@@ -158,6 +160,7 @@ class PlantNode(ParameterNode):
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self.make_publishers()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
+        self._clocks = None if self._clock_source is None else self._watch_for_other_clocks()
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
@@ -174,6 +177,15 @@ class PlantNode(ParameterNode):
             return None
         given = self.parameters
         return ClockSource(self, 1.0 / given.rate, given.real_time_factor, given.clock_followers)
+
+    def _watch_for_other_clocks(self) -> SolePublisher:
+        return SolePublisher(
+            self,
+            CLOCK_TOPIC,
+            'the time of those who follow it leaps; let only one of them drive it',
+            self._diagnostics.update,
+            'nodes',
+        )
 
     def _make_timer(self) -> Timer:
         period = 1.0 / self.parameters.rate
@@ -316,6 +328,8 @@ class PlantNode(ParameterNode):
         slow = self._rate.problem()
         if slow:
             warnings = [*warnings, f'states at {slow}']
+        if self._clocks is not None and self._clocks.warning:
+            warnings = [*warnings, self._clocks.warning]
         level, message = Level.OK, 'driven' if self.simulation.commanded else 'no command'
         if self.simulation.breakdowns:
             errors.append(

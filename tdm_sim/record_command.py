@@ -25,17 +25,19 @@ import sys
 from tdm_sim.topic_choice import SHARED_TOPICS
 
 
-def record_command(namespace: str, bag: str = '') -> list[str]:
+def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) -> list[str]:
     """
     Return the words of a command that records all topics in a namespace, and shared ones.
 
     It records to the folder `bag`, by default one named after namespace and time, until it is
-    interrupted.
+    interrupted. With `use_sim_time` the recorder of ROS 2 notes when messages came by /clock; ours
+    always does by the computer's time.
     """
     space = namespace.strip('/')
     folder = bag or f'{space.replace("/", "_") or "tdm"}_{datetime.now():%Y_%m_%d-%H_%M_%S}'
     if _ros2_bag_is_installed():
-        return ['ros2', 'bag', 'record', '--output', folder, '--regex', topics_pattern(space)]
+        command = ['ros2', 'bag', 'record', '--output', folder, '--regex', topics_pattern(space)]
+        return [*command, '--use-sim-time'] if use_sim_time else command
     return [
         *(sys.executable, '-m', 'tdm_planner.cli', 'record', '--quiet'),
         *('--output', folder, '--namespace', f'/{space}'),

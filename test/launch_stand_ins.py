@@ -30,11 +30,16 @@ SOURCE = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
+class LaunchContext:
+    launch_configurations: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class LaunchConfiguration:
     name: str
 
-    def perform(self, context: Mapping[str, str]) -> str:
-        return context[self.name]
+    def perform(self, context: LaunchContext) -> str:
+        return context.launch_configurations[self.name]
 
 
 @dataclass
@@ -81,18 +86,20 @@ class ParameterValue:
 class LaunchDescription:
     entities: list[Any] = field(default_factory=list)
 
-    def started(self, **arguments: str) -> list[Any]:
-        """Return what starts for the given arguments."""
+    def started(self, pushed: str | None = None, **arguments: str) -> list[Any]:
+        """Return what starts for the given arguments, within a PushROSNamespace."""
         declared = {a.name: a for a in self.arguments()}
         assert set(arguments) <= set(declared)
         context = {name: a.default_value for name, a in declared.items()} | arguments
         for name, argument in declared.items():
             assert argument.choices is None or context[name] in argument.choices
+        if pushed is not None:
+            context['ros_namespace'] = pushed
         (function,) = (e.function for e in self.entities if isinstance(e, OpaqueFunction))
-        return list(function(context))
+        return list(function(LaunchContext(context)))
 
-    def nodes(self, **arguments: str) -> list[Node]:
-        return [item for item in self.started(**arguments) if isinstance(item, Node)]
+    def nodes(self, pushed: str | None = None, **arguments: str) -> list[Node]:
+        return [item for item in self.started(pushed, **arguments) if isinstance(item, Node)]
 
     def arguments(self) -> list[DeclareLaunchArgument]:
         return [e for e in self.entities if isinstance(e, DeclareLaunchArgument)]
@@ -107,7 +114,7 @@ def module(name: str, **content: Any) -> ModuleType:
 @pytest.fixture
 def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     for made in (
-        module('launch', LaunchDescription=LaunchDescription, LaunchContext=dict),
+        module('launch', LaunchDescription=LaunchDescription, LaunchContext=LaunchContext),
         module(
             'launch.actions',
             DeclareLaunchArgument=DeclareLaunchArgument,

@@ -91,6 +91,28 @@ def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path
 
 
 @pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_only_sections_count_that_the_planner_takes(name: str, tmp_path: Path):
+    path = tmp_path / 'mine.yaml'
+    mine = {'plant': {'mass': 0.05}, 'robots': ['mine']}
+    others = {'plant': {'mass': 0.07}, 'robots': ['others', 'theirs']}
+    document = {
+        '/hall/planner': {'ros__parameters': mine},
+        '/attic/planner': {'ros__parameters': others},
+    }
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    launch = description(name)
+    nodes = launch.nodes(params_file=str(path), namespace='hall')
+    if name.startswith('pendulum'):
+        (publisher,) = (n for n in nodes if n.package == 'robot_state_publisher')
+        assert '<mass value="0.05"' in publisher.parameters[0]['robot_description'].value
+    else:
+        assert {n.namespace for n in nodes} == {'hall', 'hall/mine'}
+    with pytest.raises(InvalidProblem, match="'/cellar/planner', only for /hall/planner, /attic"):
+        launch.nodes(params_file=str(path), namespace='cellar')
+
+
+@pytest.mark.usefixtures('stand_ins')
 def test_numbers_are_read_as_the_nodes_do(tmp_path: Path):
     """YAML 1.1 takes 3e-5 for a text, ROS 2 for a number."""
     path = tmp_path / 'small.yaml'
@@ -144,6 +166,40 @@ def test_rviz_opens_on_request_with_the_topics_of_the_namespace(name: str, topic
     option, file = rviz.arguments
     assert option == '-d'
     assert f'Value: {topic}\n' in Path(file).read_text()
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('pushed', ['site', '/site'])
+@pytest.mark.parametrize(
+    ('name', 'topic'),
+    [('pendulum', '/site/hall/plant_markers'), ('robots', '/site/hall/robot2/goal_pose')],
+)
+def test_absolute_names_have_a_namespace_that_is_pushed(pushed: str, name: str, topic: str):
+    """Those of nodes are left to launch_ros, which puts it before relative ones."""
+    arguments = {'rviz': 'true', 'record': 'true', 'bag': 'bag', 'enclaves': 'true'}
+    started = description(f'{name}.launch.py').started(pushed, namespace='hall', **arguments)
+    (recorder,) = (item for item in started if isinstance(item, ExecuteProcess))
+    assert recorder.cmd == record_command('site/hall', 'bag')
+    (rviz,) = (item for item in started if getattr(item, 'package', '') == 'rviz2')
+    assert f'Value: {topic}\n' in Path(rviz.arguments[1]).read_text()
+    nodes = [item for item in started if getattr(item, 'package', '') == 'tdm_planner']
+    for node in nodes:
+        assert node.namespace.split('/')[0] == 'hall'
+        enclave = node.ros_arguments[-1]
+        assert enclave == f'/site/{node.namespace}/{node.executable}'
+        if node.executable == 'tracker' and name == 'robots':
+            assert node.parameters[1]['planner_service'] == '/site/hall/plan'
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_the_section_of_a_pushed_namespace_is_taken(name: str, tmp_path: Path):
+    path = tmp_path / 'mine.yaml'
+    mine = {'plant': {'mass': 0.05}, 'robots': ['mine']}
+    path.write_text(yaml.safe_dump({'/site/hall/planner': {'ros__parameters': mine}}))
+    assert description(name).nodes('/site', params_file=str(path), namespace='hall')
+    with pytest.raises(InvalidProblem, match="'/hall/planner'"):
+        description(name).nodes(params_file=str(path), namespace='hall')
 
 
 ROBOTS = {
@@ -242,7 +298,7 @@ def test_only_trackers_are_started_anew(name: str):
 
 @pytest.mark.usefixtures('stand_ins')
 @pytest.mark.parametrize('name', FILES)
-def test_recording_on_request(name: str):
+def test_recording_on_request(name: str, monkeypatch: pytest.MonkeyPatch):
     def recorders(**arguments: str) -> list[ExecuteProcess]:
         started = description(name).started(**arguments)
         return [item for item in started if isinstance(item, ExecuteProcess)]
@@ -250,6 +306,21 @@ def test_recording_on_request(name: str):
     assert not recorders()
     (recorder,) = recorders(record='true', bag='my_bag', namespace='hall')
     assert recorder.cmd == record_command('hall', 'my_bag')
+    asked: list[bool] = []
+    monkeypatch.setattr(
+        'tdm_sim.record_command.record_command',
+        lambda namespace, bag, use_sim_time: asked.append(use_sim_time) or [],
+    )
+    for switch in ('true', 'false'):
+        recorders(record='true', use_sim_time=switch)
+    assert asked == [True, False]
+
+
+@pytest.mark.usefixtures('stand_ins')
+@pytest.mark.parametrize('name', FILES)
+def test_the_log_level_is_that_of_all_nodes(name: str):
+    for node in description(name).nodes(log_level='debug', rviz='true'):
+        assert node.ros_arguments == ['--log-level', 'debug']
 
 
 @pytest.mark.usefixtures('stand_ins')
@@ -273,7 +344,7 @@ def test_default_robots_stand_at_their_default_starts():
 @pytest.mark.parametrize('robots', [[], ['left', 'left'], ['le ft'], 'left'])
 def test_names_that_cannot_be_used_are_refused(tmp_path: Path, robots: Any):
     path = tmp_path / 'wrong.yaml'
-    path.write_text(yaml.safe_dump({'planner': {'ros__parameters': {'robots': robots}}}))
+    path.write_text(yaml.safe_dump({'/**/planner': {'ros__parameters': {'robots': robots}}}))
     with pytest.raises(InvalidProblem, match="'robots'"):
         description('robots.launch.py').nodes(params_file=str(path))
 

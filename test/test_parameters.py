@@ -132,6 +132,11 @@ def test_ros_parameter_files_in_every_form(document):
     assert ros_parameters(document) == {'a.b': 1}
 
 
+def test_files_for_others_are_empty_where_no_section_is_required():
+    document = {'tracker': {'ros__parameters': {'a': 1}}}
+    assert ros_parameters(document, required=False) == {}
+
+
 @pytest.mark.parametrize('document', [[1], 'text', {'tracker': {'ros__parameters': {'a': 1}}}])
 def test_files_for_others_are_refused(document):
     with pytest.raises(InvalidProblem):

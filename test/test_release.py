@@ -33,7 +33,7 @@ from tools.headers import bare, FOLDERS, sources
 import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
-SOURCES = [path for path in sources() if path.name != 'setup.py']
+SOURCES = [path for path in sources() if path.suffix == '.py' and path.name != 'setup.py']
 # Order and number of elements in package_format3.xsd (REP 149).
 ELEMENTS = ['name', 'version', 'description', 'maintainer', 'license', 'url', 'author']
 DEPENDENCIES = re.compile(r'(build|build_export|buildtool|buildtool_export|exec|doc|test)_depend$')
@@ -48,7 +48,8 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-# Without a rosdep key: optional, with a fall-back or a message that says how to get it.
+# Without a rosdep key of a system package: optional, with a fall-back or a message that says how
+# to get it.
 WITHOUT_KEY = {'daqp', 'mcap', 'plotly', 'rosbags', 'zstandard'}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
@@ -279,15 +280,22 @@ def test_missing_headers_are_told_and_written(
     (tmp_path / 'tools').mkdir()
     for path in (tmp_path / 'setup.py', tmp_path / 'tools' / 'some.py'):
         path.write_text('"""Text."""\n')
+    (tmp_path / 'tools' / 'some.c').write_text('int some;\n')
     monkeypatch.setattr(headers, 'ROOT', tmp_path)
     monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
     assert headers.main() == 1
-    assert 'tools/some.py: no copyright' in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert 'tools/some.py: no copyright' in told
+    assert 'tools/some.c: no copyright' in told
     for _ in range(2):
         monkeypatch.setattr(sys, 'argv', ['headers'])
         assert headers.main() == 0
         written = (tmp_path / 'tools' / 'some.py').read_text()
-        assert written == headers.HEADER + '\n"""Text."""\n'
+        assert written.startswith('# Copyright 2026 The tdm_planner authors\n#\n# Licensed')
+        assert written.endswith('# limitations under the License.\n\n"""Text."""\n')
+        written = (tmp_path / 'tools' / 'some.c').read_text()
+        assert written.startswith('// Copyright 2026 The tdm_planner authors\n//\n// Licensed')
+        assert written.endswith('// limitations under the License.\n\nint some;\n')
     monkeypatch.setattr(sys, 'argv', ['headers', '--check'])
     assert headers.main() == 0
 
@@ -321,6 +329,12 @@ def test_workflow_runs_the_same_script_on_every_python():
     oldest = re.search(r"python_requires='>=([\d.]+)'", (SOURCE / 'setup.py').read_text('utf-8'))
     assert oldest is not None
     assert oldest[1] == job['strategy']['matrix']['python'][0]
+
+
+def test_colcon_runs_all_tests_every_night():
+    steps = load('.github/workflows/nightly.yml')['jobs']['colcon']['steps']
+    commands = [step['run'] for step in steps if 'run' in step]
+    assert commands[-3:] == ['colcon build', 'colcon test', 'colcon test-result --verbose']
 
 
 def test_hooks_before_a_commit_are_those_of_make_lint():

@@ -42,23 +42,27 @@ WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 See the License for the specific language governing permissions and
 limitations under the License.
 """
-HEADER = '# Copyright 2026 The tdm_planner authors\n' + ''.join(
-    f'# {line}'.rstrip() + '\n' for line in NOTICE.splitlines()
-)
+COMMENTS = {'.py': '#', '.c': '//'}
+
+
+def header(path: Path) -> str:
+    """Return the header as comments of the language that `path` is in."""
+    lines = ['Copyright 2026 The tdm_planner authors', *NOTICE.splitlines()]
+    return ''.join(f'{COMMENTS[path.suffix]} {line}'.rstrip() + '\n' for line in lines)
 
 
 def sources(root: Path = ROOT) -> Iterator[Path]:
-    """Yield every Python source, setup.py among them."""
+    """Yield every source, setup.py among them."""
     yield root / 'setup.py'
     for folder in FOLDERS:
-        for path in sorted((root / folder).rglob('*.py')):
-            if '_build' not in path.parts:
+        for path in sorted((root / folder).rglob('*')):
+            if path.suffix in COMMENTS and '_build' not in path.parts:
                 yield path
 
 
 def bare(root: Path = ROOT) -> list[Path]:
     """Return the sources without the header."""
-    return [p for p in sources(root) if not p.read_text(encoding='utf-8').startswith(HEADER)]
+    return [p for p in sources(root) if not p.read_text(encoding='utf-8').startswith(header(p))]
 
 
 def main() -> int:
@@ -71,7 +75,8 @@ def main() -> int:
         if options.check:
             print(f'{path.relative_to(ROOT)}: no copyright and licence in its first lines')
         else:
-            path.write_text(HEADER + '\n' + path.read_text(encoding='utf-8'), encoding='utf-8')
+            text = path.read_text(encoding='utf-8')
+            path.write_text(header(path) + '\n' + text, encoding='utf-8')
     return 1 if options.check and found else 0
 
 

@@ -45,9 +45,9 @@ def robot_nodes(
     """
     Return the planner, and plant and tracker of every robot, for a parameter file's content.
 
-    The file's section `planner` names the `robots`. Simulated robots stand at `<robot>.start` to
-    begin with. `namespace` is the planner's; the trackers ask for new plans there. With a `number`
-    that many robots take part, see `resized`.
+    The planner's section names the `robots`. Simulated robots stand at `<robot>.start` to begin
+    with. `namespace` is the planner's; the trackers ask for new plans there. With a `number` that
+    many robots take part, see `resized`.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def robot_nodes(
         If the names cannot be used, a start is not allowed, or there is no room for so many.
 
     """
-    values = ros_parameters(document, 'planner')
+    values = ros_parameters(document, 'planner', namespace)
     changed = {} if number is None else resized(values, number)
     values |= changed
     specifications = formation_specifications(values)

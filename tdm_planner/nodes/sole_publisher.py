@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Watches topics that only one node should publish: two planners by mistake are told of."""
+"""Watches topics that only one node should publish: a second one, a mistake, is told of."""
 
 from __future__ import annotations
 
@@ -28,14 +28,20 @@ class SolePublisher:
     """
     Counts who publishes `topic` (resolved); where there are several, `warning` says so.
 
-    `consequence` ends the sentence; `changed` is called when the warning comes or goes. A process
-    that was killed counts until the middleware has given it up, with Fast DDS some 20 s later.
+    `publishers` begins the sentence, `consequence` ends it; `changed` is called when the warning
+    comes or goes. A process that was killed counts until the middleware has given it up, with Fast
+    DDS some 20 s later.
     """
 
     def __init__(
-        self, node: Node, topic: str, consequence: str, changed: Callable[[], None]
+        self,
+        node: Node,
+        topic: str,
+        consequence: str,
+        changed: Callable[[], None],
+        publishers: str = 'planners',
     ) -> None:
-        self._node, self._topic = node, topic
+        self._node, self._topic, self._publishers = node, topic, publishers
         self._consequence, self._changed = consequence, changed
         self.count = 0
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -46,7 +52,7 @@ class SolePublisher:
         """One sentence, '' where there is at most one publisher."""
         if self.count < 2:
             return ''
-        return f'{self.count} planners publish {self._topic}: {self._consequence}'
+        return f'{self.count} {self._publishers} publish {self._topic}: {self._consequence}'
 
     def look(self) -> int:
         """Count now, and return the count."""

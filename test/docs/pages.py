@@ -26,6 +26,7 @@ PAGES = sorted(
     for path in [*SOURCE.glob('*.md'), *(SOURCE / 'docs').rglob('*.md')]
     if '_build' not in path.parts
 )
+SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are run in a folder like it
 
 
 def name_of(page: Path) -> str:
@@ -51,3 +52,31 @@ def commands(page: Path) -> list[list[str]]:
                     found.append(words)
                     words = []
     return found
+
+
+def console_commands(page: Path) -> list[list[str]]:
+    """Return the words of every line of the blocks marked `console`, which may stand in lists."""
+    text = page.read_text(encoding='utf-8')
+    found = re.findall(r'^( *)```console\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
+    lines = ''.join(block for _, block in found).replace('\\\n', ' ').splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def typed(page: Path) -> list[list[str]]:
+    """Return the words of every command, those of blocks marked `console` too."""
+    found = [*commands(page), *console_commands(page)]
+    return [[word.replace(SHARE, '.') for word in command] for command in found]
+
+
+def install_own_plant(folder: Path) -> None:
+    """Leave the worked plant in a folder as pip does: a module, registered by metadata."""
+    page = SOURCE / 'docs' / 'plants' / 'double_integrator.py'
+    (folder / 'students_plant.py').write_text(page.read_text())
+    metadata = folder / 'students_plant-1.0.dist-info'
+    metadata.mkdir()
+    (metadata / 'METADATA').write_text(
+        'Metadata-Version: 2.1\nName: students-plant\nVersion: 1.0\n'
+    )
+    (metadata / 'entry_points.txt').write_text(
+        '[tdm_planner.problems]\ndouble_integrator = students_plant:DoubleIntegrator\n'
+    )

@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 import numpy as np
+from pages import install_own_plant
 import pytest
 from rclpy.time import Time
 from ros_harness import NodeProcess, Ros
@@ -36,18 +37,9 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope='module')
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder as pip leaves it: the page as a module, registered by metadata."""
+    """Return a folder that has the worked plant."""
     folder = tmp_path_factory.mktemp('site')
-    page = ROOT / 'docs' / 'plants' / 'double_integrator.py'
-    (folder / 'students_plant.py').write_text(page.read_text())
-    metadata = folder / 'students_plant-1.0.dist-info'
-    metadata.mkdir()
-    (metadata / 'METADATA').write_text(
-        'Metadata-Version: 2.1\nName: students-plant\nVersion: 1.0\n'
-    )
-    (metadata / 'entry_points.txt').write_text(
-        '[tdm_planner.problems]\ndouble_integrator = students_plant:DoubleIntegrator\n'
-    )
+    install_own_plant(folder)
     return folder
 
 

@@ -28,13 +28,21 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 import re
-import shlex
 import shutil
 from typing import Any
 from xml.etree import ElementTree
 
 import pages
-from pages import blocks, commands, name_of, PAGES, SOURCE
+from pages import (
+    blocks,
+    commands,
+    console_commands,
+    name_of,
+    PAGES,
+    SHARE,
+    SOURCE,
+    typed,
+)
 import pytest
 from tdm_planner import cli
 from tdm_planner.problems.base import Problem, Solution
@@ -46,7 +54,6 @@ EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
 OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', '.', 'source'}
 MODULES_OF_OTHER_PROJECTS = {'colcon', 'venv'}
 SERVICES = {'plan', 'reset', 'push'}
-SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are checked in a folder like it
 VARIABLES = {
     'ROS_SECURITY_KEYSTORE': '.+',
     'ROS_SECURITY_ENABLE': 'true|false',
@@ -63,20 +70,6 @@ def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
         return solve(self, LONG, **options)
 
     monkeypatch.setattr(Problem, 'solve', solve_patiently)
-
-
-def typed(page: Path) -> list[list[str]]:
-    """Return the words of every command, those of blocks marked `console` too."""
-    found = [*commands(page), *console_commands(page)]
-    return [[word.replace(SHARE, '.') for word in command] for command in found]
-
-
-def console_commands(page: Path) -> list[list[str]]:
-    """Return the words of every line of the blocks marked `console`, which may stand in lists."""
-    text = page.read_text(encoding='utf-8')
-    found = re.findall(r'^( *)```console\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
-    lines = ''.join(block for _, block in found).replace('\\\n', ' ').splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
 def test_all_pages_are_found():
@@ -242,7 +235,8 @@ def check_run(command: list[str]) -> None:
     """
     Check that the executable exists, and that it has the parameters that are set.
 
-    An enclave must be in the policy, and be that of the node.
+    Parameter files must be there, or made by an earlier command of the page. An enclave must be
+    in the policy, and be that of the node.
     """
     _, _, package, executable, *arguments = command
     assert package == 'tdm_planner'
@@ -260,7 +254,10 @@ def check_run(command: list[str]) -> None:
     assert found, command
     assert not arguments or arguments[0] == '--ros-args', command
     for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
-        assert option in ('-p', '-r', '--enclave'), command
+        assert option in ('-p', '-r', '--enclave', '--params-file'), command
+        if option == '--params-file':
+            assert Path(assignment).is_file(), command
+            continue
         if option == '--enclave':
             assert assignment in enclaves(), command
             assert f'__ns:={assignment.removesuffix(f"/{executable}")}' in arguments, command
@@ -329,6 +326,7 @@ def test_an_unknown_command_would_be_noticed(tmp_path: Path, monkeypatch: pytest
         'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/plannner',
         'ros2 run tdm_planner planner --ros-args -r __ns:=/pendulum --enclave /pendulum/tracker',
         'ros2 run tdm_planner planner --ros-args -r __ns:=/robots --enclave /pendulum/planner',
+        'ros2 run tdm_planner planner --ros-args --params-file my_rig.yaml',
         'ros2 service call /pendulum/plan std_srvs/srv/Trigger --ros-args --enclave /operator',
         'ROS_SECURITY_ENCLAVE_OVERRIDE=/nobody ros2 service call /pendulum/plan',
         'export ROS_SECURITY_STRATEGY=Enforced',

@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+import re
+
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
@@ -23,9 +26,13 @@ from ros_harness import Ros
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
+from tdm_planner.parameter_files import parse_yaml
+from tdm_planner.parameters import build, ros_parameters
+from tdm_sim.robot_plant import RobotPlantParameters
 from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
+SOURCE = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope='module')
@@ -94,3 +101,35 @@ def test_the_speed_may_be_changed_on_the_way(ros: Ros, plant: str) -> None:
     steps = np.diff([nanoseconds_of(clock.clock) for clock in clocks])
     assert (steps > 0).all()
     assert not (steps % STEP).any()
+
+
+def test_a_second_clock_is_told_of(ros: Ros, plant: str) -> None:
+    told = '2 nodes publish /clock: '
+    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+
+    def tells(name: str) -> bool:
+        """Whether the plant's newest status warns of another clock."""
+        texts = [
+            status.message
+            for array in diagnostics
+            for status in array.status
+            if status.name == f'{name}: simulation'
+        ]
+        return bool(texts) and told in texts[-1]
+
+    other = ros.start('tdm_sim.robot_plant', {'publish_clock': True}, namespace='other')
+    assert ros.spin_until(lambda: tells(plant) and tells('/other/robot_plant'), 60.0)
+    assert told in other.output
+    other.end_cleanly()
+    assert ros.spin_until(lambda: not tells(plant), 30.0)
+
+
+def test_one_plant_of_several_drives_the_clock_as_the_page_says() -> None:
+    page = (SOURCE / 'docs' / 'nodes' / 'simulated_time.md').read_text(encoding='utf-8')
+    (appended,) = re.findall(r'^```yaml\n(.*?)^```$', page, re.DOTALL | re.MULTILINE)
+    file = (SOURCE / 'config' / 'robots.yaml').read_text(encoding='utf-8') + appended
+    drives = {}
+    for robot in ('robot1', 'robot2', 'robot3'):
+        values = ros_parameters(parse_yaml(file), 'robot_plant', f'/robots/{robot}')
+        drives[robot] = build(RobotPlantParameters, values).publish_clock
+    assert drives == {'robot1': True, 'robot2': False, 'robot3': False}

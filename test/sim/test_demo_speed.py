@@ -65,3 +65,5 @@ def test_the_parameter_file_is_heeded_and_ranges_are_kept(tmp_path: Path):
     assert planner['start.delay'] == 8.0
     assert planner['replan.delay'] == 10.0  # the most that is allowed
     assert speed_settings('tracker', file, 4.0, drives_clock=False)['rate'] == 12.5
+    plant = speed_settings('pendulum_plant', file, 4.0, drives_clock=True)
+    assert plant['rate'] == 50.0  # the default's quarter: the file says nothing of the plant

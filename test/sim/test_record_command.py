@@ -50,6 +50,7 @@ def test_ros2_bag_records_where_it_is_installed():
     command = record_command('hall/a', 'my_bag')
     assert command[:3] == ['ros2', 'bag', 'record']
     assert command[3:] == ['--output', 'my_bag', '--regex', topics_pattern('hall/a')]
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
 
 
 def test_tdm_records_elsewhere(monkeypatch: pytest.MonkeyPatch):
@@ -59,6 +60,7 @@ def test_tdm_records_elsewhere(monkeypatch: pytest.MonkeyPatch):
     assert words[:2] == ['-m', 'tdm_planner.cli']
     options = _parser().parse_args(words[2:])
     assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [python, *words]
 
 
 def test_recordings_are_named_after_namespace_and_time(monkeypatch: pytest.MonkeyPatch):
