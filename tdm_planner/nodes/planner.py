@@ -29,6 +29,7 @@ from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
+from tdm_planner.nodes.acceptance import Acceptance
 from tdm_planner.nodes.adapters import Adapter, adapter_class
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
@@ -82,6 +83,7 @@ class Planner(ManagedNode):
         self._problem_class: type[Problem] | None = None
         self._adapter: Adapter | None = None
         self._replanning: Replanning | None = None
+        self._acceptance: Acceptance | None = None
         self._fault = ''
         self._load_problem()
         self.warn_of_unknown_overrides()
@@ -113,6 +115,7 @@ class Planner(ManagedNode):
         if self._adapter is not None:
             self._adapter.accept_requests(self._plan_with)
             Recovery(self, self._adapter, self._recover)
+            self._acceptance = Acceptance(self, self._adapter, self._diagnostics.update)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the plan in force."""
@@ -132,7 +135,7 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the plan in force: its topics are gone."""
-        self._adapter = self._replanning = self._plan = self._failure = None
+        self._adapter = self._replanning = self._plan = self._failure = self._acceptance = None
         self._superseded = False
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -208,6 +211,8 @@ class Planner(ManagedNode):
 
     def _moved(self, plan: Plan | None) -> None:
         self._plan = plan
+        if self._acceptance is not None:
+            self._acceptance.forget()
         if self._replanning is not None and not self._superseded:
             self._replanning.plan = plan
 
@@ -310,6 +315,8 @@ class Planner(ManagedNode):
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
         self._superseded = True
+        if self._acceptance is not None:
+            self._acceptance.forget()
         if self._replanning is not None:
             self._replanning.plan = None
         if self._plan is not None:
@@ -419,6 +426,8 @@ class Planner(ManagedNode):
         self._replanning.plan = plan
         self._plan_id += 1
         self._others.publishes(plan.start)
+        if self._acceptance is not None:
+            self._acceptance.expect(self._plan_id, plan.start)
         self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
         self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
 
@@ -462,8 +471,9 @@ class Planner(ManagedNode):
         if self._failure is not None:
             level = Level.ERROR if self._failure.internal else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        if self._superseded or self._others.warning:
-            told = [_SUPERSEDED * self._superseded, self._others.warning]
+        refused = '' if self._acceptance is None else self._acceptance.warning
+        told = [_SUPERSEDED * self._superseded, self._others.warning, refused]
+        if any(told):
             return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared.is_set():
             return Level.OK, 'preparing'

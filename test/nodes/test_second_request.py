@@ -12,13 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Requests that come while the plan before has not begun: over DDS, plant and tracker running."""
+"""Plans that others come before or that are refused: over DDS, plant and tracker running."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
@@ -59,5 +60,30 @@ def test_the_last_of_several_requests_is_followed(ros: Ros, pauses: tuple[float,
     # Made in the middle of a swing a plan may be refused, and the one before be carried on.
     assert len(pauses) > 1 or pauses[0] > 0.3 or 'refused' not in rig.tracker.output
     assert 'stopped' not in rig.tracker.output
+    for process in (rig.planner, rig.tracker, rig.plant):
+        process.end_cleanly()
+
+
+def test_a_plan_that_is_refused_is_told_of_by_the_planner_too(ros: Ros) -> None:
+    """Upright, the tracker is offered a swing-up from hanging; nothing reviews it."""
+    rig = Rig(ros, 'refusing')
+    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+    assert ros.spin_until(lambda: bool(rig.states), 20.0)
+    assert ros.trigger('/refusing/plan')[0]
+    assert ros.spin_until(lambda: len(rig.states) > 100 and rig.upright, 10.0), rig.tracker.output
+    assert 'is not followed' not in rig.planner.output
+    assert ros.set_parameters('/refusing/planner', start__source='parameters') == ['']
+    assert ros.trigger('/refusing/plan')[0]
+    sentence = 'plan 2 is not followed by pendulum: the tracker says why'
+    assert ros.spin_until(lambda: sentence in rig.planner.output, 5.0), rig.planner.output
+    assert 'trajectory refused' in rig.tracker.output
+
+    def told() -> bool:
+        found = [
+            s for a in diagnostics for s in a.status if s.name.startswith('/refusing/planner')
+        ]
+        return bool(found) and sentence in found[-1].message
+
+    assert ros.spin_until(told)
     for process in (rig.planner, rig.tracker, rig.plant):
         process.end_cleanly()

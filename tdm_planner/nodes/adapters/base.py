@@ -112,6 +112,11 @@ class Adapter(ABC):
         """Begin to listen to what the trackers say they follow, where they do."""
         del found
 
+    def not_following(self, start: int) -> list[str]:
+        """Return the vehicles whose trackers do not follow the plan that starts at `start` [ns]."""
+        del start
+        return []
+
     def recognised(
         self,
         problem_class: type[Problem],

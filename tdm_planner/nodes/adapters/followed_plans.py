@@ -42,6 +42,15 @@ class FollowedPlans:
             self._listen(node, robot, 'trajectory_in_force', MultiDOFJointTrajectory)
             self._listen(node, robot, 'controls_in_force', JointTrajectory)
 
+    def others(self, start: int) -> list[str]:
+        """Return the robots whose trackers say that they follow none, or one of another start."""
+        told = {
+            robot: nanoseconds_of(message.header.stamp)
+            for (robot, topic), message in self._newest.items()
+            if topic == 'trajectory_in_force'
+        }
+        return [robot for robot, stamp in told.items() if stamp != start]
+
     def _listen(self, node: Node, robot: str, topic: str, kind: Any) -> None:
         def on_message(message: Any) -> None:
             self._newest[robot, topic] = message

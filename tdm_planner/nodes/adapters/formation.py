@@ -82,6 +82,7 @@ class FormationAdapter(Adapter):
         self._robots = {name: self._connect(name) for name in values['robots']}
         self._in_force: dict[str, PlansInForce] = {}
         self._watches: dict[str, CommandWatch] = {}
+        self._followed: FollowedPlans | None = None
         self._goal_tools: list[GoalTool] = []
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self.values_changed(values)
@@ -192,7 +193,11 @@ class FormationAdapter(Adapter):
 
     def watch_plans_followed(self, found: Found) -> None:
         """Begin to listen to what the robots' trackers say they follow."""
-        FollowedPlans(self.node, tuple(self._robots), found)
+        self._followed = FollowedPlans(self.node, tuple(self._robots), found)
+
+    def not_following(self, start: int) -> list[str]:
+        """Return the robots whose trackers tell that they follow something else."""
+        return [] if self._followed is None else self._followed.others(start)
 
     def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
         """Return the first state of every robot as parameters."""

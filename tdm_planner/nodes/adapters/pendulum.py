@@ -71,6 +71,7 @@ class PendulumAdapter(Adapter):
         self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
         self._in_force = PlansInForce()
+        self._followed: int | None = None  # start [ns] of what the tracker says it follows
         self._watch: CommandWatch | None = None
         self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
         self._stand_in = StandIn(node, 'plant_markers', self._draw)
@@ -136,12 +137,17 @@ class PendulumAdapter(Adapter):
         """Begin to listen to what the tracker says it follows."""
 
         def on_message(message: JointTrajectory) -> None:
+            self._followed = nanoseconds_of(message.header.stamp)
             trajectories = {}
             with suppress(InvalidProblem):
                 trajectories = {VEHICLE: pendulum_trajectory(message)}
             found(trajectories, nanoseconds_of(message.header.stamp))
 
         self.node.create_subscription(JointTrajectory, 'trajectory_in_force', on_message, LATCHED)
+
+    def not_following(self, start: int) -> list[str]:
+        """Return the pendulum, if its tracker tells that it follows something else."""
+        return [] if self._followed in (None, start) else [VEHICLE]
 
     def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
         """Return the first state as parameters."""
