@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Whether those who are to follow a plan do: a tracker may refuse it, in a formation one of many."""
+"""Whether those who are to follow a plan do: a tracker may refuse it, one of many among them."""
 
 from __future__ import annotations
 
