@@ -113,7 +113,7 @@ class Adapter(ABC):
         del found
 
     def not_following(self, start: int) -> list[str]:
-        """Return the vehicles whose trackers do not follow the plan that starts at `start` [ns]."""
+        """Return the vehicles whose trackers do not follow the plan of instant `start` [ns]."""
         del start
         return []
 
