@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from functools import partial
 import time
 from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
@@ -78,6 +79,20 @@ class Intake(Protocol):
         """Leave out a trajectory of which not even the stamp can be read."""
 
 
+def _stamped(intake: Intake, take: Callable[[Any, bytes], None]) -> Callable[[bytes], None]:
+    """Return a callback that hands serialised messages on with their stamps, if they have one."""
+
+    def on_data(data: bytes) -> None:
+        try:
+            stamp = stamp_of(data)
+        except InvalidProblem as error:
+            intake.refuse(error)
+        else:
+            take(stamp, data)
+
+    return on_data
+
+
 class TrackedPlant(ABC):
     """A plant as the tracker node sees it."""
 
@@ -116,19 +131,15 @@ class TrackedPendulum(TrackedPlant):
     def subscribe(self, node: Node, intake: Intake) -> None:
         """Subscribe to `trajectory` and `joint_states`."""
 
-        def on_trajectory(data: bytes) -> None:
-            try:
-                stamp = stamp_of(data)
-            except InvalidProblem as error:
-                intake.refuse(error)
-                return
+        def on_trajectory(stamp: Any, data: bytes) -> None:
             intake.on_trajectory(
                 stamp,
                 lambda: pendulum_trajectory(from_wire(data, JointTrajectory)),
                 {'trajectory_in_force': data},
             )
 
-        node.create_subscription(JointTrajectory, 'trajectory', on_trajectory, LATCHED, raw=True)
+        take = _stamped(intake, on_trajectory)
+        node.create_subscription(JointTrajectory, 'trajectory', take, LATCHED, raw=True)
         node.create_subscription(
             JointState,
             'joint_states',
@@ -178,12 +189,7 @@ class TrackedRobot(TrackedPlant):
         given = str(node.get_parameter('robot_name').value)
         robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
 
-        def on_half(topic: str, data: bytes) -> None:
-            try:
-                stamp = stamp_of(data)
-            except InvalidProblem as error:
-                intake.refuse(error)
-                return
+        def on_half(topic: str, stamp: Any, data: bytes) -> None:
             halves = self._complete(topic, nanoseconds_of(stamp), data)
             if halves is None:
                 return
@@ -196,11 +202,8 @@ class TrackedRobot(TrackedPlant):
 
             intake.on_trajectory(stamp, read, halves)
 
-        def on_motion(data: bytes) -> None:
-            on_half('trajectory_in_force', data)
-
-        def on_controls(data: bytes) -> None:
-            on_half('controls_in_force', data)
+        on_motion = _stamped(intake, partial(on_half, 'trajectory_in_force'))
+        on_controls = _stamped(intake, partial(on_half, 'controls_in_force'))
 
         def on_odometry(message: Odometry) -> None:
             longest = float(node.get_parameter('state_timeout').value)
