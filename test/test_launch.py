@@ -27,6 +27,7 @@ from xml.etree import ElementTree
 from launch_stand_ins import description, ExecuteProcess, SOURCE, stand_ins  # noqa: F401
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.resources import config_file
 from tdm_sim.record_command import record_command
 import yaml
 
@@ -46,7 +47,8 @@ def test_every_argument_is_described_and_has_a_default(name: str):
         assert argument.description
         assert argument.choices is None or argument.default_value in argument.choices
     params_file = Path(arguments['params_file'].default_value)
-    assert params_file == SOURCE / 'config' / f'{name.split(".")[0]}.yaml'
+    assert params_file == config_file(f'{name.split(".")[0]}.yaml')
+    assert params_file.read_text() == (SOURCE / 'config' / params_file.name).read_text()
     assert arguments['namespace'].default_value == name.split('.')[0]
 
 
@@ -57,7 +59,7 @@ def test_pendulum_starts_planner_tracker_and_plant():
     for node in nodes:
         assert node.package == 'tdm_planner'
         assert node.namespace == 'pendulum'
-        assert node.parameters == [str(SOURCE / 'config' / 'pendulum.yaml')]
+        assert node.parameters == [str(config_file('pendulum.yaml'))]
         assert node.ros_arguments == ['--log-level', 'info']
 
 

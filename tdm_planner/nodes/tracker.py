@@ -65,6 +65,7 @@ LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is giv
 _SHARE_FOR_PLANS = 0.01  # of the time
 _RESERVE_FOR_PLANS = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
+_WORTH_AT_START = 0.5  # s that may be overdrawn for plans about to start
 
 _PLANT = ParameterSpec(
     name='plant',
@@ -246,14 +247,18 @@ class TrackerNode(ManagedNode):
         offered = self._offered
         if offered is None or not self.active or not self._time.runs:
             return
-        # A stamp of zero means now, whenever that is: it can wait.
-        imminent = (
-            nanoseconds_of(offered.stamp) != 0
-            and abs(self._instant(offered.stamp) - self._time.now()) < _IMMINENT
-        )
-        if self._plans.allows or (imminent and self._plans.overdrawn < _RESERVE_FOR_PLANS):
+        if self._plans.allows or self._plans.overdrawn < self._worth(offered):
             self._offered = None
             self._look_at(offered)
+
+    def _worth(self, offered: _Offer) -> float:
+        """How much more time than there is may go into looking at a plan [s]."""
+        if nanoseconds_of(offered.stamp) == 0:
+            return 0.0  # it means now, whenever that is: it can wait
+        wait = self._instant(offered.stamp) - self._time.now()
+        if abs(wait) < _IMMINENT:
+            return _WORTH_AT_START
+        return _RESERVE_FOR_PLANS if 0.0 < wait < _IMMINENT + self.tracker.lead else 0.0
 
     def _look_at(self, offered: _Offer) -> None:
         """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""

@@ -187,7 +187,7 @@ class FormationProgram(NonlinearProgram):
         if self.thruster is not None and cache.hodograph is not None and cache.motion is not None:
             rates, more = self.thruster.rows(cache.motion, cache.hodograph)
             margins = np.concatenate([margins, rates])
-            rows = np.concatenate([rows, more.reshape(rates.size, -1)])
+            rows = np.concatenate([rows, more.reshape(rates.size, rows.shape[1])])
             groups = np.concatenate([groups, np.ones(rates.size, dtype=np.intp)])
         arrivals = task.coast + values.durations - task.arrived
         late = np.diff(arrivals) - task.interval

@@ -160,6 +160,11 @@ class RobotTracker(TrajectoryTracker):
         """Return the distance from the planned position [m]."""
         return math.hypot(error[0], error[1])
 
+    @property
+    def lead(self) -> float:
+        """Time [s] that the thruster takes to turn to where a motion begins."""
+        return math.pi / self.parameters.limits.thruster_rate
+
     def wait(self, motion: Motion, state: Array) -> Array:
         """Turn the thruster to where the motion begins."""
         target = float(motion.trajectory.states[0, _ALPHA])

@@ -183,6 +183,11 @@ class TrajectoryTracker(ABC):
         """Whether `hold` may take over from `track`."""
         return time >= motion.end
 
+    @property
+    def lead(self) -> float:
+        """Time [s] before a start for which `wait` has something to do."""
+        return 0.0
+
     def wait(self, motion: Motion, state: Array) -> Array:
         """Return the controls (nu,) before the start of `motion`: nothing that moves the plant."""
         return np.zeros(len(self.control_names))

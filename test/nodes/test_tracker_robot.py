@@ -143,6 +143,21 @@ def test_plans_are_refused_with_a_reason(
     assert rig.says('refused')
 
 
+def test_refused_plans_do_not_keep_the_thruster_from_turning_in_time(
+    ros: Ros, rig: Rig, problem: RobotFormation, plan: Trajectory
+) -> None:
+    """However many were looked at before, a plan is looked at while there is time to turn."""
+    for _ in range(12):
+        motion, controls = messages(problem, plan)
+        for point in motion.points:
+            point.transforms[0].translation.x = 3.0
+        rig.controls.publish(controls)
+        rig.motions.publish(motion)
+        ros.spin_for(0.05)
+    ros.spin_for(1.5)  # what of them is looked at just before its start
+    assert 'tolerance.start' in rig.tracker.output
+
+
 def test_the_robot_arrives_and_keeps_station(
     ros: Ros, rig: Rig, problem: RobotFormation, plan: Trajectory
 ) -> None:

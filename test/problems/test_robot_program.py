@@ -150,6 +150,16 @@ def test_derivatives_of_the_thruster_rows_at_fixed_arcs(form, moving):
     assert jacobian == pytest.approx(numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max())
 
 
+def test_where_no_thruster_row_is_near_its_limit_there_is_none(monkeypatch):
+    program, point = program_and_point(next(iter(FORMS)))
+    rows = program.linearise(program.evaluate(point), None).inequality_jacobian.shape[0]
+    nothing = (np.zeros(0), np.zeros((0, program.model.task.n, program.model.size)))
+    monkeypatch.setattr(type(program.thruster), 'rows', lambda *_: nothing)
+    made = program.linearise(program.evaluate(point), None)
+    assert made.inequality_jacobian.shape == (made.inequalities.size, program.free.size)
+    assert made.inequalities.size <= rows
+
+
 @pytest.mark.parametrize('with_multipliers', [False, True])
 @pytest.mark.parametrize('moving', [False, True])
 @pytest.mark.parametrize('form', FORMS)
