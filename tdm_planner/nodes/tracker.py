@@ -65,7 +65,8 @@ LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is giv
 _SHARE_FOR_PLANS = 0.01  # of the time
 _RESERVE_FOR_PLANS = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
-_WORTH_AT_START = 0.5  # s that may be overdrawn for plans about to start
+_WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
+_WORTH_AT_START = 1.0  # s, for plans about to start
 
 _PLANT = ParameterSpec(
     name='plant',
@@ -258,7 +259,7 @@ class TrackerNode(ManagedNode):
         wait = self._instant(offered.stamp) - self._time.now()
         if abs(wait) < _IMMINENT:
             return _WORTH_AT_START
-        return _RESERVE_FOR_PLANS if 0.0 < wait < _IMMINENT + self.tracker.lead else 0.0
+        return _WORTH_IN_LEAD if 0.0 < wait < self.tracker.lead else 0.0
 
     def _look_at(self, offered: _Offer) -> None:
         """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""

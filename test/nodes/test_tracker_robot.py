@@ -147,7 +147,7 @@ def test_refused_plans_do_not_keep_the_thruster_from_turning_in_time(
     ros: Ros, rig: Rig, problem: RobotFormation, plan: Trajectory
 ) -> None:
     """However many were looked at before, a plan is looked at while there is time to turn."""
-    for _ in range(12):
+    for _ in range(4):
         motion, controls = messages(problem, plan)
         for point in motion.points:
             point.transforms[0].translation.x = 3.0
