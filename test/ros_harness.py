@@ -32,6 +32,12 @@ import time
 from typing import Any
 
 SOURCE = Path(__file__).resolve().parents[1]
+MODULES = {  # by executable
+    'planner': 'tdm_planner.nodes.planner',
+    'tracker': 'tdm_planner.nodes.tracker',
+    'pendulum_plant': 'tdm_sim.pendulum_plant',
+    'robot_plant': 'tdm_sim.robot_plant',
+}
 DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <participant profile_name="quick_discovery" is_default_profile="true">

@@ -23,17 +23,10 @@ from typing import Any
 from launch_stand_ins import description, ExecuteProcess, Node, stand_ins  # noqa: F401
 from nav_msgs.msg import Path as PlannedPath
 import pytest
-from ros_harness import NodeProcess, Ros
+from ros_harness import MODULES, NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import LATCHED
 import yaml
-
-MODULES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-}
 
 
 def start(ros: Ros, folder: Path, described: list[Any]) -> list[NodeProcess]:

@@ -27,14 +27,8 @@ import time
 
 from pages import install_own_plant, PAGES, SOURCE, typed
 import pytest
-from ros_harness import NodeProcess, Ros
+from ros_harness import MODULES, NodeProcess, Ros
 
-MODULES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-}
 WHILE = 1.0  # s that each runs, at least
 RUN = ['ros2', 'run', 'tdm_planner']
 Line = tuple[str, ...]  # an executable and its arguments

@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
@@ -26,7 +25,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.messages import joint_motion, LATCHED, nanoseconds_of, stamp_of
+from tdm_planner.nodes.messages import joint_motion, nanoseconds_of
 from tdm_planner.replanning import Mode
 
 _SILENCE = 200_000_000  # ns without a command after which nothing is commanded
@@ -35,15 +34,13 @@ _MISSED = 50_000_000  # ns by which the newest tracking_error may lag behind the
 
 class CommandWatch:
     """
-    Listens to `joint_command`, `tracking_error`, `trajectory_in_force` in a tracker's namespace.
+    Listens to `joint_command` and `tracking_error` in the namespace `prefix` ('' or 'robot1/').
 
-    That is `prefix` ('' or 'robot1/'); `plan` is the type of `trajectory_in_force`. A tracker
-    publishes its tracking error with every command that follows a plan, and only then.
+    A tracker publishes its tracking error with every command that follows a plan, and only then.
     """
 
-    def __init__(self, node: Node, plan: type, prefix: str = '') -> None:
+    def __init__(self, node: Node, prefix: str = '') -> None:
         self._node = node
-        self._accepted = 0
         self._command: JointState | None = None
         self._error: JointState | None = None
         self._subscriptions = [
@@ -52,9 +49,6 @@ class CommandWatch:
             ),
             node.create_subscription(
                 JointState, f'{prefix}tracking_error', self._on_error, qos_profile_sensor_data
-            ),
-            node.create_subscription(
-                plan, f'{prefix}trajectory_in_force', self._on_plan, LATCHED, raw=True
             ),
         ]
 
@@ -94,14 +88,6 @@ class CommandWatch:
             return joint_motion(error, names)
         except InvalidProblem:  # of another controller
             return None
-
-    def accepted(self, seconds: Callable[[int], float]) -> float | None:
-        """Return the start of the last plan it accepted, by `seconds`; None if it tells none."""
-        return seconds(self._accepted) if self._accepted else None
-
-    def _on_plan(self, data: bytes) -> None:
-        with suppress(InvalidProblem):
-            self._accepted = nanoseconds_of(stamp_of(data))  # 0 where it has given the plan up
 
     def _on_command(self, message: JointState) -> None:
         self._command = message

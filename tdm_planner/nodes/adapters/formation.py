@@ -217,9 +217,7 @@ class FormationAdapter(Adapter):
         for watch in self._watches.values():
             watch.close()
         names = self._robots if on else ()
-        self._watches = {
-            name: CommandWatch(self.node, MultiDOFJointTrajectory, f'{name}/') for name in names
-        }
+        self._watches = {name: CommandWatch(self.node, f'{name}/') for name in names}
 
     def execution(self, problem: Problem) -> FormationExecution:
         """Return the trackers' feedback as a model."""
@@ -232,6 +230,7 @@ class FormationAdapter(Adapter):
         """Return the newest state of every robot."""
         found: dict[str, Observation] = {}
         missing: list[str] = []
+        starts = {} if self._followed is None else self._followed.starts()
         for name, robot in self._robots.items():
             try:
                 newest = robot.odometry.fresh(now, values['start.max_age'])
@@ -241,12 +240,13 @@ class FormationAdapter(Adapter):
                 continue
             state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
             watch = self._watches.get(name)
-            mode, away, accepted = Mode.FOLLOWING, None, None
+            mode, away = Mode.FOLLOWING, None
             if watch is not None:
                 mode = watch.mode(now)
                 told = watch.error(newest.instant, _ERRORS)
                 away = None if told is None else told[_OF_THE_STATE]
-                accepted = watch.accepted(seconds)
+            start = starts.get(name)
+            accepted = seconds(start) if start else None
             found[name] = Observation(state, seconds(newest.instant), mode, away, accepted)
         if missing:
             raise NoState('; '.join(missing))

@@ -71,7 +71,7 @@ class PendulumAdapter(Adapter):
         self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
         self._in_force = PlansInForce()
-        self._followed: int | None = None  # start [ns] of what the tracker says it follows
+        self._followed: int | None = None  # start [ns] of what the tracker follows; 0: of none
         self._watch: CommandWatch | None = None
         self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
         self._stand_in = StandIn(node, 'plant_markers', self._draw)
@@ -163,7 +163,7 @@ class PendulumAdapter(Adapter):
         """Begin, or cease, to listen to the tracker."""
         if self._watch is not None:
             self._watch.close()
-        self._watch = CommandWatch(self.node, JointTrajectory) if on else None
+        self._watch = CommandWatch(self.node) if on else None
 
     def execution(self, problem: Problem) -> SwingUpExecution:
         """Return the tracker's feedback as a model."""
@@ -175,11 +175,11 @@ class PendulumAdapter(Adapter):
     ) -> dict[str, Observation]:
         """Return the newest state of the pendulum."""
         newest = self._state.fresh(now, values['start.max_age'])
-        mode, error, accepted = Mode.FOLLOWING, None, None
+        mode, error = Mode.FOLLOWING, None
         if self._watch is not None:
             mode = self._watch.mode(now)
             error = self._watch.error(newest.instant, PENDULUM_JOINTS)
-            accepted = self._watch.accepted(seconds)
+        accepted = seconds(self._followed) if self._followed else None
         stamp = seconds(newest.instant)
         return {VEHICLE: Observation(_motion(newest.message), stamp, mode, error, accepted)}
 
