@@ -121,24 +121,33 @@ def _plan_from_measured(
     """
     failure: TdmError | None = None
     now = _after_a_start(adapter, values, clock)
-    for share in (1.0, *_RETRIES):
-        delay = share * values['start.delay']
-        start = now + round(delay / NANOSECOND)
+    delays = [share * values['start.delay'] for share in (1.0, *_RETRIES)]
+    starts = [now + round(delay / NANOSECOND) for delay in delays]
+    for delay, start, sooner in zip(delays, starts, [*starts[1:], None], strict=True):
         measured = adapter.measured_start(values, now, start)
         try:
             problem = problem_class.from_parameters({**values, **measured})
             allowed = problem.solver.deadline
             if failure is not None:
-                allowed = min(allowed, (start - clock()) * NANOSECOND)
+                allowed = min(allowed, _time_until(start, sooner, clock()))
                 if allowed < _SHORTEST:
                     break
             return Plan(problem, _verified(problem.solve(deadline=allowed)), start)
-        except (DeadlineExceeded, VerificationFailed):
-            raise
         except (InvalidProblem, Infeasible) as error:
+            if failure is None and isinstance(error, (DeadlineExceeded, VerificationFailed)):
+                raise
             failure = failure or _of_the_future(error, delay)
     assert failure is not None
     raise failure
+
+
+def _time_until(start: int, sooner: int | None, now: int) -> float:
+    """Time [s] to plan what begins at `start`; half is left for what may begin `sooner`."""
+    if sooner is not None:
+        half = 0.5 * (sooner - now) * NANOSECOND
+        if half >= _SHORTEST:
+            return half
+    return (start - now) * NANOSECOND
 
 
 def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: Callable[[], int]) -> int:

@@ -233,7 +233,7 @@ def test_a_disk_in_motion_is_planned_for_sooner(ros: Ros) -> None:
     ros.spin_until(lambda: bool(received), 1.0)
     ros.spin_for(0.6)  # a plan of another test may begin, which the request would wait for
     seen = len(received)
-    publisher.publish(joint_state(ros, [2.0, 0.0, 0.0, 3.0]))
+    publisher.publish(joint_state(ros, [2.0, 0.0, 0.0, 2.5]))
     ros.spin_for(0.1)
     before = now(ros)
     done, answer = plan(ros)

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tdm_planner.exceptions import Infeasible
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, TdmError
 from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer
 
 SECOND = 1_000_000_000
@@ -150,6 +150,40 @@ def test_what_begins_sooner_is_not_begun_too_late() -> None:
     made, clock = request(Distant, Adapter(), delay=0.56)
     assert isinstance(made, Plan)
     assert clock() <= made.start
+
+
+@pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])
+def test_an_attempt_leaves_time_for_what_begins_sooner(error: type[TdmError]) -> None:
+    """However long the one before is sought for in vain."""
+
+    class Late(Problem):
+        def solve(self, deadline: float | None = None) -> Any:
+            if self.values['start.x'] > 0.7:
+                raise Infeasible('there is no way from this start')
+            if self.values['start.x'] > 0.3:
+                time.sleep(deadline or self.deadline)
+                raise error('nothing was found')
+            return solution()
+
+    made, clock = request(Late, Adapter(), delay=0.8)
+    assert isinstance(made, Plan)
+    assert made.start - BEGIN < 0.25 * SECOND
+    assert clock() <= made.start
+
+
+def test_the_first_attempt_says_why_there_is_no_plan() -> None:
+    """Not the last, that had the least time."""
+
+    class Lost(Problem):
+        def solve(self, deadline: float | None = None) -> Any:
+            if self.values['start.x'] > 0.3:
+                raise Infeasible('there is no way from this start')
+            raise DeadlineExceeded('nothing was found')
+
+    made, _ = request(Lost, Adapter())
+    assert isinstance(made, Failure)
+    assert made.code == 'INFEASIBLE'
+    assert 'there is no way from this start' in made.reason
 
 
 @pytest.mark.parametrize(('cost', 'told'), [(np.float32(1.5), 1.5), (math.nan, None)])
