@@ -235,9 +235,7 @@ class Planner(ManagedNode):
         if fault:
             self.get_logger().error(f'preparing the problem failed: {fault}')
         elif self._problem_class is not None:
-            # What has been loaded stays: looking through it for garbage would take too long
-            # while a plant moves.
-            gc.freeze()
+            gc.freeze()  # what has been loaded meanwhile, see `run`
             self.get_logger().info(f'ready to plan for {self._problem_class.name}')
         self._diagnostics.update()
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import gc
 import math
 import os
 import signal
@@ -108,6 +109,9 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         )
         started = True
         node = make_node()
+        # What has been loaded stays: looking through it for garbage takes .1 s, in which no
+        # command would be sent.
+        gc.freeze()
         executor = make_executor()
         spin(node, executor, end)
     except ExternalShutdownException:

@@ -103,6 +103,28 @@ sys.exit(runtime.run(Starting))
     assert (done.returncode, done.stderr) == (0, '')
 
 
+def test_what_was_loaded_is_not_looked_through_for_garbage(ros: Ros) -> None:
+    """That takes .1 s with what a tracker loads, in which it sends no command."""
+    program = """
+import gc, sys
+from rclpy.node import Node
+from tdm_planner.nodes import runtime
+
+class Loaded(Node):
+    def __init__(self):
+        super().__init__('loaded')
+        self.many = [[] for _ in range(100_000)]
+        self.create_timer(0.01, self.look)
+
+    def look(self):
+        print(len(gc.get_objects()) < 100_000, flush=True)
+        raise RuntimeError('enough')
+
+runtime.run(Loaded)
+"""
+    assert run_program(ros, program).stdout == 'True\n'
+
+
 def test_a_computation_under_way_does_not_hold_the_end_up(ros: Ros) -> None:
     process = start(ros, 'computing')
     ros.call('computing/compute', Trigger)
