@@ -152,35 +152,40 @@ def test_what_begins_sooner_is_not_begun_too_late() -> None:
     assert clock() <= made.start
 
 
+class Late(Problem):
+    """Far ahead there is no way; nearer, none is found with `error` in all the time there is."""
+
+    error: type[TdmError] = Infeasible
+
+    def solve(self, deadline: float | None = None) -> Any:
+        ahead = self.values['start.x']
+        if ahead > 0.7:
+            raise Infeasible('there is no way from this start')
+        if ahead > 0.3:
+            time.sleep(deadline or self.deadline)
+            raise self.error('nothing was found')
+        return solution()
+
+
 @pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])
 def test_an_attempt_leaves_time_for_what_begins_sooner(error: type[TdmError]) -> None:
-    """However long the one before is sought for in vain."""
-
-    class Late(Problem):
-        def solve(self, deadline: float | None = None) -> Any:
-            if self.values['start.x'] > 0.7:
-                raise Infeasible('there is no way from this start')
-            if self.values['start.x'] > 0.3:
-                time.sleep(deadline or self.deadline)
-                raise error('nothing was found')
-            return solution()
-
-    made, clock = request(Late, Adapter(), delay=0.8)
+    made, clock = request(type('Late', (Late,), {'error': error}), Adapter(), delay=0.8)
     assert isinstance(made, Plan)
     assert made.start - BEGIN < 0.25 * SECOND
     assert clock() <= made.start
 
 
+class Lost(Late):
+    """There is no way, and none is found nearer."""
+
+    def solve(self, deadline: float | None = None) -> Any:
+        super().solve(deadline)
+        raise DeadlineExceeded('nothing was found')
+
+
 def test_the_first_attempt_says_why_there_is_no_plan() -> None:
     """Not the last, that had the least time."""
-
-    class Lost(Problem):
-        def solve(self, deadline: float | None = None) -> Any:
-            if self.values['start.x'] > 0.3:
-                raise Infeasible('there is no way from this start')
-            raise DeadlineExceeded('nothing was found')
-
-    made, _ = request(Lost, Adapter())
+    made, _ = request(Lost, Adapter(), delay=0.8)
     assert isinstance(made, Failure)
     assert made.code == 'INFEASIBLE'
     assert 'there is no way from this start' in made.reason
