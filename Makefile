@@ -92,7 +92,8 @@ test: $(READY)-test
 
 # The nightly profile; what it finds is printed as JSON, to be kept in test/fuzz/corpus.
 fuzz: $(READY)-test
-	@TDM_FUZZ=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/fuzz test/adversarial
+	@TDM_FUZZ=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/fuzz test/adversarial \
+	  test/problems/test_determinism.py
 
 faults: $(READY)-test
 	@TDM_FAULTS=all $(BIN)/python -m pytest --timeout 1800 -rP test/faults
