@@ -22,7 +22,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from ros_harness import Ros
+from ros_harness import MODULES, Ros
 from tools.generate import generated
 from tools.security_policy import OPERATOR, Rights
 
@@ -38,12 +38,6 @@ SCHEMA = {
     'services': ({'reply*', 'request*'}, {'service'}),
     'topic': (set(), set()),
     'service': (set(), set()),
-}
-MODULES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
 }
 # Every kind of node once; the other robots' differ in their names alone.
 STARTED = {
