@@ -48,7 +48,7 @@ class Rig:
 
 
 # The first plan begins a second after its request; the last request waits for it to begin.
-@pytest.mark.parametrize('pauses', [(0.2,), (0.45,), (0.1, 0.3, 0.3)], ids=str)
+@pytest.mark.parametrize('pauses', [(0.2,), (0.45,), (0.75,), (0.1, 0.3, 0.3)], ids=str)
 def test_the_last_of_several_requests_is_followed(ros: Ros, pauses: tuple[float, ...]) -> None:
     rig = Rig(ros, 'second_' + '_'.join(str(round(100 * pause)) for pause in pauses))
     assert ros.spin_until(lambda: bool(rig.states), 20.0)
