@@ -220,9 +220,22 @@ class Ros:
         assert self.spin_until(lambda: publisher.get_subscription_count() > 0), (
             f'nobody listens to {topic}'
         )
-        # The other side may match a little later; until then it misses best-effort messages.
+        # The other side may match a little later; until then it misses best-effort messages. On a
+        # busy machine this is not enough: what must be heard is sent with `publish_until`.
         self.spin_for(0.3)
         return publisher
+
+    def publish_until(
+        self, publish: Callable[[], Any], heard: Callable[[], bool], timeout: float = 10.0
+    ) -> bool:
+        """Publish again and again until it was heard; False when `timeout` s have passed."""
+
+        def sent() -> bool:
+            publish()
+            self.spin_for(0.02)
+            return heard()
+
+        return self.spin_until(sent, timeout)
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""
@@ -251,6 +264,26 @@ class Ros:
         response = self.call(service, Trigger, timeout=timeout)
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
+
+    def plan(
+        self,
+        service: str,
+        timeout: float = 20.0,
+        meanwhile: Callable[[], Any] = lambda: None,
+    ) -> tuple[bool, dict[str, Any]]:
+        """
+        As `trigger`, asked again while the planner has no state.
+
+        A planner may meet the plant later than the test does. `meanwhile` is called before every
+        request, for tests that publish the states themselves.
+        """
+        end = time.monotonic() + timeout
+        while True:
+            meanwhile()
+            done, answer = self.trigger(service, timeout)
+            if answer.get('code') != 'NO_STATE' or time.monotonic() > end:
+                return done, answer
+            self.spin_for(0.1)
 
     def set_parameters(self, node: str, **values: Any) -> list[str]:
         """Set parameters one by one (``__`` for the dot); returns a reason each, '' if done."""

@@ -76,11 +76,7 @@ def test_four_robots_are_launched_planned_for_recorded_and_ended(
     states = ros.subscribe('/hall/robot4/joint_states', JointState)
     assert ros.spin_until(lambda: bool(states), 30.0)
     paths = ros.subscribe('/hall/robot4/path', PlannedPath, LATCHED)
-    for _ in range(20):
-        done, answer = ros.trigger('/hall/plan', 60.0)
-        if done or answer['code'] != 'NO_STATE':  # of one robot or another, yet
-            break
-        ros.spin_for(0.5)
+    done, answer = ros.plan('/hall/plan', 60.0)
     assert done, answer
     assert answer['summary'].startswith('4 robots')
     assert ros.spin_until(lambda: bool(paths))

@@ -190,9 +190,8 @@ def test_a_problem_of_another_kind_plans_from_the_measured_state(
     planners.start('carts', {'problem': 'cart', 'start.source': 'measured'})
     assert planners.plan('carts')[1]['code'] == 'NO_STATE'
     publisher = ros.publisher('/carts/joint_states', JointState)
-    publisher.publish(JointState(name=['position'], position=[-2.0]))
-    ros.spin_for(0.1)
-    done, answer = planners.plan('carts')
+    state = JointState(name=['position'], position=[-2.0])
+    done, answer = ros.plan('/carts/plan', meanwhile=lambda: publisher.publish(state))
     assert done, answer
     states = ros.subscribe('/carts/trajectory', JointTrajectory, LATCHED)
     assert ros.spin_until(lambda: bool(states))

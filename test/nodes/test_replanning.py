@@ -75,7 +75,7 @@ def rig(ros: Ros) -> Rig:
 
 
 def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Ros, rig: Rig) -> None:
-    done, answer = ros.trigger('/replanning/plan')
+    done, answer = ros.plan('/replanning/plan')
     assert done, answer
     assert ros.spin_until(lambda: bool(rig.plans))
     begins = seconds_of(rig.plans[0].header.stamp)

@@ -96,8 +96,7 @@ def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Ros) -> None:
         states.publish(hanging)
         ros.spin_for(0.05)
 
-    at(100.0)
-    done, answer = ros.trigger('/anew/plan', timeout=60.0)
+    done, answer = ros.plan('/anew/plan', 60.0, meanwhile=lambda: at(100.0))
     assert done, answer
     # Half way up, by the plan, where the pendulum never was.
     at(100.98)

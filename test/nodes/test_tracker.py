@@ -71,15 +71,22 @@ class Bench:
         name = f'/{self.namespace}/tracker: tracking'
         return [s for array in self.diagnostics for s in array.status if s.name == name]
 
+    def drives(self) -> bool:
+        """Whether the simulated plant receives commands."""
+        plant = f'/{self.namespace}/pendulum_plant'
+        found = [s for a in self.diagnostics for s in a.status if s.hardware_id == plant]
+        return bool(found) and found[-1].message == 'driven'
+
     def says(self, *texts: str, level: int | None = None) -> bool:
         """Whether the newest diagnostic says so within a few seconds."""
+        return self.ros.spin_until(lambda: self.said(*texts, level=level))
 
-        def newest() -> bool:
-            status = self.statuses()
-            return bool(status) and all(text in status[-1].message for text in texts)
-
-        found = self.ros.spin_until(newest)
-        return found and (level is None or self.statuses()[-1].level == bytes([level]))
+    def said(self, *texts: str, level: int | None = None) -> bool:
+        """Whether the newest diagnostic says so."""
+        for status in self.statuses()[-1:]:
+            levels = {None, int.from_bytes(status.level, 'big')}
+            return level in levels and all(text in status.message for text in texts)
+        return False
 
 
 @pytest.fixture(scope='module')
@@ -113,12 +120,13 @@ def keep_publishing(ros: Ros, states: Any, seconds: float, theta: float = math.p
         ros.spin_for(0.01)
 
 
-def says_meanwhile(ros: Ros, bench: Bench, states: Any, text: str) -> bool:
+def says_meanwhile(
+    ros: Ros, bench: Bench, states: Any, text: str, level: int | None = None
+) -> bool:
     end = time.monotonic() + 10.0
     while time.monotonic() < end:
         keep_publishing(ros, states, 0.05)
-        statuses = bench.statuses()
-        if statuses and text in statuses[-1].message:
+        if bench.said(text, level=level):
             return True
     return False
 
@@ -130,16 +138,17 @@ def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
 
 
 def test_states_that_cannot_be_read_are_left_out(ros: Ros, bench: Bench, states: Any) -> None:
-    for wrong in (
-        {'name': ['arm', 'pendulum']},
-        {'position': [0.0]},
-        {'velocity': [0.0, math.nan]},
-    ):
-        publish_state(states, **wrong)
-    assert ros.spin_until(lambda: 'state left out' in bench.tracker.output)
+    def publish() -> None:
+        for wrong in (
+            {'name': ['arm', 'pendulum']},
+            {'position': [0.0]},
+            {'velocity': [0.0, math.nan]},
+        ):
+            publish_state(states, **wrong)
+
+    assert ros.publish_until(publish, lambda: 'state left out' in bench.tracker.output)
     assert bench.says('no state has been received', level=2)
-    keep_publishing(ros, states, 0.3)
-    assert bench.says('idle', level=0)
+    assert says_meanwhile(ros, bench, states, 'idle', level=0)
 
 
 @pytest.mark.parametrize(
@@ -247,7 +256,8 @@ def angles(states: list[JointState]) -> np.ndarray:
 def test_the_pendulum_swings_up_and_is_held(ros: Ros, rig: Bench, plan: Trajectory) -> None:
     measured = watch(ros)
     assert ros.spin_until(lambda: bool(measured))
-    assert rig.says('idle')
+    assert rig.says('idle', level=0)
+    assert ros.spin_until(rig.drives)
     rig.plans.publish(message(plan))
     assert rig.says('waiting')
     assert rig.says('holding', level=0)
@@ -289,7 +299,7 @@ def test_after_a_fall_the_next_plan_is_tracked(ros: Ros, rig: Bench, plan: Traje
 def test_a_tracker_that_joins_late_takes_over(ros: Ros, rig: Bench, plan: Trajectory) -> None:
     rig.tracker.end_cleanly()
     ros.call('/rig/reset', Trigger)
-    rig.plans.publish(message(plan, 4.0))
+    rig.plans.publish(message(plan, 6.0))
     rig.tracker = rig.start()
     assert rig.says('waiting')
     assert rig.says('holding', level=0)

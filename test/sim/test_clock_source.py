@@ -77,7 +77,7 @@ def test_planner_and_tracker_follow_the_clock(ros: Ros, plant: str) -> None:
     assert ros.spin_until(lambda: len(commands) > 5, 60.0)
     assert not (nanoseconds_of(commands[-1].header.stamp) - nanoseconds_of(clocks[0].clock)) % STEP
     before = nanoseconds_of(clocks[-1].clock)
-    done, answer = ros.trigger('/slow/plan', timeout=60.0)
+    done, answer = ros.plan('/slow/plan', timeout=60.0)
     assert done, answer
     assert ros.spin_until(lambda: bool(plans))
     after = nanoseconds_of(clocks[-1].clock)
