@@ -75,7 +75,8 @@ class Bench:
         """Whether the simulated plant receives commands."""
         plant = f'/{self.namespace}/pendulum_plant'
         found = [s for a in self.diagnostics for s in a.status if s.hardware_id == plant]
-        return bool(found) and found[-1].message == 'driven'
+        figures = {item.key: item.value for status in found[-1:] for item in status.values}
+        return float(figures.get('commands accepted', 0)) > 0
 
     def says(self, *texts: str, level: int | None = None) -> bool:
         """Whether the newest diagnostic says so within a few seconds."""
