@@ -31,6 +31,7 @@ import tempfile
 import time
 from typing import Any
 
+FAINT = 1e-12  # N or N m
 SOURCE = Path(__file__).resolve().parents[1]
 MODULES = {  # by executable
     'planner': 'tdm_planner.nodes.planner',
@@ -226,16 +227,29 @@ class Ros:
         return publisher
 
     def publish_until(
-        self, publish: Callable[[], Any], heard: Callable[[], bool], timeout: float = 10.0
+        self,
+        publish: Callable[[], Any],
+        heard: Callable[[], bool],
+        timeout: float = 10.0,
+        every: float = 0.02,
     ) -> bool:
-        """Publish again and again until it was heard; False when `timeout` s have passed."""
+        """Publish every so many s until it was heard; False when `timeout` s have passed."""
 
         def sent() -> bool:
             publish()
-            self.spin_for(0.02)
-            return heard()
+            return self.spin_until(heard, every)
 
         return self.spin_until(sent, timeout)
+
+    def commands_act(
+        self, command: Callable[[float], Any], effort: Callable[[], float], timeout: float = 10.0
+    ) -> bool:
+        """Command a plant an effort that moves nothing, then none, until each is seen to act."""
+
+        def acts(value: float) -> bool:
+            return self.publish_until(lambda: command(value), lambda: effort() == value, timeout)
+
+        return acts(FAINT) and acts(0.0)
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""

@@ -60,8 +60,11 @@ class Viewer:
     def scene(self) -> Scene:
         return Scene(*self.arrays)
 
+    def showing(self, condition: Callable[[Scene], bool]) -> bool:
+        return bool(self.arrays) and condition(self.scene)
+
     def shows(self, condition: Callable[[Scene], bool]) -> bool:
-        return self.ros.spin_until(lambda: bool(self.arrays) and condition(self.scene))
+        return self.ros.spin_until(lambda: self.showing(condition))
 
 
 # The pendulum: a simulated plant in `sim`; in `pendulum` a planner whose plant is the test.
@@ -131,11 +134,10 @@ def test_a_real_pendulum_is_drawn_by_the_planner(ros: Ros, planner: NodeProcess)
     assert not viewer.arrays  # nothing is measured yet
     message = JointState(name=['disk', 'pendulum'], position=[0.7, 3.0], velocity=[0.0, 0.0])
 
-    def shown() -> bool:
-        states.publish(message)
-        return bool(viewer.arrays) and viewer.scene.namespaces == RIG
-
-    assert ros.spin_until(shown), planner.output
+    assert ros.publish_until(
+        lambda: states.publish(message),
+        lambda: viewer.showing(lambda scene: scene.namespaces == RIG),
+    ), planner.output
     check_markers(viewer.arrays[-1], 'world', LIFETIME)
     turned = viewer.scene['disk'].pose.orientation
     assert 2 * math.atan2(turned.z, turned.w) == pytest.approx(0.7)
@@ -232,11 +234,9 @@ def test_the_plan_is_shown_for_every_robot(ros: Ros, robots: Robots) -> None:
 
 def test_a_goal_pose_moves_the_robots_place(ros: Ros, robots: Robots) -> None:
     robots.trajectories.clear()
-    for _ in range(3):  # the planner may listen later than the test speaks
-        robots.goal(3.2, 3.1, yaw=2.0)
-        if ros.spin_until(lambda: bool(robots.trajectories), 5.0):
-            break
-    assert robots.trajectories, robots.process.output
+    assert ros.publish_until(
+        lambda: robots.goal(3.2, 3.1, yaw=2.0), lambda: bool(robots.trajectories), 15.0, every=5.0
+    ), robots.process.output
     end = robots.trajectories[-1].points[-1].transforms[0].translation
     assert (end.x, end.y) == pytest.approx((3.2, 3.1), abs=5e-3)
     # Anchor [2, 2, 0.5]
@@ -324,7 +324,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Ros, robots: Robots)
     robots.live.arrays.clear()
     assert ros.publish_until(
         lambda: command.publish(message),
-        lambda: bool(robots.live.arrays) and 'plume' in robots.live.scene.namespaces,
+        lambda: robots.live.showing(lambda scene: 'plume' in scene.namespaces),
     )
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
@@ -348,12 +348,13 @@ def test_a_real_robot_is_drawn_by_the_planner(ros: Ros, robots: Robots) -> None:
     message.pose.pose.orientation = to_quaternion(0.3)
     state = JointState(name=['thruster'], position=[0.4], velocity=[0.0], effort=[1.05])
 
-    def shown() -> bool:
+    def publish() -> None:
         odometry.publish(message)
         joints.publish(state)
-        return bool(viewer.arrays) and viewer.scene.namespaces >= ROBOT | {'plume'}
 
-    assert ros.spin_until(shown), robots.process.output
+    assert ros.publish_until(
+        publish, lambda: viewer.showing(lambda scene: scene.namespaces >= ROBOT | {'plume'})
+    ), robots.process.output
     for array in viewer.arrays:
         check_markers(array, 'arena', LIFETIMES)
     scene = viewer.scene

@@ -84,10 +84,10 @@ class Bench:
 
     def said(self, *texts: str, level: int | None = None) -> bool:
         """Whether the newest diagnostic says so."""
-        for status in self.statuses()[-1:]:
-            levels = {None, int.from_bytes(status.level, 'big')}
-            return level in levels and all(text in status.message for text in texts)
-        return False
+        return any(
+            all(text in status.message for text in texts) and level in (None, status.level[0])
+            for status in self.statuses()[-1:]
+        )
 
 
 @pytest.fixture(scope='module')
@@ -124,12 +124,7 @@ def keep_publishing(ros: Ros, states: Any, seconds: float, theta: float = math.p
 def says_meanwhile(
     ros: Ros, bench: Bench, states: Any, text: str, level: int | None = None
 ) -> bool:
-    end = time.monotonic() + 10.0
-    while time.monotonic() < end:
-        keep_publishing(ros, states, 0.05)
-        if bench.said(text, level=level):
-            return True
-    return False
+    return ros.publish_until(lambda: publish_state(states), lambda: bench.said(text, level=level))
 
 
 def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
@@ -200,12 +195,10 @@ def test_of_a_flood_of_plans_the_newest_is_followed(ros: Ros, plan: Trajectory) 
         newest = message(plan)
         bench.plans.publish(newest)
         ros.spin_for(0.01)
-    end = time.monotonic() + 10.0
-    while time.monotonic() < end and not (
-        followed and followed[-1].header.stamp == newest.header.stamp
-    ):
-        keep_publishing(ros, states, 0.02)
-    assert followed[-1].header.stamp == newest.header.stamp
+    assert ros.publish_until(
+        lambda: publish_state(states),
+        lambda: bool(followed) and followed[-1].header.stamp == newest.header.stamp,
+    )
     assert len(followed) < 100
     bench.tracker.end_cleanly()
 
@@ -215,7 +208,10 @@ def test_a_state_that_stops_coming_is_an_error_until_it_returns(
 ) -> None:
     keep_publishing(ros, states, 0.2)
     assert bench.says('state_timeout', level=2)
-    assert says_meanwhile(ros, bench, states, 'idle')
+    assert ros.publish_until(
+        lambda: publish_state(states),
+        lambda: bench.said('idle') and not bench.said('state_timeout'),
+    )
 
 
 def test_parameters_are_refused_with_a_sentence(ros: Ros, bench: Bench) -> None:

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 import math
 import signal
 from typing import Any
@@ -31,7 +30,6 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 MODULE = 'tdm_sim.pendulum_plant'
 # Long enough that the machine may be busy, and that a command acts until the test looks.
-FAINT = 1e-12  # N m: by which it is seen that commands arrive
 PATIENT = {'command_timeout': 30.0}
 
 
@@ -47,11 +45,9 @@ class Rig:
         assert ros.spin_until(lambda: bool(self.states), 20.0), self.process.output
         self.commands = ros.publisher(f'/{name}/joint_command', JointState)
         self.name = name
-        for torque in (FAINT, 0.0):
-            assert ros.publish_until(
-                partial(self.command, ['disk'], [torque]),
-                lambda torque=torque: self.states[-1].effort[1] == torque,
-            ), self.process.output
+        assert ros.commands_act(
+            lambda torque: self.command(['disk'], [torque]), lambda: self.states[-1].effort[1]
+        ), self.process.output
         del self.states[:-1]
 
     def command(self, names: list[str], effort: list[float]) -> None:

@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 import math
 import signal
 from typing import Any
@@ -29,7 +28,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 MODULE = 'tdm_sim.robot_plant'
-FAINT = 1e-12  # N: by which it is seen that commands arrive
 INITIAL = {
     'initial.x': 1.0,
     'initial.y': 2.5,
@@ -54,11 +52,9 @@ class Robot:
         )
         assert ros.spin_until(lambda: bool(self.odom and self.joints), 20.0), self.process.output
         self.commands = ros.publisher(f'/arena/{name}/joint_command', JointState)
-        for thrust in (FAINT, 0.0):
-            assert ros.publish_until(
-                partial(self.command, thrust, 0.0, 0.0),
-                lambda thrust=thrust: self.joints[-1].effort[0] == thrust,
-            ), self.process.output
+        assert ros.commands_act(
+            lambda thrust: self.command(thrust, 0.0, 0.0), lambda: self.joints[-1].effort[0]
+        ), self.process.output
         del self.joints[:-1]
 
     def command(self, thrust: float, rate: float, torque: float) -> None:
