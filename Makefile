@@ -11,7 +11,9 @@
 # make config     bring what is generated from the code up to date: parameter files, tables
 # make clean      remove all that was made
 # Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;
-# without one, the pinned ROS 2 Jazzy wheels go into the virtual environment.
+# without one, the pinned ROS 2 Jazzy wheels go into the virtual environment. With
+# CONSTRAINTS=constraints-noble.txt these are Ubuntu 24.04's versions instead of the newest;
+# TESTS=test/nodes picks some of the tests.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -20,47 +22,56 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV ?= .venv
 PLANT ?= pendulum
+CONSTRAINTS ?= constraints.txt
+TESTS ?=
 
 # Two installations of ROS 2 must never meet in one process: the environment is made for one kind,
-# and made anew when the kind changes.
+# and made anew when the kind, or the versions, change.
 IMPORT_NATIVE_RCLPY := import importlib.util, sys, rclpy; \
   sys.exit(importlib.util.find_spec("ros_wheels_bootstrapper") is not None)
 ROS := $(shell [ -n "$${AMENT_PREFIX_PATH:-}" ] \
   && $(PYTHON) -c '$(IMPORT_NATIVE_RCLPY)' 2>/dev/null && echo native || echo wheels)
 
-BIN := $(VENV)/bin
-READY := $(VENV)/.ready-$(ROS)
-PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check
-
 ifeq ($(ROS),native)
+  KIND := native
   VENV_OPTIONS := --system-site-packages
-  CONSTRAINTS := $(VENV)/installed-by-the-system.txt
-  EXTRAS := demo
+  PACKAGE := .
   WHAT := this package, for the ROS 2 $(ROS_DISTRO) that is sourced
 else
-  CONSTRAINTS := constraints.txt
-  EXTRAS := jazzy,demo
+  KIND := wheels-$(basename $(notdir $(CONSTRAINTS)))
+  PACKAGE := .[jazzy]
   WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready-$(KIND)
+PINS := $(VENV)/pins.txt
+PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check -c '$(PINS)'
 
 .PHONY: help setup demo test fuzz faults lint docs benchmark config clean
 
 help:
-	@sed -n '3,14s/^# //p' Makefile
+	@sed -n '3,16s/^# //p' Makefile
 
 setup: $(READY)
 
-$(READY): constraints.txt setup.py
+setup-%: $(READY)-%
+	@:
+
+$(READY): constraints.txt $(CONSTRAINTS) setup.py
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.10 or newer is needed" if sys.version_info < (3, 10) else 0)'
 	@echo '[1/3] virtual environment in $(VENV)'
-	@if [ "$$(cat '$(VENV)/.ros' 2>/dev/null || echo '$(ROS)')" != '$(ROS)' ]; then rm -rf '$(VENV)'; fi
+	@if [ "$$(cat '$(VENV)/.kind' 2>/dev/null || echo '$(KIND)')" != '$(KIND)' ]; then rm -rf '$(VENV)'; fi
 	@$(PYTHON) -m venv $(VENV_OPTIONS) '$(VENV)'
-	@echo '$(ROS)' >'$(VENV)/.ros'
+	@echo '$(KIND)' >'$(VENV)/.kind'
 	@echo '[2/3] $(WHAT)'
 ifeq ($(ROS),native)
-	@$(BIN)/python -c 'import numpy; print(f"numpy=={numpy.__version__}")' >'$(CONSTRAINTS)'
+	@$(BIN)/python -c 'import numpy; print(f"numpy=={numpy.__version__}")' >'$(PINS)'
+else
+	@awk -F== '/^#/ || (FNR < NR && tolower($$1) in pinned) { next } \
+	  FNR == NR { pinned[tolower($$1)] } { print }' '$(CONSTRAINTS)' constraints.txt >'$(PINS)'
 endif
-	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS)]' || { echo \
+	@$(PIP) -e '$(PACKAGE)' || { echo \
 	  'The packages could not be installed (see above). ROS 2 wheels exist for Linux on x86-64 with' \
 	  'Python 3.10 to 3.14 (tested: to 3.13); elsewhere install and source ROS 2 Jazzy, then try again.' >&2; exit 1; }
 	@echo '[3/3] compiled kernels'
@@ -68,27 +79,17 @@ endif
 	@touch '$@'
 	@echo 'ready'
 
-# What tests, linters and benchmarks need besides.
-$(READY)-test: $(READY)
-	@echo '[+] packages for the tests'
-	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),test,dev,docs]'
-	@touch '$@'
-
-$(READY)-docs: $(READY)
-	@echo '[+] packages for the documentation'
-	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),docs]'
-	@touch '$@'
-
-$(READY)-benchmark: $(READY)
-	@echo '[+] packages for the benchmark'
-	@$(PIP) -c '$(CONSTRAINTS)' -e '.[$(EXTRAS),benchmark]'
+# What tests, linters, pages and benchmarks need besides.
+$(READY)-%: $(READY)
+	@echo '[+] packages: $*'
+	@$(PIP) -e '.[$*]'
 	@touch '$@'
 
 demo: $(READY)
 	@$(BIN)/tdm demo '$(PLANT)'
 
 test: $(READY)-test
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest $(TESTS)
 
 # The nightly profile; what it finds is printed as JSON, to be kept in test/fuzz/corpus.
 fuzz: $(READY)-test
@@ -98,14 +99,14 @@ fuzz: $(READY)-test
 faults: $(READY)-test
 	@TDM_FAULTS=all $(BIN)/python -m pytest --timeout 1800 -rP test/faults
 
-lint: $(READY)-test
+lint: $(READY)-test $(READY)-dev
 	@echo 'ruff check' && $(BIN)/ruff check .
 	@echo 'ruff format --check' && $(BIN)/ruff format --check .
 	@echo 'flake8' && $(BIN)/flake8 .
 	@if $(BIN)/python -c 'import numpy, sys; \
 	    sys.exit([int(part) for part in numpy.__version__.split(".")[:2]] < [2, 3])'; \
 	  then echo 'mypy --strict' && $(BIN)/mypy --strict; \
-	  else echo 'mypy is left out: older than NumPy 2.3, the one here types arrays differently'; fi
+	  else echo 'mypy is skipped: NumPy older than 2.3 types arrays differently'; fi
 
 # Warnings are errors; then every link inside the pages is followed.
 docs: $(READY)-docs
@@ -121,4 +122,4 @@ config: $(READY)
 	@$(BIN)/python -m tools.generate
 
 clean:
-	rm -rf '$(VENV)' build install log docs/_build *.egg-info
+	rm -rf .venv .venv-* build install log docs/_build *.egg-info

@@ -14,22 +14,37 @@
 
 """Package description, read by colcon (ament_python) and pip alike."""
 
+import os
 from pathlib import Path
-import re
+import subprocess
+import sys
 
 from setuptools import find_packages, setup
+from setuptools.command.install import install
 
 PACKAGE = 'tdm_planner'
 # Under `colcon build --symlink-install` this file is reached through a link.
 HERE = Path(__file__).resolve().parent
+# The environment of `make setup`. Executables that colcon installs run in it, whoever builds them.
+ENVIRONMENT = HERE / '.venv' / 'bin' / 'python'
+if ENVIRONMENT.is_file():
+    sys.executable = str(ENVIRONMENT)
 
 
-def version() -> str:
-    """Return the version, which is stated once, in the package."""
-    text = (HERE / PACKAGE / '__init__.py').read_text(encoding='utf-8')
-    found = re.search(r"^__version__ = '([^']+)'$", text, re.MULTILINE)
-    assert found is not None
-    return found.group(1)
+class Install(install):
+    """What colcon calls: installs, then compiles the kernels beside the installed modules."""
+
+    def run(self) -> None:
+        """Install; without an environment, or for a wheel, kernels are compiled on first use."""
+        super().run()
+        if ENVIRONMENT.is_file() and self.root is None:
+            path = os.pathsep.join([self.install_lib, os.environ.get('PYTHONPATH', '')])
+            subprocess.run(
+                [str(ENVIRONMENT), '-m', f'{PACKAGE}.set_up'],
+                cwd=self.install_lib,
+                env={**os.environ, 'PYTHONPATH': path},
+                check=True,
+            )
 
 
 def shared(folder: str) -> list[tuple[str, list[str]]]:
@@ -44,11 +59,13 @@ def shared(folder: str) -> list[tuple[str, list[str]]]:
 
 setup(
     name=PACKAGE,
-    version=version(),
+    version='0.2.0',
     description='Near-optimal trajectories in real time by the direct method, for ROS 2',
     long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
+    url='https://example.org/tdm_planner',
     author='The tdm_planner authors',
+    author_email='tdm_planner@example.org',
     maintainer='The tdm_planner authors',
     maintainer_email='tdm_planner@example.org',
     license='Apache-2.0',
@@ -62,11 +79,21 @@ setup(
     ],
     package_data={'tdm_sim.report': ['assets/*']},
     zip_safe=False,
-    install_requires=['numpy>=1.22', 'scipy>=1.8', 'PyYAML'],
+    # The oldest versions are those of Ubuntu 24.04; what its archive lacks comes by pip.
+    install_requires=[
+        'daqp',
+        'matplotlib>=3.6.3',
+        'mcap',
+        'numba',
+        'numpy>=1.26.4',
+        'plotly>=5.15',
+        'PyYAML>=6.0.1',
+        'rich>=13.7',
+        'rosbags',
+        'scipy>=1.11.4',
+        'zstandard',
+    ],
     extras_require={
-        # What makes planning fast and the demo complete; every one of them has a fall-back or a
-        # clear message, since a ROS 2 machine may have only Debian's packages.
-        'demo': ['daqp', 'matplotlib>=3.5', 'mcap', 'numba', 'plotly>=5.15', 'rich', 'rosbags'],
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
@@ -77,7 +104,6 @@ setup(
             'colcon-ros',
             'cyclonedds; python_version < "3.14"',
             'hypothesis',
-            'mcap',
             'mcap-ros2-support',
             'mujoco',
             'pytest',
@@ -105,6 +131,7 @@ setup(
         # Peers that are not installed are left out of the comparison.
         'benchmark': ['casadi', 'drake; platform_machine == "x86_64"', 'ruckig'],
     },
+    cmdclass={'install': Install},
     entry_points={
         'console_scripts': [
             'planner = tdm_planner.nodes.planner:main',

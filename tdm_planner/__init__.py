@@ -14,6 +14,8 @@
 
 """Near-optimal trajectories in real time by Taranenko's direct method."""
 
+from importlib.metadata import version
+
 from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
@@ -25,7 +27,7 @@ from tdm_planner.starting import end_quietly_on_signals
 
 end_quietly_on_signals()
 
-__version__ = '0.1.0'
+__version__ = version('tdm_planner')
 
 __all__ = [
     'DeadlineExceeded',

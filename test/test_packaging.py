@@ -123,6 +123,30 @@ def test_configuration_is_found_in_the_sourced_workspace(installed: Path):
     assert found.strip() == str(installed / 'share/tdm_planner/config/pendulum.yaml')
 
 
+def test_executables_run_in_the_environment_of_make_setup(
+    copy: Path, tmp_path: Path, installed: Path
+):
+    """Without being activated; and the kernels are compiled where they were installed."""
+    asked = tmp_path / 'asked.txt'
+    source = tmp_path / 'src' / 'tdm_planner'
+    shutil.copytree(copy, source)
+    python = source / '.venv' / 'bin' / 'python'
+    python.parent.mkdir(parents=True)
+    python.write_text(f'#!/bin/sh\necho "$* ${{PYTHONPATH%%:*}}" >>{asked}\n')
+    python.chmod(0o755)
+    workspace = tmp_path / 'plain'
+    symlinks = installed.parents[1].name == 'symlinks'
+    options = ['--symlink-install'] if symlinks else []
+    workspace.mkdir()
+    colcon(workspace, 'build', '--base-paths', str(source.parent), *options)
+    prefix = workspace / 'install' / 'tdm_planner'
+    first = (prefix / 'lib' / 'tdm_planner' / 'planner').read_text().splitlines()[0]
+    assert first == f'#!{python}'
+    if not symlinks:  # links share the kernels of the source
+        (site,) = prefix.glob('lib/python3*/site-packages')
+        assert asked.read_text() == f'-m tdm_planner.set_up {site}/\n'
+
+
 @pytest.fixture(scope='module')
 def wheel(copy: Path) -> zipfile.ZipFile:
     folder = copy.parents[1] / 'wheel'
@@ -207,7 +231,7 @@ def test_manifest_names_every_package_imported(manifest: ElementTree.Element):
     ros |= imported & {'rclpy', 'launch', 'launch_ros', 'ament_index_python'}
     assert 'rclpy' in ros
     assert ros <= depends
-    debian = {'yaml', 'numpy', 'scipy', 'matplotlib', 'rich', 'numba'} & imported
+    debian = {'yaml', 'numpy', 'scipy', 'matplotlib', 'rich'} & imported
     assert {f'python3-{name}' for name in debian} <= depends
 
 
@@ -232,11 +256,28 @@ def package_name(requirement: str) -> str:
 
 
 def test_every_requirement_is_pinned():
-    text = (SOURCE / 'constraints.txt').read_text(encoding='utf-8')
-    pins = [line for line in text.splitlines() if line and not line.startswith('#')]
-    assert all('==' in pin for pin in pins)
     assert {'numpy', 'ros-jazzy-rclpy', 'ruff'} <= requirements()
-    assert requirements() <= {package_name(pin) for pin in pins}
+    assert requirements() <= set(pins('constraints.txt'))
+
+
+def test_oldest_versions_promised_are_those_of_ubuntu():
+    """`make test CONSTRAINTS=constraints-noble.txt` runs with the versions that setup.py names."""
+    text = (SOURCE / 'setup.py').read_text(encoding='utf-8')
+    oldest = dict(re.findall(r"'([\w-]+)>=([\d.]+)'", text))
+    noble = pins('constraints-noble.txt')
+    assert {'numpy', 'scipy', 'matplotlib', 'PyYAML', 'rich'} == set(oldest) - {'plotly'}
+    for name in set(oldest) - {'plotly'}:
+        assert noble[package_name(name)].startswith(oldest[name]), name
+
+
+def pins(name: str) -> dict[str, str]:
+    """Return the versions that a file of constraints pins; of several the first."""
+    found: dict[str, str] = {}
+    for line in (SOURCE / name).read_text(encoding='utf-8').splitlines():
+        if line and not line.startswith('#'):
+            package, version = line.split(';')[0].split('==')
+            found.setdefault(package_name(package), version.strip())
+    return found
 
 
 def test_changelog_tells_of_the_version_or_of_what_is_coming():
