@@ -12,9 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""These tests need Cyclone DDS, whose wheels are for Python 3.10 to 3.13."""
-
-import importlib.util
-
-if importlib.util.find_spec('cyclonedds') is None:
-    collect_ignore_glob = ['test_*.py']
+"""Measures the package: `make benchmark`."""
