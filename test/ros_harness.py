@@ -32,6 +32,7 @@ import time
 from typing import Any
 
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
+UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 FAINT = 1e-12  # N or N m
 SOURCE = Path(__file__).resolve().parents[1]
 MODULES = {  # by executable

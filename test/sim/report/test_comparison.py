@@ -236,7 +236,7 @@ def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end
     assert first.reached
     (one, *others) = mission.vehicles
     end = one.plans[1].trajectory
-    away = replace(end, states=end.states + [0.5, 0, 0, 0, 0, 0, 0])
+    away = replace(end, states=end.states + np.eye(7)[0])
     moved = replace(one, plans=(one.plans[0], replace(one.plans[1], trajectory=away)))
     missed = compare(replace(mission, vehicles=(moved, *others))).verdict
     assert missed is not None
