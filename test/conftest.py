@@ -34,7 +34,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope='session', autouse=True)
 def _unhurried() -> Iterator[None]:
-    """Let no plan depend on how busy the machine is, where the test says no deadline of its own."""
+    """Give plans time enough where the test states no deadline: the machine may be busy."""
     solve, solve_again = Problem.solve, Replanner._solve
 
     @functools.wraps(solve)
