@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from tdm_planner.palette import LIMIT, MEASURED, PLANNED, SWITCH
 from tdm_planner.plan_margins import plan_margins, PlanMargin
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -49,7 +50,11 @@ def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
         limits = plot_limits(problem)
         margins = plan_margins(problem, solution.trajectory)
         figure = plot_trajectory(
-            solution.trajectory, limits, title=solution.summary, margins=margins
+            solution.trajectory,
+            limits,
+            title=solution.summary,
+            margins=margins,
+            upright='theta' if isinstance(problem, PendulumSwingUp) else '',
         )
     else:
         from tdm_planner.formation_plot import FormationView, plot_formation
@@ -83,8 +88,13 @@ def plot_trajectory(
     measured: Measurement | None = None,
     title: str = '',
     margins: Sequence[PlanMargin] = (),
+    upright: str = '',
 ) -> Figure:
-    """Draw every state, control and margin over time; planned and measured, limits, switches."""
+    """
+    Draw every state, control and margin over time; planned and measured, limits, switches.
+
+    `upright` names the state that is a pendulum's angle from upright, '' if there is none.
+    """
     columns = [*trajectory.state_names, *trajectory.control_names]
     units = [*trajectory.state_units, *trajectory.control_units] or [''] * len(columns)
     rows = len(columns) + len(margins)
@@ -104,7 +114,8 @@ def plot_trajectory(
         draw_planned(axis, trajectory, name, PLANNED, 'planned')
         if name in limits:
             draw_limits(axis, -limits[name], limits[name])
-        _label_turns(axis, trajectory, name)
+        if name == upright:
+            _label_upright(axis, trajectory.state(name))
         label_quantity(axis, name, unit)
     first = len(columns)
     for axis, margin in zip(axes[first:], margins, strict=True):
@@ -176,18 +187,17 @@ def _explain(axes: Sequence[Axes], switches: Array) -> None:
     )
 
 
-def _label_turns(axis: Axes, trajectory: Trajectory, name: str) -> None:
-    """Mark upright on the axis of the pendulum angle."""
-    if name == 'theta':
-        upright = 2 * math.pi * round(float(trajectory.states[-1, 0]) / (2 * math.pi))
-        axis.axhline(upright, color='0.5', lw=1)
-        rising = bool(trajectory.states[0, 0] < upright)
-        axis.annotate(
-            'upright',
-            (0.005, upright),
-            xycoords=('axes fraction', 'data'),
-            xytext=(0, -3 if rising else 3),
-            textcoords='offset points',
-            va='top' if rising else 'bottom',
-            fontsize='small',
-        )
+def _label_upright(axis: Axes, angles: Array) -> None:
+    """Mark the upright position that angles (n,) from upright end near."""
+    upright = 2 * math.pi * round(float(angles[-1]) / (2 * math.pi))
+    axis.axhline(upright, color='0.5', lw=1)
+    rising = bool(angles[0] < upright)
+    axis.annotate(
+        'upright',
+        (0.005, upright),
+        xycoords=('axes fraction', 'data'),
+        xytext=(0, -3 if rising else 3),
+        textcoords='offset points',
+        va='top' if rising else 'bottom',
+        fontsize='small',
+    )

@@ -186,5 +186,6 @@ class PendulumScene(Scene):
             Measurement(m.times, columns),
             str(self.answer['summary']),
             plan_margins(self.problem, self.trajectory),
+            upright='theta',
         )
         figure.savefig(path, dpi=110)

@@ -17,11 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import functools
 import gc
 import importlib.util
+from typing import Any
 
 import pytest
-from ros_harness import reserved_domain, Ros, ros_environment
+from ros_harness import ENOUGH, reserved_domain, Ros, ros_environment
+from tdm_planner.problems import Problem, Solution
+from tdm_planner.replanning import Replanner
 
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13
     collect_ignore_glob = ['interoperability/test_*.py']
@@ -30,6 +34,30 @@ if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3
 def pytest_collection_finish() -> None:
     """Spare what has been imported: looking through it would stop a talk with nodes for .1 s."""
     gc.freeze()
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _unhurried() -> Iterator[None]:
+    """Give plans time enough where the test states no deadline: the machine may be busy."""
+    solve, solve_again = Problem.solve, Replanner._solve
+
+    @functools.wraps(solve)
+    def solve_unhurried(
+        self: Problem, deadline: float | None = None, *args: Any, **options: Any
+    ) -> Solution:
+        if deadline is None and self.solver.deadline == type(self.solver).deadline:
+            deadline = ENOUGH
+        return solve(self, deadline, *args, **options)
+
+    def solve_again_unhurried(
+        self: Replanner, problem: Problem, plan: Any, foreseen: Any, at: float, allowed: float
+    ) -> Solution:
+        return solve_again(self, problem, plan, foreseen, at, ENOUGH)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Problem, 'solve', solve_unhurried)
+        patch.setattr(Replanner, '_solve', solve_again_unhurried)
+        yield
 
 
 @pytest.fixture(scope='module')

@@ -31,6 +31,8 @@ import tempfile
 import time
 from typing import Any
 
+ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
+UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 FAINT = 1e-12  # N or N m
 SOURCE = Path(__file__).resolve().parents[1]
 MODULES = {  # by executable
@@ -183,7 +185,13 @@ class Ros:
         arguments: list[str] | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> NodeProcess:
-        """Start a node; it is ended, and its exit checked, with the fixture if not before."""
+        """
+        Start a node; it is ended, and its exit checked, with the fixture if not before.
+
+        A planner has time enough, unless `parameters` or a file among `arguments` say otherwise.
+        """
+        if module == MODULES['planner'] and '--params-file' not in (arguments or []):
+            parameters = {'solver.deadline': ENOUGH, **(parameters or {})}
         words = ros_arguments(parameters or {}, namespace) + (arguments or [])
         return self.run(module, words, environment)
 

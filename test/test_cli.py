@@ -23,6 +23,7 @@ import sys
 
 import numpy as np
 import pytest
+from ros_harness import UNHURRIED
 from scipy.integrate import solve_ivp
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
@@ -41,7 +42,9 @@ def tdm(*arguments, cwd):
 
 
 def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(tmp_path):
-    done = tdm('plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', cwd=tmp_path)
+    done = tdm(
+        'plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert 'upright' in done.stdout
     plan = json.loads((tmp_path / 'plan.json').read_text())
@@ -76,7 +79,7 @@ def test_parameter_files_and_settings(tmp_path):
     )
     done = tdm(
         'plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1',
-        '--set', 'solver.seed=1', '-q', '-o', 'plan.csv', cwd=tmp_path,
+        '--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv', cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout == ''
@@ -136,7 +139,7 @@ def test_usage_and_version(tmp_path):
     ('package', 'arguments'),
     [
         ('rclpy', ['demo', 'pendulum']),
-        ('matplotlib', ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png']),
+        ('matplotlib', ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]),
     ],
 )
 def test_a_package_that_is_not_installed_is_named(tmp_path, package, arguments):

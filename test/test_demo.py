@@ -22,11 +22,24 @@ import sys
 
 import numpy as np
 import pytest
-from ros_harness import reserved_domain, ros_environment
+from ros_harness import ENOUGH, reserved_domain, ros_environment
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 
 reader = pytest.importorskip('mcap_ros2.reader')
+
+
+SHIPPED = Path(__file__).resolve().parents[1] / 'config' / 'pendulum.yaml'
+
+
+@pytest.fixture
+def unhurried(tmp_path):
+    """Return options for the shipped parameters, with time enough for a plan."""
+    text = SHIPPED.read_text(encoding='utf-8')
+    assert text.count(' deadline: 0.5\n') == 1
+    path = tmp_path / 'unhurried.yaml'
+    path.write_text(text.replace(' deadline: 0.5\n', f' deadline: {ENOUGH}\n'))
+    return ['--params', str(path)]
 
 
 def run_demo(folder, *arguments):
@@ -49,8 +62,8 @@ def topics(folder):
     return counts
 
 
-def test_pendulum(tmp_path):
-    done = run_demo(tmp_path, 'pendulum')
+def test_pendulum(tmp_path, unhurried):
+    done = run_demo(tmp_path, 'pendulum', *unhurried)
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'goal reached and held' in done.stdout
     folder = tmp_path / 'pendulum'
@@ -76,8 +89,8 @@ def test_pendulum(tmp_path):
     assert np.abs(last - upright).max() < 0.05
 
 
-def test_at_another_speed_the_mission_is_the_same(tmp_path):
-    done = run_demo(tmp_path, 'pendulum', '--speed', '4', '-o', 'out')
+def test_at_another_speed_the_mission_is_the_same(tmp_path, unhurried):
+    done = run_demo(tmp_path, 'pendulum', '--speed', '4', '-o', 'out', *unhurried)
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'goal reached and held' in done.stdout
     assert 'speed of simulated time' in done.stdout

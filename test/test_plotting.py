@@ -14,11 +14,12 @@
 
 """Pictures of plans: everything is in them, and drawn where it is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from tdm_planner import plotting
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.formation_plot import FormationView, plot_formation
 from tdm_planner.palette import LIMIT, SWITCH
@@ -33,6 +34,15 @@ from tdm_planner.problems import (
     SolverParameters,
 )
 from tdm_planner.verification import Constraint
+
+
+class Foreign(Problem):
+    """Neither derived from the built-in ones nor stated as a formulation; without limits."""
+
+    name = 'foreign'
+
+    def search(self, budget, rng, previous):
+        raise NotImplementedError
 
 
 @pytest.fixture(scope='module')
@@ -72,16 +82,6 @@ def test_margins_are_those_of_the_check(swing_up, formation):
 
 
 def test_margins_of_a_problem_with_a_search_of_its_own(swing_up):
-    """A problem that neither derives from the built-in ones nor is stated as a formulation."""
-
-    class Foreign(Problem):
-        """Without limits."""
-
-        name = 'foreign'
-
-        def search(self, budget, rng, previous):
-            raise NotImplementedError
-
     class Limited(Foreign):
         """With one."""
 
@@ -98,6 +98,33 @@ def test_margins_of_a_problem_with_a_search_of_its_own(swing_up):
     fastest = np.abs(plan.state('theta_dot')).max()
     assert margin.values.max() == pytest.approx(2 * fastest, rel=1e-2)
     assert margin.values.min() == pytest.approx(fastest, rel=1e-2)
+
+
+def test_upright_is_marked_for_the_pendulum_alone(swing_up, tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(*arguments, **options):
+        drawn.append(plot_trajectory(*arguments, **options))
+        return drawn[-1]
+
+    monkeypatch.setattr(plotting, 'plot_trajectory', draw)
+
+    def marked(problem, solution):
+        plot_solution(problem, solution, tmp_path / 'plan.svg')
+        return {
+            axis.get_ylabel(): text.xy[1]
+            for axis in drawn[-1].axes
+            for text in axis.texts
+            if text.get_text() == 'upright'
+        }
+
+    problem, solution = swing_up
+    end = solution.trajectory.state('theta')[-1]
+    assert marked(problem, solution) == {'theta [rad]': pytest.approx(end, abs=1e-3)}
+    names = ('x', 'theta', 'v', 'theta_dot')  # of another plant
+    foreign = replace(solution.trajectory, state_names=names)
+    other = replace(solution, trajectories={'cart': foreign})
+    assert marked(Foreign(), other) == {}
 
 
 def test_margins_of_a_stated_problem_are_what_it_states():

@@ -123,7 +123,8 @@ def steer(
     Vary all durations until the motions end upright at rest; the batch changes in place.
 
     Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
-    start on its own, on all cores; `stop` is asked between starts and ends it early. Returns the
+    start on its own. One core is left to the control loop: chunks of starts are shared out evenly
+    among threads on the others. `stop` is asked between chunks and ends it early. Returns the
     number of integrations. The result does not depend on the number of cores.
     """
     if not COMPILED:
@@ -143,12 +144,13 @@ def steer(
         return rollouts
     from tdm_planner.plants.pendulum_steering import steer_arcs
 
-    chunks = iter(range(0, batch.arcs.size, _CHUNK))
+    chunks = range(0, batch.arcs.size, _CHUNK)
+    workers = max(1, min(_cores() - 1, len(chunks)))
     constants, w0 = _constants(plant), plant.natural_frequency
 
-    def work() -> int:
+    def work(worker: int) -> int:
         rollouts = 0
-        for first in chunks:
+        for first in chunks[worker::workers]:
             if stop():
                 break
             rows = slice(first, first + _CHUNK)
@@ -168,11 +170,10 @@ def steer(
             )
         return rollouts
 
-    workers = min(_cores(), -(-batch.arcs.size // _CHUNK))
-    if workers <= 1:
-        return work()
+    if workers == 1:
+        return work(0)
     with ThreadPoolExecutor(workers) as pool:
-        return sum(future.result() for future in [pool.submit(work) for _ in range(workers)])
+        return sum(pool.map(work, range(workers)))
 
 
 def compile_kernels(plant: RotaryPendulum) -> None:

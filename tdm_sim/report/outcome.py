@@ -16,12 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.measured_robot import MeasuredRobot
+from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.margins import Limits
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 from tdm_sim.verdict import (
@@ -131,59 +132,76 @@ def _differences(vehicle: Vehicle, start: float, end: float) -> Signals | None:
 
 
 def verdict(mission: Mission, limits: Limits) -> Verdict | None:
-    """Judge the mission as a demo is judged; None where not all that takes was recorded."""
-    if any(len(vehicle.plans) != 1 for vehicle in mission.vehicles):
-        return None  # several plans: the demo's judgement knows of one
-    if any(_judged(vehicle) is None for vehicle in mission.vehicles):
+    """
+    Judge the mission as a demo is judged; None where not all that takes was recorded.
+
+    After replans the plan active at the end of the recording counts: its goal, its planned end.
+    """
+    vehicles = [_with_begun_plans(vehicle) for vehicle in mission.vehicles]
+    if not all(vehicle.plans for vehicle in vehicles):
         return None
+    origin = min((vehicle.plans[0].start for vehicle in vehicles), default=0.0)
+    plans = {vehicle.name: _followed(vehicle, origin) for vehicle in vehicles}
+    states = {vehicle.name: _judged(vehicle, origin) for vehicle in vehicles}
     solve_time = mission.figures[0].solve_time if mission.figures else None
     time = math.nan if solve_time is None else solve_time
     if limits.formation is not None:
-        plans = {v.name: v.plans[0].trajectory for v in mission.vehicles}
-        goals = {v.name: goal_of(v) for v in mission.vehicles}
-        return judge_formation(limits.formation, plans, goals, _robots(mission), time)
+        goals = {vehicle.name: goal_of(vehicle) for vehicle in vehicles}
+        measured = {name: _as_robot(found) for name, found in states.items()}
+        return judge_formation(limits.formation, plans, goals, measured, time)
     torque, angle = mission.number('limits.torque'), mission.number('limits.disk_angle')
-    if len(mission.vehicles) != 1 or torque is None or angle is None:
+    if len(vehicles) != 1 or torque is None or angle is None:
         return None
-    return _pendulum_verdict(mission.vehicles[0], torque, angle, time)
+    (vehicle,) = vehicles
+    pendulum = _as_pendulum(vehicle, states[vehicle.name], origin)
+    if pendulum is None:
+        return None
+    return judge_pendulum(plans[vehicle.name], pendulum, torque, angle, time)
 
 
-def _pendulum_verdict(
-    vehicle: Vehicle, torque: float, angle: float, time: float
-) -> Verdict | None:
-    states = _judged(vehicle)
-    if vehicle.plant != 'pendulum' or states is None or vehicle.controls is None:
+def _with_begun_plans(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle without the plans still pending at the end of what was measured."""
+    states = _complete(vehicle)
+    end = -math.inf if states is None else float(states.times[-1])
+    return replace(vehicle, plans=tuple(plan for plan in vehicle.plans if plan.start < end))
+
+
+def _followed(vehicle: Vehicle, origin: float) -> Trajectory:
+    """Join the plans, each active until the next one starts; times from `origin` [s] on."""
+    first, *others = vehicle.plans
+    last = vehicle.plans[-1]
+    samples = [plan.start + plan.trajectory.times for plan in vehicle.plans]
+    times = np.unique(np.concatenate([[origin], *samples]))
+    times = times[times <= last.end]
+    states, controls = first.states(times), first.controls(times)
+    for plan in others:
+        during = times >= plan.start
+        states[during] = plan.states(times[during])
+        controls[during] = plan.controls(times[during])
+    return replace(
+        last.trajectory, times=times - origin, states=states, controls=controls, rates=None
+    )
+
+
+def _judged(vehicle: Vehicle, origin: float) -> Signals:
+    """Complete samples from half a second before `origin` [s] on; times from there."""
+    states = _complete(vehicle)
+    assert states is not None
+    during = states.between(origin - 0.5, math.inf)
+    return replace(during, times=during.times - origin)
+
+
+def _as_pendulum(vehicle: Vehicle, states: Signals, origin: float) -> MeasuredPendulum | None:
+    if vehicle.plant != 'pendulum' or vehicle.controls is None:
         return None
-    start = vehicle.plans[0].start
-    measured = MeasuredPendulum(
-        times=states.times - start,
+    return MeasuredPendulum(
+        times=states.times,
         theta=states.column('theta'),
         psi=states.column('psi'),
         theta_dot=states.column('theta_dot'),
         psi_dot=states.column('psi_dot'),
-        torque=vehicle.controls.at(states.times)[:, 0],
+        torque=vehicle.controls.at(states.times + origin)[:, 0],
     )
-    return judge_pendulum(vehicle.plans[0].trajectory, measured, torque, angle, time)
-
-
-def _robots(mission: Mission) -> Mapping[str, MeasuredRobot]:
-    found = {}
-    for vehicle in mission.vehicles:
-        states = _judged(vehicle)
-        assert states is not None
-        shifted = states.times - vehicle.plans[0].start
-        found[vehicle.name] = MeasuredRobot(shifted, _columns(states))
-    return found
-
-
-def _judged(vehicle: Vehicle) -> Signals | None:
-    """Complete samples from half a second before the motion on; None if it was not begun."""
-    states = _complete(vehicle)
-    if states is None or not vehicle.plans:
-        return None
-    during = states.between(vehicle.plans[0].start - 0.5, math.inf)
-    begun = during.times.size and during.times[-1] > vehicle.plans[-1].start
-    return during if begun else None
 
 
 def _complete(vehicle: Vehicle) -> Signals | None:
@@ -199,8 +217,4 @@ def _complete(vehicle: Vehicle) -> Signals | None:
 
 
 def _as_robot(states: Signals) -> MeasuredRobot:
-    return MeasuredRobot(states.times, _columns(states))
-
-
-def _columns(states: Signals) -> dict[str, Array]:
-    return {name: states.column(name) for name in states.names}
+    return MeasuredRobot(states.times, {name: states.column(name) for name in states.names})

@@ -159,8 +159,8 @@ def test_the_sabotage_is_felt(sabotage: Any) -> None:
     rng = np.random.default_rng(1)
     changed = 0
     for problem in (
-        PendulumSwingUp.from_parameters({'solver.deadline': 1.0}),
-        RobotFormation.from_parameters({'solver.deadline': 3.0}),
+        PendulumSwingUp(),
+        RobotFormation(),
     ):
         right = problem.solve(seed=0)
         with pytest.MonkeyPatch.context() as patch:
@@ -177,7 +177,7 @@ def test_the_sabotage_is_felt(sabotage: Any) -> None:
 def test_the_replay_sees_what_is_wrong() -> None:
     """A plan that is changed after its check is told from a right one."""
     problem = PendulumSwingUp()
-    document = plan_document(problem, problem.solve(deadline=2.0))
+    document = plan_document(problem, problem.solve())
     assert not faults(document)
     states, controls = document['states'], document['controls']
     factor = 1.0001 / 0.7
@@ -191,7 +191,7 @@ def test_the_replay_sees_what_is_wrong() -> None:
 
 @pytest.mark.parametrize('sabotage', [saboteurs.wrong_gradients, saboteurs.wrong_model])
 def test_the_swing_ups_minimiser_is_reached(sabotage: Any) -> None:
-    problem = PendulumSwingUp.from_parameters({'solver.deadline': 1.0})
+    problem = PendulumSwingUp()
     right = problem.solve(seed=0).trajectory.to_dict()
     with pytest.MonkeyPatch.context() as patch:
         sabotage(patch, np.random.default_rng(1), 0.01)

@@ -78,9 +78,7 @@ class PendulumRig:
         )
         self.relay = self._start('faulty_relay', {})
         self.tracker = self.start_tracker()
-        self.planner = self._start(
-            'tdm_planner.nodes.planner', {'start.delay': 0.6, 'solver.deadline': 1.0}, relayed=True
-        )
+        self.planner = self._start('tdm_planner.nodes.planner', {'start.delay': 0.6}, relayed=True)
         self._orders = ros.node.create_publisher(String, f'/{namespace}/clock_order', LATCHED)
         self._orders_taken = ros.subscribe(f'/{namespace}/clock_order_taken', String, LATCHED)
         if lockstep:

@@ -33,7 +33,7 @@ import uuid
 
 from fault_figures import EVERYTHING, note
 import pytest
-from ros_harness import NodeProcess, Ros
+from ros_harness import ENOUGH, NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
@@ -347,7 +347,10 @@ PHASES = {
 @pytest.fixture
 def demo(ros: Ros, tmp_path: Path) -> Iterator[Subject]:
     parameters = tmp_path / 'strong.yaml'
-    parameters.write_text('/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n')
+    parameters.write_text(
+        '/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n'
+        f'    solver: {{deadline: {ENOUGH}}}\n'
+    )
     subject = Subject(
         ros,
         'tdm_planner.cli',

@@ -26,7 +26,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rcl_interfaces.srv import GetParameters
-from ros_harness import NodeProcess, Ros
+from ros_harness import ENOUGH, NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -174,7 +174,7 @@ class Robots:
         self.ros = ros
         self.process = ros.start(
             'tdm_planner.nodes.planner',
-            {'problem': 'robot_formation', 'start.source': 'parameters', 'solver.deadline': 3.0},
+            {'problem': 'robot_formation', 'start.source': 'parameters'},
             namespace='robots',
         )
         self.plan = Viewer(ros, '/robots/markers', LATCHED)
@@ -279,7 +279,7 @@ def test_a_refused_goal_changes_nothing_and_says_why(
         robots.goal(**goal)
         assert ros.spin_until(lambda: bool(robots.refusals())), robots.process.output
     finally:
-        robots.set(solver__deadline=3.0)
+        robots.set(solver__deadline=ENOUGH)
     (notice,) = robots.refusals()
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)

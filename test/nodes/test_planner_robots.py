@@ -38,7 +38,7 @@ SPACE = '/robots'
 def planner(ros):
     return ros.start(
         MODULE,
-        {'problem': 'robot_formation', 'start.source': 'parameters', 'solver.deadline': 3.0},
+        {'problem': 'robot_formation', 'start.source': 'parameters'},
         namespace=SPACE,
     )
 

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import threading
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -190,19 +192,34 @@ def test_sine_and_cosine(angle):
     assert abs(cosine - np.cos(angle)) < 3e-16
 
 
-def test_number_of_cores_does_not_matter(monkeypatch):
-    one, many = random_batch(40), random_batch(40)
-    steer(PLANT, START, many, 2.0, 12, NEVER)
+@pytest.mark.skipif(not COMPILED, reason='needs numba')
+@pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
+def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
+    from tdm_planner.plants import pendulum_steering
+
+    one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(pendulum_rollout, '_cores', lambda: 1)
-    steer(PLANT, START, one, 2.0, 12, NEVER)
+    count = steer(PLANT, START, one, 2.0, 12, NEVER)
+    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: cores)
+    steer_arcs, used, all_started = pendulum_steering.steer_arcs, set(), threading.Barrier(threads)
+
+    def noted(*arguments):
+        if threading.get_ident() not in used:
+            used.add(threading.get_ident())
+            all_started.wait(60.0)
+        return steer_arcs(*arguments)
+
+    monkeypatch.setattr(pendulum_steering, 'steer_arcs', noted)
+    assert steer(PLANT, START, many, 2.0, 12, NEVER) == count
+    assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
     np.testing.assert_array_equal(one.costs, many.costs)
 
 
 def test_steering_stops_when_told():
-    batch = random_batch(40)
+    batch = random_batch(170)
     before = batch.durations.copy()
-    assert steer(PLANT, START, batch, 2.0, 12, lambda: True) <= 40
+    assert steer(PLANT, START, batch, 2.0, 12, lambda: True) == 0
     np.testing.assert_array_equal(batch.durations, before)
 
 

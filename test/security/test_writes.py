@@ -22,14 +22,16 @@ import sys
 import tempfile
 
 from geometry_msgs.msg import PoseStamped
-from ros_harness import NodeProcess, Ros, ros_arguments
+from ros_harness import ENOUGH, NodeProcess, Ros, ros_arguments
 from sensor_msgs.msg import JointState
 
+UNHURRIED = {'solver.deadline': ENOUGH}
+ROBOTS = {'problem': 'robot_formation', **UNHURRIED}
 NODES = {
-    'planner': ('tdm_planner.nodes.planner', 'robots', {'problem': 'robot_formation'}),
+    'planner': ('tdm_planner.nodes.planner', 'robots', ROBOTS),
     'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'plant': 'robot'}),
     'robot_plant': ('tdm_sim.robot_plant', 'robots/robot1', {}),
-    'pendulum_planner': ('tdm_planner.nodes.planner', 'pendulum', {}),
+    'pendulum_planner': ('tdm_planner.nodes.planner', 'pendulum', UNHURRIED),
     'pendulum_tracker': ('tdm_planner.nodes.tracker', 'pendulum', {}),
     'pendulum_plant': ('tdm_sim.pendulum_plant', 'pendulum', {}),
 }

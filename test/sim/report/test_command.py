@@ -20,6 +20,7 @@ import subprocess
 import sys
 
 import pytest
+from ros_harness import UNHURRIED
 
 pytest.importorskip('plotly')
 
@@ -40,7 +41,7 @@ def tdm(*arguments, cwd):
 @pytest.fixture(scope='module')
 def plan(tmp_path_factory):
     path = tmp_path_factory.mktemp('plan') / 'plan.json'
-    done = tdm('plan', 'robots', '-q', '-o', path, cwd=path.parent)
+    done = tdm('plan', 'robots', '-q', '-o', path, *UNHURRIED, cwd=path.parent)
     assert done.returncode == 0, done.stderr
     return path
 

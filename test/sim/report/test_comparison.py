@@ -182,6 +182,85 @@ def test_robots_whose_recording_ends_before_they_held_their_places():
     assert missed.undecided == ''
 
 
+def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mission:
+    """With a second plan of every vehicle: the first one's, from `start` on and so long."""
+    vehicles = []
+    for vehicle in mission.vehicles:
+        (first,) = vehicle.plans
+        times = first.trajectory.times * duration / DURATION
+        second = PlanInForce('2', start, replace(first.trajectory, times=times))
+        vehicles.append(replace(vehicle, plans=(replace(first, until=start), second)))
+    return replace(mission, vehicles=tuple(vehicles))
+
+
+def test_a_replanned_swing_up_is_judged_against_the_plan_active_at_the_end():
+    late = swing_up(caught_at=6.5)
+    once = compare(late).verdict
+    assert once is not None
+    assert 'not upright within 3 s' in once.reasons[0]  # planned for 2 s
+    twice = compare(replanned(late, 1.5, 4.0)).verdict  # planned anew for 5.5 s
+    assert twice is not None
+    assert twice.reached
+    assert dict((row[0], row[1]) for row in twice.rows)['duration of the plan [s]'] == '5.500'
+    sooner = compare(replanned(late, 0.5, 2.0)).verdict  # planned anew for 2.5 s
+    assert sooner is not None
+    assert 'not upright within 3 s' in sooner.reasons[0]
+
+
+def test_limits_count_from_the_first_of_several_plans_on():
+    verdict = compare(replanned(swing_up(peak=0.025), 1.5)).verdict
+    assert verdict is not None
+    assert verdict.reasons == ('the torque reached 0.025 N m, its limit is 0.02 N m',)
+
+
+def test_a_goal_held_since_before_a_replan_is_held_since_then():
+    verdict = compare(replanned(swing_up(), 8.5)).verdict  # 3.5 s before the recording ends
+    assert verdict is not None
+    assert verdict.reached
+
+
+def test_a_plan_still_pending_when_the_recording_ends_is_not_judged():
+    verdict = compare(replanned(swing_up(caught_at=6.5), 12.5)).verdict
+    assert verdict is not None
+    assert 'not upright within 3 s' in verdict.reasons[0]
+    (vehicle,) = swing_up().vehicles
+    assert vehicle.states is not None
+    before = replace(vehicle, states=vehicle.states.between(-1.0, -0.1))
+    assert compare(replace(swing_up(), vehicles=(before,))).verdict is None
+
+
+def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end():
+    mission = replanned(formation(vehicles=robots_mission(after=10.0).vehicles), 1.0)
+    first = compare(mission).verdict
+    assert first is not None
+    assert first.reached
+    (one, *others) = mission.vehicles
+    end = one.plans[1].trajectory
+    away = replace(end, states=end.states + np.eye(7)[0])
+    moved = replace(one, plans=(one.plans[0], replace(one.plans[1], trajectory=away)))
+    missed = compare(replace(mission, vehicles=(moved, *others))).verdict
+    assert missed is not None
+    assert missed.reasons == (
+        f'{one.name} was not in its place within 8 s of the planned arrival',
+    )
+
+
+def test_robots_of_which_one_was_added_later_are_compared_at_the_same_instants():
+    mission = replanned(formation(), 1.0)
+    one, other = mission.vehicles
+    added = replace(other, plans=other.plans[1:])
+    before = compare(mission).verdict
+    after = compare(replace(mission, vehicles=(one, added))).verdict
+    assert before is not None
+    assert after is not None
+    distance = [
+        next(row for row in verdict.rows if row[0] == 'smallest distance [m]')[2]
+        for verdict in (before, after)
+    ]
+    assert distance[0] == distance[1]
+    assert after.reached
+
+
 def test_only_what_was_measured_after_the_start_counts():
     mission = swing_up()
     (vehicle,) = mission.vehicles

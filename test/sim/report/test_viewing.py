@@ -25,6 +25,7 @@ from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
+from ros_harness import UNHURRIED
 from tdm_sim.report.viewing import make_server
 
 SOURCE = Path(__file__).resolve().parents[3]
@@ -67,7 +68,7 @@ def test_view_serves_until_interrupted(tmp_path):
     tdm = [sys.executable, '-m', 'tdm_planner.cli']
     environment = os.environ | {'PYTHONPATH': str(SOURCE), 'BROWSER': 'true'}
     subprocess.run(
-        [*tdm, 'plan', 'pendulum', '-q', '-o', 'plan.json'],
+        [*tdm, 'plan', 'pendulum', '-q', '-o', 'plan.json', *UNHURRIED],
         cwd=tmp_path,
         env=environment,
         check=True,
