@@ -36,8 +36,8 @@ EXPLANATIONS: Mapping[str, str] = MappingProxyType(
         'pendulum_rollout.steer': (
             '300 random starts, compiled, sixteen motions side by side. It leaves one core to the '
             'control loop and uses two others where there are as many: then it takes half as long '
-            'by the clock as it counts here. With an earlier plan to start from there is little of '
-            'it: that plan is polished and checked first.'
+            'by the clock as it counts here. With an earlier plan to start from there is little '
+            'of it: that plan is polished and checked first.'
         ),
         'swing_up_task.plan': (
             'the check: every plan is flown by the plant before it leaves the planner, by an '

@@ -45,7 +45,8 @@ def _unhurried() -> Iterator[None]:
     def solve_unhurried(
         self: Problem, deadline: float | None = None, *args: Any, **options: Any
     ) -> Solution:
-        if deadline is None and self.solver.deadline == type(self.solver).deadline:
+        default = type(self.solver).deadline
+        if deadline is None and self.solver.deadline == default:
             deadline = ENOUGH
         return solve(self, deadline, *args, **options)
 
