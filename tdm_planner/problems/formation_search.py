@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
@@ -110,7 +109,8 @@ class Candidate:
 
 def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
     """Integral of thrust per mass along a robot's trajectory [m/s]."""
-    return float(trapezoid(trajectory.control('thrust'), trajectory.times)) / plant.mass
+    thrust = trajectory.control_names.index('thrust')
+    return float(trajectory.control_integral(trajectory.times[-1])[thrust]) / plant.mass
 
 
 def assessed(
