@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
+_RESOLUTION = 1e-3  # s, of the check
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +154,7 @@ class SwingUpTask:
             goal,
             TERMINAL_TOLERANCE,
             self.constraints,
+            resolution=_RESOLUTION,
             start=self.start,
         )
 
