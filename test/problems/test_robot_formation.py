@@ -21,9 +21,14 @@ import math
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.direct_method import quadratic_program
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
-from tdm_planner.problems import RobotFormation, RobotStart
+from tdm_planner.direct_method import Budget, quadratic_program
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    VerificationFailed,
+)
+from tdm_planner.problems import formation_verification, RobotFormation, RobotStart
 from tdm_planner.problems.formation_checks import least_time
 from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_verification import verify_formation
@@ -222,6 +227,27 @@ def test_what_is_planned_cannot_be_changed():
     for motion in solution.trajectories.values():
         with pytest.raises(ValueError, match='read-only'):
             motion.states[0] = 0.0
+
+
+def test_the_tolerance_is_what_the_minimiser_is_content_with():
+    """Robots that pass as near as allowed: the less of it is feasible, the longer it takes."""
+    evaluations = []
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        changes = {'solver.tolerance': tolerance, 'arena.tracking_margin': 0.0}
+        solution = RobotFormation.from_parameters(changes).solve(deadline=30.0)
+        assert solution.penalty <= tolerance
+        evaluations.append(solution.evaluations)
+    assert evaluations[0] < evaluations[1] < evaluations[2]
+
+
+def test_a_penalty_above_the_tolerance_is_no_plan(monkeypatch):
+    problem = RobotFormation()
+    motions = problem.solve(deadline=30.0).trajectories
+    monkeypatch.setattr(formation_verification, 'penalty', lambda *values: 2e-7)
+    assert problem.recognised(motions).penalty == 2e-7
+    stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
+    with pytest.raises(VerificationFailed, match='^the penalty 2e-07 is above solver.tolerance'):
+        stricter.recognised(motions)
 
 
 def test_gas_under_held_thrust_is_what_the_thruster_gives():
