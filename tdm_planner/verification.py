@@ -296,8 +296,9 @@ def _least_between(times: Array, margin: Array) -> Array:
     step, slope = np.diff(times), np.diff(margin) / np.diff(times)
     change = np.abs(np.diff(slope))
     # Steepest fall from the beginning of an interval, and rise to its end; unknown at the ends.
-    fall = np.concatenate([[-np.inf] * 2, slope[1:-1] - _BEND * change[:-1]])[: slope.size]
-    rise = np.concatenate([slope[1:-1] + _BEND * change[1:], [np.inf] * 2])[-slope.size :]
+    fall, rise = np.full(step.size, -np.inf), np.full(step.size, np.inf)
+    fall[2:] = slope[1:-1] - _BEND * change[:-1]
+    rise[:-2] = slope[1:-1] + _BEND * change[1:]
     begin, end = margin[:-1], margin[1:]
     least = np.minimum(begin, end)
     with np.errstate(all='ignore'):

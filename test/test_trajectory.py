@@ -100,8 +100,8 @@ def test_the_integral_of_the_controls_is_exact(interpolation):
 
 
 @pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
-def test_scipy_is_asked_for_integrals_of_what_may_be_written_to(monkeypatch, interpolation):
-    """SciPy before 1.15 raises "buffer source array is read-only" for others."""
+def test_integrals_are_asked_for_of_what_may_be_written_to(monkeypatch, interpolation):
+    """Before 1.15 SciPy raises "buffer source array is read-only" for others."""
     antiderivative = PPoly.antiderivative
 
     def of_old(self, nu=1):

@@ -152,9 +152,9 @@ class FormationSearch(Search[Candidate]):
     Local minima of one manoeuvre from several first guesses, and their plans.
 
     First guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of (10). Of a `previous` plan the remaining
-    motion is the first guess, without others at first. `closest` is the point of the least
-    violation seen, for the reason of a failure.
+    of the `form`. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of (10). Of a
+    `previous` plan the remaining motion is the first guess, without others at first. `closest` is
+    the point of the least violation seen, for the reason of a failure.
     """
 
     def __init__(
@@ -274,9 +274,7 @@ class FormationSearch(Search[Candidate]):
             else trajectory(model, motion, i, self.budget, self._enough, careful)
             for i, name in enumerate(task.names)
         }
-        plan = assessed(
-            task, motions, self._penalty_weights, self._tolerance, candidate.point.xi
-        )
+        plan = assessed(task, motions, self._penalty_weights, self._tolerance, candidate.point.xi)
         self._check_time = self.budget.elapsed - began
         yield plan
 

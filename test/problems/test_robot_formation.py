@@ -21,7 +21,7 @@ import math
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Budget, quadratic_program
+from tdm_planner.direct_method import quadratic_program
 from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
@@ -246,7 +246,7 @@ def test_a_penalty_above_the_tolerance_is_no_plan(monkeypatch):
     monkeypatch.setattr(formation_verification, 'penalty', lambda *values: 2e-7)
     assert problem.recognised(motions).penalty == 2e-7
     stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
-    with pytest.raises(VerificationFailed, match='^the penalty 2e-07 is above solver.tolerance'):
+    with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
         stricter.recognised(motions)
 
 
