@@ -41,7 +41,6 @@ import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_search import FormationSearch
 
 Figures: TypeAlias = dict[str, Any]
 
@@ -118,7 +117,7 @@ def measure_starts(scenarios: int, starts: int = 4) -> Figures:
         changes = {'arena.tracking_margin': MARGIN}
         problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
         rng = np.random.default_rng(0)
-        search = FormationSearch(problem.task, problem.form, rng, Budget(60.0))
+        search = problem.search(Budget(60.0), rng, None)
         for _ in itertools.repeat(None, starts):
             began = time.process_time()
             found += bool(search.minima(1))

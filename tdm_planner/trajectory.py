@@ -23,7 +23,7 @@ from typing import Any, get_args, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -167,6 +167,15 @@ class Trajectory:
         at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
         return self._control_at(at)
 
+    def control_integral(self, t: ArrayLike) -> Array:
+        """
+        Integrate the controls from the first sample to time(s) `t` [s], (nu,) or (n, nu).
+
+        Exact for the `interpolation` they have; they are zero outside the samples.
+        """
+        at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
+        return np.asarray(self._control_antiderivative(at))
+
     def _control_at(self, t: Array) -> Array:
         if self.interpolation == 'zero_order_hold':
             index = np.searchsorted(self.times, t, side='right') - 1
@@ -196,6 +205,17 @@ class Trajectory:
     @cached_property
     def _control_spline(self) -> CubicSpline:
         return CubicSpline(self.times, self.controls)
+
+    @cached_property
+    def _control_antiderivative(self) -> PPoly:
+        if self.interpolation == 'cubic' and self.times.size >= 4:
+            return self._control_spline.antiderivative()
+        coefficients = self.controls[None, :-1]
+        if self.interpolation != 'zero_order_hold':
+            slopes = np.diff(self.controls, axis=0) / np.diff(self.times)[:, None]
+            coefficients = np.stack([slopes, self.controls[:-1]])
+        # Before SciPy 1.15 `antiderivative` takes no times that are read-only.
+        return PPoly(coefficients, self.times.copy()).antiderivative()
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the JSON file holds: times, states, controls, interpolation, units."""

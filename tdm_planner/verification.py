@@ -29,7 +29,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import OdeSolution, solve_ivp
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
@@ -38,6 +38,10 @@ Array = NDArray[np.float64]
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
 MOST_INSTANTS = 200_000  # of a check: 200 s at intervals of 1 ms
+_PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
+_PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided
+_BEND = 2.0  # times the last change of a margin's slope: how much it may change next
+_USUAL = 1e-3, 1e-6  # of a state's range, and at least: what motions may differ by
 
 
 @dataclass(frozen=True)
@@ -102,16 +106,40 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
         exact = plant.replay(trajectory, times)
         if exact is not None:
             return exact
-    edges = _smooth_pieces(trajectory)
-    states = np.full((times.size, trajectory.states.shape[1]), np.nan)
+    return fly(plant, trajectory).states(times)
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A motion as it was integrated: `pieces` between jumps of the controls, of `size` states."""
+
+    pieces: Sequence[OdeSolution]
+    size: int
+
+    @property
+    def steps(self) -> Array:
+        """Instants at which steps of the integration begin or end [s]."""
+        return np.unique(np.concatenate([piece.ts for piece in self.pieces] or [np.zeros(0)]))
+
+    def states(self, times: Array) -> Array:
+        """States at `times` (n,), (n, nx); NaN where the integration could not go on."""
+        states = np.full((times.size, self.size), np.nan)
+        for piece in self.pieces:
+            inside = (times >= piece.t_min) & (times <= piece.t_max)
+            if inside.any():
+                states[inside] = piece(times[inside]).T
+        return states
+
+
+def fly(plant: Plant, trajectory: Trajectory) -> Flight:
+    """Integrate the plant along the trajectory's controls, see `replay`."""
+    pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
-    for first, last in itertools.pairwise(edges):
-        start, end = trajectory.times[first], trajectory.times[last]
-        inside = (times >= start) & (times <= end)
+    for first, last in itertools.pairwise(_smooth_pieces(trajectory)):
         result = solve_ivp(
             _limited(_right_hand_side(plant, trajectory, first), left),
-            (start, end),
+            (trajectory.times[first], trajectory.times[last]),
             current,
             method='DOP853',
             rtol=1e-9,
@@ -120,11 +148,10 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
         )
         if not result.success:
             break
-        if inside.any():
-            assert result.sol is not None
-            states[inside] = result.sol(times[inside]).T
+        assert result.sol is not None
+        pieces.append(result.sol)
         current = result.y[:, -1]
-    return states
+    return Flight(pieces, trajectory.states.shape[1])
 
 
 def _smooth_pieces(trajectory: Trajectory) -> list[int]:
@@ -185,7 +212,7 @@ def verify(
     tolerance: Array,
     constraints: Sequence[Constraint],
     *,
-    resolution: float = 1e-3,
+    resolution: float | None = None,
     consistency: Array | None = None,
     start: Array | None = None,
 ) -> Verification:
@@ -194,12 +221,16 @@ def verify(
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
     (infinite where a state is free). The constraints are checked on the replayed states at
-    instants at most `resolution` s apart. The states written in the trajectory must agree with the
-    replayed ones within `consistency` (nx,), by default `tolerance`, and the first of them with
-    `start` (nx,), where that is given; NaN where a state is free.
+    instants at most `resolution` s apart; by default as finely as the motion asks, see
+    `resolved`. The states written in the trajectory must agree with the replayed ones within
+    `consistency` (nx,), by default `tolerance`, and `usual_tolerance` where that is infinite; the
+    first of them with `start` (nx,), where that is given; NaN where a state is free.
     """
-    times = dense_times(trajectory, resolution)
-    states = replay(plant, trajectory, times)
+    if resolution is None:
+        times, states = resolved(fly(plant, trajectory), trajectory, constraints)
+    else:
+        times = dense_times(trajectory, resolution)
+        states = replay(plant, trajectory, times)
     return judge(
         plant,
         trajectory,
@@ -211,6 +242,78 @@ def verify(
         consistency=consistency,
         start=start,
     )
+
+
+def resolved(
+    flight: Flight, trajectory: Trajectory, constraints: Sequence[Constraint]
+) -> tuple[Array, Array]:
+    """
+    Instants (n,) and states (n, nx) at which a violation of the constraints shows.
+
+    They divide the intervals between the samples of the trajectory, which carry its controls, and
+    between the steps of the integration, which follow the motion however fast it is. Intervals in
+    which a margin may dip below what is allowed are divided further.
+    """
+    knots = np.union1d(trajectory.times, flight.steps)
+    times = np.union1d(_divided(knots, _PER_STEP), knots)
+    for _ in range(_ROUNDS):
+        states = flight.states(times)
+        hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
+        if not hidden.size or times.size > MOST_INSTANTS:
+            break
+        edges = np.stack([times[hidden], times[hidden + 1]], axis=1)
+        more = [_divided(edge, _PARTS) for edge in edges]
+        times = np.union1d(times, np.concatenate(more))
+    return times, flight.states(times)
+
+
+def _divided(edges: Array, parts: int) -> Array:
+    """Instants (n, ) that divide every interval between `edges` into so many parts."""
+    shares = np.arange(parts) / parts
+    return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * shares).ravel())
+
+
+def _hidden(
+    constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
+) -> NDArray[np.intp]:
+    """
+    Return the intervals (n,) in which margins may be violated, kept as they are at both ends.
+
+    A margin dips no deeper than to where it meets its secants of the intervals before and after,
+    bent as they were before. None where it is violated at an instant: that is enough.
+    """
+    found = np.zeros(times.size - 1, dtype=bool)
+    for constraint in constraints:
+        margin = np.asarray(constraint.margin(times, states, controls))
+        if not (margin >= -constraint.tolerance).all():
+            return np.zeros(0, dtype=np.intp)
+        found |= _least_between(times, margin) < -constraint.tolerance
+    return np.flatnonzero(found)
+
+
+def _least_between(times: Array, margin: Array) -> Array:
+    """Least values (n - 1,) that a margin (n,) may have between its instants, see `_hidden`."""
+    step, slope = np.diff(times), np.diff(margin) / np.diff(times)
+    change = np.abs(np.diff(slope))
+    # Steepest fall from the beginning of an interval, and rise to its end; unknown at the ends.
+    fall, rise = np.full(step.size, -np.inf), np.full(step.size, np.inf)
+    fall[2:] = slope[1:-1] - _BEND * change[:-1]
+    rise[:-2] = slope[1:-1] + _BEND * change[1:]
+    begin, end = margin[:-1], margin[1:]
+    least = np.minimum(begin, end)
+    with np.errstate(all='ignore'):
+        lowest = begin + fall * (begin - end + rise * step) / (rise - fall)
+        lowest = np.where(np.isinf(fall), end - rise * step, lowest)
+        lowest = np.where(np.isinf(rise), begin + fall * step, lowest)
+    dips = (fall < 0.0) & (rise > 0.0) & np.isfinite(lowest)
+    return np.where(dips, np.minimum(lowest, least), least)
+
+
+def usual_tolerance(states: Array, units: Sequence[str]) -> Array:
+    """Return 1e-3 of the largest range that a state (N, nx) of the same unit runs through."""
+    ranges, names = np.ptp(states, axis=0), np.array(units)
+    share, least = _USUAL
+    return share * np.array([ranges[names == unit].max() for unit in units]) + least
 
 
 def judge(
@@ -239,7 +342,10 @@ def judge(
         )
         if not abs(e) <= tol
     ]
-    allowed = tolerance if consistency is None else consistency
+    allowed = consistency
+    if allowed is None:
+        usual = usual_tolerance(trajectory.states, plant.state_units)
+        allowed = np.where(np.isfinite(tolerance), tolerance, usual)
     written = np.searchsorted(times, trajectory.times)
     drift = np.abs(states[written] - trajectory.states).max(axis=0)
     reasons += [

@@ -14,6 +14,8 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -80,3 +82,32 @@ def test_times_are_rounded_to_what_messages_can_carry():
     times = to_nanoseconds([0.1234567891234, 1.0])
     assert times[0] == pytest.approx(0.123456789, abs=1e-15)
     assert times[1] == 1.0
+
+
+@pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
+def test_the_integral_of_the_controls_is_exact(interpolation):
+    times = np.cumsum([0.0, 0.11, 0.07, 0.2, 0.05])
+    trajectory = make(times, interpolation, [1.0, -2.0, 0.5, 3.0, 0.0])
+    pieces = [
+        quad(lambda t: float(trajectory.sample(t).control[0]), *edges)[0]
+        for edges in zip(times[:-1], times[1:] - 1e-15, strict=True)
+    ]
+    integral = trajectory.control_integral(times)[:, 0]
+    np.testing.assert_allclose(integral, np.cumsum([0.0, *pieces]), atol=1e-12)
+    # Outside the samples nothing is commanded.
+    outside = trajectory.control_integral([-1.0, times[-1] + 1.0])[:, 0]
+    np.testing.assert_array_equal(outside, integral[[0, -1]])
+
+
+@pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
+def test_integrals_are_asked_for_of_what_may_be_written_to(monkeypatch, interpolation):
+    """Before 1.15 SciPy raises "buffer source array is read-only" for others."""
+    antiderivative = PPoly.antiderivative
+
+    def of_old(self, nu=1):
+        assert self.x.flags.writeable
+        return antiderivative(self, nu)
+
+    monkeypatch.setattr(PPoly, 'antiderivative', of_old)
+    trajectory = make(np.arange(5.0), interpolation, np.ones(5))
+    assert trajectory.control_integral(4.0) == pytest.approx(4.0)

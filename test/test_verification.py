@@ -15,6 +15,7 @@
 """The replay against closed forms, and every kind of bad plan caught."""
 
 from dataclasses import replace
+import math
 
 import numpy as np
 import pytest
@@ -90,6 +91,25 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
     assert any(words in reason for reason in check.reasons), check.reasons
 
 
+@pytest.mark.parametrize(
+    ('states', 'words'),
+    [
+        ([[0.1, 0.0], [0.6, 1.0], [1.1, 0.0]], 'x begins 0.1 m from the start (allowed 0.0'),
+        ([[0.0, 0.0], [0.7, 1.0], [1.0, 0.0]], 'x as written differs by 0.2 from the replay'),
+    ],
+)
+def test_a_state_whose_end_is_free_is_checked_before(states, words):
+    free = np.array([np.inf, 1e-6])
+    start = np.zeros(2)
+    assert verify(PLANT, bang_bang(), np.ones(2), free, LIMITS[:1], start=start).reasons == (
+        'v ends 1 m/s from the goal (allowed 1e-06)',
+    )
+    changed = replace(bang_bang(), states=np.array(states))
+    check = verify(PLANT, changed, GOAL, free, LIMITS, start=start)
+    assert len(check.reasons) == 1
+    assert words in check.reasons[0]
+
+
 def test_a_violation_between_samples_is_caught():
     """Nothing is wrong at the samples: only the dense check sees the speed in between."""
     slow = Constraint('speed', lambda t, x, u: 0.9 - np.abs(x[:, 1]))
@@ -100,6 +120,37 @@ def test_a_violation_between_samples_is_caught():
     check = verify(PLANT, sparse, GOAL, TOLERANCE, [slow])
     assert not check.ok
     assert 'speed is violated' in check.reasons[0]
+
+
+class Swing(DoubleIntegrator):
+    """A pendulum of 1 Hz that nobody drives."""
+
+    def derivative(self, state, control):
+        return np.stack([state[..., 1], -(math.tau**2) * state[..., 0]], axis=-1)
+
+
+def test_motion_that_is_fast_beside_the_samples_is_followed():
+    """Wherever samples, and instants that divide the way between them, fall: x is zero there."""
+    start = np.array([0.0, math.tau])
+    times = np.array([0.0, 10.0, 20.0])
+    still = Trajectory(times, np.tile(start, (3, 1)), np.zeros((3, 1)), ('x', 'v'), ('u',))
+    near = Constraint('near', lambda t, x, u: 0.999 - np.abs(x[:, 0]))
+    check = verify(Swing(), still, start, TOLERANCE, [near])
+    assert check.worst['near'] == pytest.approx(-1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize('place', [0.1, 0.5, 0.7371])
+def test_a_dip_of_a_margin_between_the_instants_of_a_check_is_found(place):
+    pole = Constraint('pole', lambda t, x, u: np.abs(x[:, 0] - place) - 1e-5)
+    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [pole])
+    assert 'pole is violated' in check.reasons[0]
+
+
+def test_a_margin_that_is_just_kept_is_no_violation():
+    touched = Constraint('touched', lambda t, x, u: (x[:, 0] - 0.7371) ** 2, tolerance=1e-12)
+    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [touched])
+    assert check.ok
+    assert 0.0 <= check.worst['touched'] < 1e-9
 
 
 def test_a_margin_that_is_not_a_number_counts_as_violated():

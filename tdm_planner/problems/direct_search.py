@@ -32,7 +32,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, Veri
 from tdm_planner.plants.base import Plant
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import Constraint, Verification, verify
+from tdm_planner.verification import Constraint, usual_tolerance, Verification, verify
 
 if TYPE_CHECKING:
     from tdm_planner.problems.direct_problem import DirectProblem
@@ -281,12 +281,8 @@ class DirectSearch(Search[Minimum]):
 
     def _verify(self, trajectory: Trajectory, goal: Array) -> Verification:
         problem = self._problem
-        duration = trajectory.duration
         if problem.terminal_tolerance is None:
-            ranges = np.ptp(trajectory.states, axis=0)
-            units = np.array(problem.state_units)
-            alike = [ranges[units == unit].max() for unit in units]
-            tolerance = 1e-3 * np.array(alike) + 1e-6
+            tolerance = usual_tolerance(trajectory.states, problem.state_units)
         else:
             tolerance = np.array(problem.terminal_tolerance, dtype=float)
         margins = self._stated.margins(trajectory.times, trajectory.states, trajectory.controls)
@@ -304,6 +300,5 @@ class DirectSearch(Search[Minimum]):
             goal,
             tolerance,
             constraints,
-            resolution=duration / 1000,
             start=self._stated.start(),
         )

@@ -38,6 +38,15 @@ def check_task(task: FormationTask) -> None:
         Naming robot or parameter, the value and what is allowed.
 
     """
+    for name, inertia, acceleration in (
+        ('thrust', 'mass', task.thrust),
+        ('torque', 'inertia', task.torque),
+    ):
+        if not acceleration > 0.0:
+            raise InvalidProblem(
+                f"parameter 'limits.{name}' is too small beside 'plant.{inertia}': the "
+                'acceleration it gives must be above 0'
+            )
     _check_arena(task)
     for place, points in (('start', task.start), ('goal', task.goal)):
         _check_walls(task, place, points)

@@ -24,7 +24,7 @@ exactly the controls that are published ends at the goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -291,5 +291,4 @@ def _fly(
     )
     flown = plant.replay(draft, aim.times)
     assert flown is not None
-    object.__setattr__(draft, 'states', flown)
-    return draft
+    return replace(draft, states=flown)

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
@@ -40,7 +40,8 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_FEASIBLE = 5e-3  # violation, relative to the limit, up to which a plan may survive the check
+_NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
+_RATE_FEASIBLE = 10.0  # times that, of the thruster's rate: where it is late shooting makes up
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
@@ -110,24 +111,34 @@ class Candidate:
 
 def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
     """Integral of thrust per mass along a robot's trajectory [m/s]."""
-    return float(trapezoid(trajectory.control('thrust'), trajectory.times)) / plant.mass
+    thrust = trajectory.control_names.index('thrust')
+    return float(trajectory.control_integral(trajectory.times[-1])[thrust]) / plant.mass
 
 
 def assessed(
     task: FormationTask,
     motions: Mapping[str, Trajectory],
     penalty_weights: Array,
+    tolerance: float,
     parameters: Array,
 ) -> Plan:
-    """Return the robots' motions with their check and cost; `parameters` are Xi (m,)."""
+    """
+    Return the robots' motions with their check and cost; `parameters` are Xi (m,).
+
+    `tolerance` is the largest penalty that passes the check.
+    """
     check = verify_formation(task, motions, penalty_weights)
+    overall = check.overall
+    if check.penalty > tolerance:
+        excess = f'the penalty {check.penalty:.3g} is above solver.tolerance = {tolerance:g}'
+        overall = replace(overall, ok=False, reasons=(*overall.reasons, excess))
     terms = task.cost_terms(
         np.array([motions[name].duration for name in task.names]),
         np.array([gas_used(task.plant, motions[name]) for name in task.names]),
     )
     return Plan(
         trajectories=motions,
-        verification=check.overall,
+        verification=overall,
         cost=sum(terms.values()),
         parameters=parameters,
         penalty=check.penalty,
@@ -141,9 +152,9 @@ class FormationSearch(Search[Candidate]):
     Local minima of one manoeuvre from several first guesses, and their plans.
 
     First guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. `penalty_weights` (4,) are k1 to k4 of (29). Of a `previous` plan the remaining
-    motion is the first guess, without others at first. `closest` is the point of the least
-    violation seen, for the reason of a failure.
+    of the `form`. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of (10). Of a
+    `previous` plan the remaining motion is the first guess, without others at first. `closest` is
+    the point of the least violation seen, for the reason of a failure.
     """
 
     def __init__(
@@ -153,8 +164,9 @@ class FormationSearch(Search[Candidate]):
         rng: np.random.Generator,
         budget: Budget,
         *,
-        starts: int = 4,
-        penalty_weights: Array | None = None,
+        starts: int,
+        penalty_weights: Array,
+        tolerance: float,
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
@@ -163,7 +175,9 @@ class FormationSearch(Search[Candidate]):
         self.closest: Candidate | None = None
         self.tried = 0
         self._required = task
-        self._penalty_weights = np.full(4, 0.25) if penalty_weights is None else penalty_weights
+        self._penalty_weights, self._tolerance = penalty_weights, tolerance
+        # The violation, relative to a limit, whose square is worth that penalty.
+        self._feasible = math.sqrt(tolerance / penalty_weights.max())
         self._rng = rng
         self._rounds = 1
         self._found = False
@@ -260,7 +274,7 @@ class FormationSearch(Search[Candidate]):
             else trajectory(model, motion, i, self.budget, self._enough, careful)
             for i, name in enumerate(task.names)
         }
-        plan = assessed(task, motions, self._penalty_weights, candidate.point.xi)
+        plan = assessed(task, motions, self._penalty_weights, self._tolerance, candidate.point.xi)
         self._check_time = self.budget.elapsed - began
         yield plan
 
@@ -353,7 +367,7 @@ class FormationSearch(Search[Candidate]):
         penalty = 3.0 if program.model.task.n >= _MANY else 1.0
         options = TrustRegionOptions(
             penalties=(penalty, 0.5)[: program.groups],
-            feasibility=(2e-3, 2e-2)[: program.groups],
+            feasibility=(self._feasible, _RATE_FEASIBLE * self._feasible)[: program.groups],
             radius=radius,
             iterations=_ITERATIONS if self._first is None else _WARM_ITERATIONS,
             cutoff=cutoff,
@@ -371,7 +385,7 @@ class FormationSearch(Search[Candidate]):
             self.closest = candidate
         # Constants so extreme that a motion has no numbers leave its margins without meaning.
         finite = bool(np.isfinite(candidate.motion.position).all())
-        return candidate, finite and violation <= _FEASIBLE
+        return candidate, finite and violation <= _NEARLY_FEASIBLE * self._feasible
 
     def raised(self, candidate: Candidate) -> Candidate:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""

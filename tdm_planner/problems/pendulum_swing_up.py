@@ -44,7 +44,7 @@ from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_minimiser import compile_minimiser
-from tdm_planner.problems.switching_seeds import previous_arcs
+from tdm_planner.problems.switching_seeds import arcs_of
 from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
 from tdm_planner.trajectory import Trajectory
@@ -156,8 +156,10 @@ class PendulumSwingUp(Problem, Validated):
         return self.task.hold()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
-        """Return a swing-up planned before, with its check made anew."""
-        return self.task.plan(trajectories[VEHICLE], np.zeros(0), 0.0)
+        """Return a swing-up planned before, with its check and its arcs' durations made anew."""
+        arcs = arcs_of(trajectories[VEHICLE])
+        durations = np.zeros(0) if arcs is None else arcs.durations
+        return self.task.plan(trajectories[VEHICLE], durations, 0.0)
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
@@ -168,7 +170,7 @@ class PendulumSwingUp(Problem, Validated):
             return SmoothMethod(task, budget, rng, tolerance, previous)
         if self.method == 'virtual_arc':
             return VirtualArcMethod(task, budget, rng, self.switching_arcs, tolerance)
-        arcs = previous_arcs(previous)
+        arcs = None if previous is None else arcs_of(previous.trajectory)
         if arcs is None:
             return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)
         return WarmSwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)

@@ -227,7 +227,8 @@ class RobotFormation(FormationParameters, Problem):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
         """Return a manoeuvre planned before, with its check and cost made anew."""
-        return assessed(self.task, trajectories, np.array(self.weights.penalty), np.zeros(0))
+        weights, tolerance = np.array(self.weights.penalty), self.solver.tolerance
+        return assessed(self.task, trajectories, weights, tolerance, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
@@ -240,6 +241,7 @@ class RobotFormation(FormationParameters, Problem):
             budget,
             starts=self.solver.starts,
             penalty_weights=np.array(self.weights.penalty),
+            tolerance=self.solver.tolerance,
             previous=previous,
         )
 

@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
+_RESOLUTION = 1e-3  # s, of the check
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,9 @@ class SwingUpTask:
         speed = float(self.start[3])
         if speed == 0.0:
             return abs(float(self.start[1]))
-        longest = min(4.0 * abs(speed) / self.disk_acceleration, 1e6)
+        acceleration, longest = self.disk_acceleration, 1e6
+        if acceleration * longest > 4.0 * abs(speed):
+            longest = 4.0 * abs(speed) / acceleration
         steps = 400
         torques = np.full(steps, -math.copysign(self.torque, speed))
         with np.errstate(all='ignore'):
@@ -122,7 +125,17 @@ class SwingUpTask:
         return float(np.abs(states[: standing[0] + 1, 1]).max())
 
     def turns_nearest(self, state: Array) -> int:
-        """Return the n of theta = 2 pi n to aim at from a state (4,)."""
+        """
+        Return the n of theta = 2 pi n to aim at from a state (4,).
+
+        Raises
+        ------
+        FloatingPointError
+            For a state whose numbers left the range in which they can be computed.
+
+        """
+        if not math.isfinite(state[0]):
+            raise FloatingPointError(f'theta = {state[0]:g} rad')
         return round(float(state[0]) / (2 * math.pi)) if self.turns is None else self.turns
 
     def goal_nearest(self, state: Array) -> Array:
@@ -153,6 +166,7 @@ class SwingUpTask:
             goal,
             TERMINAL_TOLERANCE,
             self.constraints,
+            resolution=_RESOLUTION,
             start=self.start,
         )
 

@@ -26,8 +26,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_rollout import ArcBatch
-from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -95,22 +95,22 @@ def pumping_durations(
     return np.where(left > _FINAL_ARCS, durations, np.where(left > 0, final, 0.0)), arcs
 
 
-def previous_arcs(solution: Solution | None) -> Arcs | None:
+def arcs_of(motion: Trajectory) -> Arcs | None:
     """
-    Return the arcs of constant torque of a plan, read from its controls; None if it has none.
+    Return the arcs of constant torque of a motion, read from its controls; None if it has none.
 
     The rest of a plan that is under way begins in the middle of an arc.
     """
-    if solution is None or not (solution.parameters > 0).any():
-        return None
-    motion = solution.trajectory
     if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
         return None
     torques = motion.controls[:-1, 0]
     edges = np.flatnonzero(np.diff(torques) != 0.0) + 1
     firsts = np.concatenate([[0], edges])
+    signs = np.sign(torques[firsts])
+    if not signs.all():
+        return None
     instants = motion.times[np.concatenate([firsts, [motion.times.size - 1]])]
-    return Arcs(np.diff(instants), np.sign(torques[firsts]))
+    return Arcs(np.diff(instants), signs)
 
 
 def warm_starts(

@@ -29,8 +29,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 from tdm_planner.problems.formation_parameters import RobotStart
+from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.kept_motion import LATE, turning_time
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning.decision import Outlook
@@ -193,10 +193,9 @@ class FormationExecution(Execution):
             trajectory = plan.solution.trajectories[name]
             left = plan.start + trajectory.duration - at
             arrivals.append(-foreseen[name].arrived if foreseen[name].arrived else left)
-            thrust = rest.trajectories[name].control('thrust')
-            used = trapezoid(thrust, rest.trajectories[name].times) / task.plant.mass
+            used = gas_used(task.plant, rest.trajectories[name])
             drift = foreseen[name].state[2:4] - trajectory.sample(plan.elapsed(at)).state[2:4]
-            gas.append((float(used) if left > 0.0 else 0.0) + float(np.hypot(*drift)))
+            gas.append((used if left > 0.0 else 0.0) + float(np.hypot(*drift)))
         return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
 
     def _problem(self, plan: PlanInForce) -> RobotFormation:

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -33,28 +32,15 @@ class Feedforward:
     """Mean of a trajectory's controls over any interval; they are zero outside the trajectory."""
 
     def __init__(self, trajectory: Trajectory) -> None:
-        self._first, self._last = float(trajectory.times[0]), float(trajectory.times[-1])
-        self._integral = _piecewise_polynomial(trajectory).antiderivative()
+        self._integral = trajectory.control_integral
 
     def mean(self, start: float, end: float) -> Array:
         """Mean control (nu,) over [start, end], times [s] as in the trajectory, start < end."""
-        inside = np.clip([start, end], self._first, self._last)
-        integral = self._integral(inside)
+        integral = self._integral([start, end])
         mean: Array = (integral[1] - integral[0]) / (end - start)
         return mean
 
     def means(self, edges: Array) -> Array:
         """Mean controls (n, nu) between neighbouring `edges` (n + 1,), times that increase."""
-        integral = self._integral(np.clip(edges, self._first, self._last))
-        means: Array = np.diff(integral, axis=0) / np.diff(edges)[:, None]
+        means: Array = np.diff(self._integral(edges), axis=0) / np.diff(edges)[:, None]
         return means
-
-
-def _piecewise_polynomial(trajectory: Trajectory) -> PPoly:
-    times, controls = trajectory.times, trajectory.controls
-    if trajectory.interpolation == 'cubic' and times.size >= 4:
-        return CubicSpline(times, controls)
-    if trajectory.interpolation == 'zero_order_hold':
-        return PPoly(controls[None, :-1], times)
-    slopes = np.diff(controls, axis=0) / np.diff(times)[:, None]
-    return PPoly(np.stack([slopes, controls[:-1]]), times)

@@ -146,6 +146,7 @@ class TrajectoryTracker(ABC):
         self.following: Motion | None = None
         self._time = -math.inf
         self._restless = False
+        self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
 
     # What a plant's tracker must say.
 
@@ -215,8 +216,11 @@ class TrajectoryTracker(ABC):
             with np.errstate(all='ignore'):
                 self._repetition.observe(state, stamp)
                 self.estimator.observe(state, stamp)
-        except BREAKDOWN:  # begin anew with the next sample
+        except BREAKDOWN as error:
             self.estimator.reset()
+            what = ' '.join(str(error).split())
+            told = f'the estimate of the state broke down ({what}) and begins anew'
+            self._breakdown = told, stamp
 
     def state_age(self, now: float) -> float:
         """Age of the newest state [s]; infinite where there is none that can be believed."""
@@ -375,7 +379,12 @@ class TrajectoryTracker(ABC):
         if not np.isfinite(control).all():
             return self._broken_down(acts_at, 'a value is not a finite number')
         self.history.add(acts_at, control)
-        return Command(control, self.phase, action, self.reason)
+        return Command(control, self.phase, action, self._broke_down(now) or self.reason)
+
+    def _broke_down(self, now: float) -> str:
+        """Tell that the state could not be estimated, for as long as a state may be old."""
+        told, stamp = self._breakdown
+        return told if now - stamp <= self.parameters.state_timeout else ''
 
     def _idle(self, state: Array) -> Array:
         if self.phase is Phase.WAITING and self.current is not None:
@@ -405,7 +414,7 @@ class TrajectoryTracker(ABC):
                 'must move the plant: is a sensor stuck?'
             )
         elif math.isinf(age):
-            problem = 'no state has been received yet'
+            problem = self._broke_down(now) or 'no state has been received yet'
         else:
             timeout = self.parameters.state_timeout
             problem = f'the newest state is older than state_timeout = {timeout:g} s'

@@ -104,7 +104,7 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
 
 def lenient_feasibility(patch: Patch, rng: Generator, size: float) -> None:
     """Candidates pass for feasible that are not."""
-    patch.setattr(formation_search, '_FEASIBLE', 10.0 * size)
+    patch.setattr(formation_search, '_NEARLY_FEASIBLE', 5e3 * size)
     patch.setattr(switching_search, 'ARRIVED', max(size, switching_search.ARRIVED))
     patch.setattr(
         formation_search, 'initial_misalignment', lambda model, motion: np.zeros(model.task.n)

@@ -111,6 +111,27 @@ def test_a_tolerance_may_be_infinite():
     assert solve({'terminal_tolerance': (np.inf, 1e-3)}).verification.ok
 
 
+def test_a_state_whose_end_may_be_anywhere_must_move_as_written():
+    def backwards(self, x, u):
+        return -x[1], u[0]
+
+    change = {'terminal_tolerance': (np.inf, 1e-3), 'derivative': backwards}
+    with pytest.raises(VerificationFailed, match='x as written differs by'):
+        solve(change)
+
+
+@pytest.mark.parametrize('place', [100.0, 3601.3, 7000.7])
+def test_what_is_narrow_on_an_hour_s_way_is_not_overlooked(place):
+    """The cart passes the pole within a second or two, between any samples of its plan."""
+    change = {
+        'outputs': lambda self: {'x': Output((0.0, 0.0), (7200.0, 0.0), free=3)},
+        'duration': lambda self: Duration(3600.0, fixed=True),
+        'margins': lambda self, t, x, u: {'pole': abs(x[0] - place) - 0.5},
+    }
+    with pytest.raises(Infeasible, match='pole'):
+        solve(change)
+
+
 @pytest.mark.parametrize('what', ['nodes', 'starts'])
 @pytest.mark.parametrize('value', [0, -1, 41.5, '41', None, True, 10**9])
 def test_numbers_of_nodes_and_starts(what, value):

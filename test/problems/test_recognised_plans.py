@@ -41,6 +41,29 @@ def test_a_plan_is_recognised_with_its_cost(planned):
     assert set(found.verifications) == set(solution.verifications)
 
 
+def test_a_recognised_swing_up_has_the_arcs_that_were_planned():
+    problem = PendulumSwingUp.from_parameters(PATIENT)
+    solution = problem.solve()
+    found = problem.recognised(solution.trajectories)
+    np.testing.assert_allclose(found.parameters, solution.parameters, atol=1e-8)
+
+
+def test_replanning_from_a_recognised_plan_is_that_from_the_plan(planned):
+    problem, solution = planned
+    found = problem.recognised(solution.trajectories)
+    again = [problem.solve(warm_start=plan) for plan in (solution, found)]
+    assert again[1].evaluations == again[0].evaluations
+    assert again[1].cost == pytest.approx(again[0].cost, rel=1e-9)
+
+
+def test_a_recognised_plan_that_does_nothing_has_no_arcs():
+    problem = PendulumSwingUp.from_parameters({'start.theta': 0.0})
+    found = problem.recognised(problem.solve().trajectories)
+    assert not found.parameters.size
+    moved = PendulumSwingUp.from_parameters({'start.theta': 0.3, **PATIENT})
+    assert moved.solve(warm_start=found).verification.ok
+
+
 def test_what_does_not_reach_the_goal_is_not_recognised(planned):
     problem, solution = planned
     spoilt = {

@@ -22,10 +22,17 @@ from benchmark.scenarios import crossing
 import numpy as np
 import pytest
 from tdm_planner.direct_method import quadratic_program
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
-from tdm_planner.problems import RobotFormation, RobotStart
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    VerificationFailed,
+)
+from tdm_planner.problems import formation_verification, RobotFormation, RobotStart
 from tdm_planner.problems.formation_checks import least_time
+from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_verification import verify_formation
+from tdm_planner.trajectory import Trajectory
 
 PATIENT = {'solver.deadline': 30.0}
 IN_PLACE = {'formation.anchor': [0.0, 0.0, 0.0]}
@@ -213,6 +220,47 @@ def test_cost_is_the_performance_index_of_what_is_published():
     expected = w.time * arrivals[0] + w.sequence * late + w.gas * gas
     assert solution.cost == pytest.approx(expected)
     assert sum(solution.cost_terms.values()) == pytest.approx(expected)
+
+
+def test_what_is_planned_cannot_be_changed():
+    solution = RobotFormation().solve(deadline=30.0)
+    for motion in solution.trajectories.values():
+        with pytest.raises(ValueError, match='read-only'):
+            motion.states[0] = 0.0
+
+
+def test_the_tolerance_is_what_the_minimiser_is_content_with():
+    """Robots that pass as near as allowed: the less of it is feasible, the longer it takes."""
+    evaluations = []
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        changes = {'solver.tolerance': tolerance, 'arena.tracking_margin': 0.0}
+        solution = RobotFormation.from_parameters(changes).solve(deadline=30.0)
+        assert solution.penalty <= tolerance
+        evaluations.append(solution.evaluations)
+    assert evaluations[0] < evaluations[1] < evaluations[2]
+
+
+def test_a_penalty_above_the_tolerance_is_no_plan(monkeypatch):
+    problem = RobotFormation()
+    motions = problem.solve(deadline=30.0).trajectories
+    monkeypatch.setattr(formation_verification, 'penalty', lambda *values: 2e-7)
+    assert problem.recognised(motions).penalty == 2e-7
+    stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
+    with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
+        stricter.recognised(motions)
+
+
+def test_gas_under_held_thrust_is_what_the_thruster_gives():
+    plant = RobotFormation().plant
+    burn = Trajectory(
+        np.array([0.0, 2.0, 5.0, 6.0]),
+        np.zeros((4, 7)),
+        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        plant.state_names,
+        plant.control_names,
+        'zero_order_hold',
+    )
+    assert gas_used(plant, burn) == pytest.approx(2.5 / plant.mass, rel=1e-12)
 
 
 def test_weights_do_what_they_say():

@@ -120,3 +120,37 @@ def test_no_further_round_when_the_time_is_spent() -> None:
 def test_every_problem_is_solved_by_the_same_loop(kind: type[Problem]) -> None:
     assert kind.solve is Problem.solve
     assert kind.search is not Problem.search
+
+
+def broken(error: Exception) -> PendulumSwingUp:
+    class Broken(PendulumSwingUp):
+        """The pendulum's problem, whose first step fails."""
+
+        def standing_plan(self) -> None:
+            raise error
+
+    return Broken()
+
+
+@pytest.mark.parametrize(
+    'error', [OverflowError('math range error'), FloatingPointError('the motion is too fast')]
+)
+def test_numbers_out_of_range_are_the_users(error: Exception) -> None:
+    with pytest.raises(Infeasible, match=f'{error}.* are their units right') as caught:
+        broken(error).solve()
+    assert caught.value.__cause__ is error
+
+
+@pytest.mark.parametrize(
+    'error',
+    [
+        ZeroDivisionError('division by zero'),
+        np.linalg.LinAlgError('Singular matrix'),
+        ValueError('array must not contain infs or NaNs'),
+        IndexError('list index out of range'),
+    ],
+)
+def test_errors_of_the_program_pass_unchanged(error: Exception) -> None:
+    with pytest.raises(type(error)) as caught:
+        broken(error).solve()
+    assert caught.value is error

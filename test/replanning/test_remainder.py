@@ -26,7 +26,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.pendulum_swing_up import PendulumStart
-from tdm_planner.problems.switching_seeds import previous_arcs
+from tdm_planner.problems.switching_seeds import arcs_of
 from tdm_planner.replanning import PlanInForce
 
 SWING = build(PendulumSwingUp, {'limits.torque': 0.02})
@@ -68,9 +68,9 @@ def test_the_rest_of_a_plan_is_the_same_motion_later(
 @settings(deadline=None, max_examples=25, derandomize=True)
 @given(share=SHARES)
 def test_switching_times_are_shifted_by_what_has_passed(swing: PlanInForce, share: float) -> None:
-    whole = previous_arcs(swing.solution)
+    whole = arcs_of(swing.solution.trajectory)
     rest = swing.remainder(swing.start + share * swing.solution.duration)
-    left = previous_arcs(rest)
+    left = arcs_of(rest.trajectory)
     assert whole is not None
     assert left is not None
     count = left.signs.size

@@ -258,6 +258,26 @@ def test_old_states_switch_the_torque_off_until_they_return(plan: Trajectory) ->
     assert not back.problem
 
 
+def test_a_state_that_cannot_be_estimated_is_told() -> None:
+    """Until so much time has passed without as a state may be old."""
+    tracker = make_tracker()
+
+    def breaks(state: np.ndarray, stamp: float) -> None:
+        raise np.linalg.LinAlgError('Singular\nmatrix')
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracker.estimator, 'observe', breaks)
+        tracker.observe(hanging(), 0.0)
+    told = 'the estimate of the state broke down (Singular matrix) and begins anew'
+    assert tracker.command(0.001).problem == told
+    tracker.observe(hanging(), 0.005)
+    assert tracker.command(0.006).problem == told
+    later = tracker.parameters.state_timeout + 0.002
+    tracker.observe(hanging(), later)
+    assert not tracker.command(later).problem
+    assert tracker.phase is Phase.IDLE
+
+
 def test_a_clock_set_back_stops_the_motion(plan: Trajectory) -> None:
     loop = Loop(make_tracker(), hanging())
     loop.run(0.05)
