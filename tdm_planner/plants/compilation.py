@@ -12,32 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Compiled where numba is installed, plain Python where it is not.
-
-Setting the environment variable TDM_DISABLE_NUMBA=1 makes the package run as if numba were absent.
-"""
+"""Functions that numba compiles; their machine code is kept on disk."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import os
 from typing import Any, TypeVar
 
+import numba
+
 _Function = TypeVar('_Function', bound=Callable[..., Any])
-
-
-def _numba() -> Any:
-    if os.environ.get('TDM_DISABLE_NUMBA', '') not in ('', '0'):
-        return None
-    try:
-        import numba
-    except ImportError:
-        return None
-    return numba
-
-
-COMPILED = _numba() is not None
 
 
 def compiled(function: _Function) -> _Function:
@@ -54,9 +38,6 @@ def compiled_with(*called: Any) -> Callable[[_Function], _Function]:
     """
 
     def decorate(function: _Function) -> _Function:
-        numba = _numba()
-        if numba is None:
-            return function
         made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
         stamps = [_cache_file(other)._source_stamp for other in called if _cache_file(other)]
         if stamps and _cache_file(made):

@@ -17,7 +17,7 @@ Problem `pendulum_swing_up`: from any state to upright at rest in the shortest t
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
 virtual arc, which together leave no freedom; by default the varied parameters are the switching
-times of the torque instead (see `switching_program`). The paper's scheme in a mended form is there
+times of the torque instead (see `switching_motion`). The paper's scheme in a mended form is there
 as well (see `virtual_arc_program`).
 """
 
