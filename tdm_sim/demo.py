@@ -120,8 +120,6 @@ def _report(folder: Path, namespace: str, progress: Progress) -> str:
         from tdm_sim.report.command import make_report
 
         make_report(folder / 'bag', folder / 'report.html', progress, namespace)
-    except ModuleNotFoundError as error:
-        return f"this needs '{error.name}', which is not installed: pip install {error.name}"
     except TdmError as error:
         return str(error)
     return ''

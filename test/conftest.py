@@ -21,6 +21,9 @@ import gc
 
 import pytest
 from ros_harness import reserved_domain, Ros, ros_environment
+from tdm_planner.starting import limit_threads
+
+limit_threads()  # nothing above imports numpy
 
 
 def pytest_collection_finish() -> None:

@@ -28,6 +28,7 @@ from xml.etree import ElementTree
 
 import pytest
 import tdm_planner
+from tdm_planner.starting import REQUIRED
 from tools import headers
 from tools.headers import bare, FOLDERS, sources
 import yaml
@@ -48,9 +49,7 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-# Without a rosdep key of a system package: optional, with a fall-back or a message that says how
-# to get it.
-WITHOUT_KEY = {'daqp', 'mcap', 'plotly', 'rosbags', 'zstandard'}
+WITHOUT_KEY = {*REQUIRED} - {*ROSDEP_KEYS}  # of a system package: pip installs them
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 # Whatever the tests import by the name of a file beside them, or of a folder of sources.
@@ -203,7 +202,8 @@ def test_with_what_rosdep_installs_all_tests_are_collected(manifest: ElementTree
     for path in SOURCES:
         if path.relative_to(SOURCE).parts[0] == 'test' and path.name.startswith(('test_', 'conf')):
             packages = needed(path).items()
-            found = {by for name, by in packages if ROSDEP_KEYS.get(name, name) not in listed}
+            keys = {by: ROSDEP_KEYS.get(name, name) for name, by in packages}
+            found = {by for by, key in keys.items() if key not in listed | WITHOUT_KEY}
             if found:
                 missing[path.name] = sorted(found)
     assert not missing

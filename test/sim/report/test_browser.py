@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 import json
 import math
 import re
@@ -26,10 +25,7 @@ import numpy as np
 from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
 import pytest
 
-if find_spec('plotly') is None or find_spec('selenium') is None:
-    pytest.skip(
-        'reports are drawn by plotly, browsers driven by selenium', allow_module_level=True
-    )
+pytest.importorskip('selenium')
 
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
