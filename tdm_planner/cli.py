@@ -31,6 +31,7 @@ from tdm_planner.exceptions import Infeasible, TdmError
 from tdm_planner.interruption import ignore_signals, Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
+from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.starting import command, NO_ROS
@@ -150,7 +151,8 @@ def _plan(options: argparse.Namespace) -> int:
     problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
     problem = problem_class.from_parameters(read_parameters(options.params, options.set))
     with make_progress(options.quiet) as progress:
-        progress.phase('compiling and tabulating')
+        tell_of_compilation(progress.line)
+        progress.phase('preparing')
         problem.prepare()
         progress.phase('planning')
         solution = problem.solve()

@@ -127,8 +127,8 @@ def is_node() -> bool:
 def command() -> list[str]:
     """Return the words of the `tdm` command that the process was started as, else none."""
     if module := _module():
-        words = sys.orig_argv
-        return ['tdm', *words[words.index('-m') + 2 :]] if module == 'tdm_planner.cli' else []
+        after = sys.orig_argv.index('-m') + 2
+        return ['tdm', *sys.orig_argv[after:]] if module == 'tdm_planner.cli' else []
     return ['tdm', *_arguments()[1:]] if Path(_arguments()[0]).name == 'tdm' else []
 
 

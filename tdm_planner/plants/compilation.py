@@ -20,8 +20,35 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from numba.core import event
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
+
+COMPILING = (
+    "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
+    'beforehand'
+)
+
+
+class _Compilations(event.Listener):
+    """Tells of the first compilation; a kernel that is loaded from the disk is none."""
+
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self._tell: Callable[[str], object] | None = tell
+
+    def on_start(self, event: Any) -> None:
+        if self._tell is not None:
+            tell, self._tell = self._tell, None
+            tell(COMPILING)
+
+    def on_end(self, event: Any) -> None:
+        """Say nothing."""
+
+
+def tell_of_compilation(tell: Callable[[str], object]) -> None:
+    """Have `tell` called with a sentence, once, as soon as this process must compile a kernel."""
+    register: Any = event.register  # typed in some versions only
+    register('numba:compile', _Compilations(tell))
 
 
 def compiled(function: _Function) -> _Function:

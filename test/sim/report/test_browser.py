@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 import json
 import math
 import re
@@ -25,7 +26,8 @@ import numpy as np
 from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
 import pytest
 
-pytest.importorskip('selenium')
+if find_spec('selenium') is None:
+    pytest.skip('browsers are driven by selenium', allow_module_level=True)
 
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
