@@ -12,17 +12,38 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Functions that numba compiles; their machine code is kept on disk."""
+"""
+Functions that numba compiles, and where their machine code is kept.
+
+numba by itself keeps it by path and time stamp of a function's file: it compiles a copy, such as
+`colcon build` makes, again, and does not notice a change in another file that is inlined. Here the
+text of the sources counts: what `make setup` compiled serves every installation of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from hashlib import sha256
+import os
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core import event
+from numba.core.caching import IndexDataCacheFile
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
+
+_SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
+_KERNELS = b''.join(source for source in _SOURCES if b'@compiled' in source)
+_DIGEST = sha256(numba.__version__.encode() + _KERNELS).hexdigest()[:16]
+_CACHE = (
+    os.environ.get('NUMBA_CACHE_DIR') or os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+)
+_FOLDER = Path(_CACHE, 'tdm_planner', _DIGEST)
+with suppress(OSError):  # then numba's own folder will do
+    _FOLDER.mkdir(mode=0o700, parents=True, exist_ok=True)
 
 COMPILING = (
     "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
@@ -53,28 +74,10 @@ def tell_of_compilation(tell: Callable[[str], object]) -> None:
 
 def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
-    return compiled_with()(function)
-
-
-def compiled_with(*called: Any) -> Callable[[_Function], _Function]:
-    """
-    Compile a function that calls compiled functions of other modules, `called`.
-
-    What they do becomes part of its machine code. numba's cache on disk takes notice of changes to
-    the function's own file only; theirs are made known to it here.
-    """
-
-    def decorate(function: _Function) -> _Function:
-        made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
-        stamps = [_cache_file(other)._source_stamp for other in called if _cache_file(other)]
-        if stamps and _cache_file(made):
-            _cache_file(made)._source_stamp = (_cache_file(made)._source_stamp, *stamps)
-        typed: _Function = made
-        return typed
-
-    return decorate
-
-
-def _cache_file(function: Any) -> Any:
-    """Return what numba's cache knows of a function, None in a version that keeps it elsewhere."""
-    return getattr(getattr(function, '_cache', None), '_cache_file', None)
+    made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+    cache = made._cache
+    folder = _FOLDER if os.access(_FOLDER, os.W_OK) else cache.cache_path
+    index: Any = IndexDataCacheFile  # typed in some versions only
+    cache._cache_file = index(str(folder), cache._impl.filename_base, _DIGEST)
+    typed: _Function = made
+    return typed

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.dual_active_set import solve_compiled
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
-from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.switching_motion import (
     arc_program,
@@ -119,7 +119,7 @@ def compile_minimiser(plant: RotaryPendulum) -> None:
     advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), rules, 0)
 
 
-@compiled_with(evaluate_arcs, curvature, solve_compiled)
+@compiled
 def advance(
     program: ArcProgram, xi: Array, duals: Array, state: Array, rules: Rules, steps: int
 ) -> tuple[Array, float, float, float]:
@@ -182,12 +182,12 @@ def advance(
     return point.xi, point.cost, point.ends, point.beyond
 
 
-@compiled_with()
+@compiled
 def _merit(point: ArcPoint, state: Array) -> float:
     return float(point.cost + state[_ENDS] * point.ends + state[_LIMIT] * point.beyond)
 
 
-@compiled_with()
+@compiled
 def _charge_more(point: ArcPoint, state: Array, rules: Rules) -> None:
     if point.ends > rules.feasibility:
         state[_ENDS] *= _PRESSURE
@@ -195,7 +195,7 @@ def _charge_more(point: ArcPoint, state: Array, rules: Rules) -> None:
         state[_LIMIT] *= _PRESSURE
 
 
-@compiled_with()
+@compiled
 def _shrink(point: ArcPoint, state: Array, rules: Rules, length: float) -> bool:
     """Make the trust region smaller; False if derivatives are to be taken anew."""
     state[_RADIUS] = 0.35 * min(state[_RADIUS], length)
@@ -212,7 +212,7 @@ def _shrink(point: ArcPoint, state: Array, rules: Rules, length: float) -> bool:
     return True
 
 
-@compiled_with(solve_compiled)
+@compiled
 def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     """Solve the elastic quadratic program in step and slacks; see `trust_region`."""
     n = point.xi.size
@@ -244,7 +244,7 @@ def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     return _Step(solved, change, predicted, slacks.max(), duals, near, active)
 
 
-@compiled_with(evaluate_arcs)
+@compiled
 def _corrected(
     program: ArcProgram, at: ArcPoint, step: _Step, trial: ArcPoint, state: Array, most: int
 ) -> ArcPoint:

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import roll_arcs
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
@@ -83,7 +83,7 @@ def arc_program(
     return ArcProgram(np.array(plant.coefficients), start, torques, goal, disk_angle, w0, steps)
 
 
-@compiled_with(roll_arcs)
+@compiled
 def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     """Integrate the motion, with derivatives; infinitely bad where it runs away."""
     arcs, w0, steps = xi.size, program.w0, program.steps
@@ -109,7 +109,7 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     return ArcPoint(xi, xi.sum(), ends, beyond, residual, jacobian, margins, slopes)
 
 
-@compiled_with()
+@compiled
 def _peak(
     states: Array,
     sensitivities: Array,
@@ -153,7 +153,7 @@ def _peak(
     return float(height)
 
 
-@compiled_with()
+@compiled
 def first_multipliers(point: ArcPoint) -> Array:
     """Multipliers (4,) of the ends that come nearest to a stationary Lagrangian."""
     columns, right = point.jacobian.T.copy(), -np.ones(point.xi.size)
@@ -164,7 +164,7 @@ def first_multipliers(point: ArcPoint) -> Array:
     return duals
 
 
-@compiled_with(roll_arcs)
+@compiled
 def curvature(program: ArcProgram, point: ArcPoint, duals: Array) -> Array:
     """Hessian of the Lagrangian along the end conditions, by directional differences."""
     arcs, w0, steps = point.xi.size, program.w0, program.steps

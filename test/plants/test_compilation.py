@@ -52,6 +52,19 @@ def test_the_first_process_tells_of_it_once_and_the_next_loads(tmp_path: Path) -
     assert said(tmp_path) == ''
 
 
+def test_a_copy_of_the_sources_loads_and_changed_ones_are_compiled(tmp_path: Path) -> None:
+    copy = tmp_path / 'copy'
+    for package in ('tdm_planner', 'tdm_sim'):
+        for path in (SOURCE / package).rglob('*.py'):
+            (copy / path.relative_to(SOURCE)).parent.mkdir(parents=True, exist_ok=True)
+            (copy / path.relative_to(SOURCE)).write_bytes(path.read_bytes())
+    assert COMPILING in said(tmp_path)
+    assert said(tmp_path, copy) == ''
+    with (copy / 'tdm_planner/plants/pendulum_lanes.py').open('a') as other:
+        other.write('# changed\n')
+    assert COMPILING in said(tmp_path, copy)
+
+
 def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> None:
     planner = ros.start(
         'tdm_planner.nodes.planner',
