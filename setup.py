@@ -14,13 +14,10 @@
 
 """Package description, read by colcon (ament_python) and pip alike."""
 
-import os
 from pathlib import Path
-import subprocess
 import sys
 
 from setuptools import find_packages, setup
-from setuptools.command.install import install
 
 PACKAGE = 'tdm_planner'
 # Under `colcon build --symlink-install` this file is reached through a link.
@@ -29,22 +26,6 @@ HERE = Path(__file__).resolve().parent
 ENVIRONMENT = HERE / '.venv' / 'bin' / 'python'
 if ENVIRONMENT.is_file():
     sys.executable = str(ENVIRONMENT)
-
-
-class Install(install):
-    """What colcon calls: installs, then compiles the kernels beside the installed modules."""
-
-    def run(self) -> None:
-        """Install; without an environment, or for a wheel, kernels are compiled on first use."""
-        super().run()
-        if ENVIRONMENT.is_file() and self.root is None:
-            path = os.pathsep.join([self.install_lib, os.environ.get('PYTHONPATH', '')])
-            subprocess.run(
-                [str(ENVIRONMENT), '-m', f'{PACKAGE}.set_up'],
-                cwd=self.install_lib,
-                env={**os.environ, 'PYTHONPATH': path},
-                check=True,
-            )
 
 
 def shared(folder: str) -> list[tuple[str, list[str]]]:
@@ -131,7 +112,6 @@ setup(
         # Peers that are not installed are left out of the comparison.
         'benchmark': ['casadi', 'drake; platform_machine == "x86_64"', 'ruckig'],
     },
-    cmdclass={'install': Install},
     entry_points={
         'console_scripts': [
             'planner = tdm_planner.nodes.planner:main',

@@ -12,4 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Measures the package: `make benchmark`."""
+"""Measurements of the package: `python -m benchmark`."""
+
+from tdm_planner.starting import limit_threads
+
+limit_threads()

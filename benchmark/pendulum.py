@@ -18,21 +18,18 @@ Figures of the problem `pendulum_swing_up` on random states, strong and weak tor
     python -m benchmark.pendulum [--states N] [--json FILE]
 
 prints success rate, times relative to the best known (`pendulum_reference.py`) and solve times,
-with numba and without, and for the smooth method.
+of the default method and of the smooth one.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 import time
 from typing import Any
 
-from benchmark.progress import counted, report
+from benchmark.progress import counted
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
@@ -99,36 +96,10 @@ def measure(
     }
 
 
-def run(states: int = 100, uncompiled_states: int = 20) -> dict[str, Any]:
-    """Measure everything; the runs without numba are processes of their own."""
+def run(states: int = 100) -> dict[str, Any]:
+    """Measure everything."""
     figures = {f'switching {regime}': measure(regime, states) for regime in REGIMES}
-    figures['smooth strong'] = measure('strong', states, method='smooth')
-    for regime in REGIMES:
-        figures[f'switching {regime}, without numba'] = _without_numba(regime, uncompiled_states)
-    return figures
-
-
-def _without_numba(regime: str, states: int) -> dict[str, Any]:
-    command = [
-        sys.executable,
-        '-m',
-        'benchmark.pendulum',
-        '--only',
-        regime,
-        '--states',
-        str(states),
-    ]
-    report(f'without numba, {regime}')
-    done = subprocess.run(
-        command,
-        env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
-        cwd=Path(__file__).parent.parent,
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-    )
-    figures: dict[str, Any] = json.loads(done.stdout)
-    return figures
+    return figures | {'smooth strong': measure('strong', states, method='smooth')}
 
 
 def table(figures: dict[str, Any]) -> str:
@@ -147,15 +118,11 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Print the table; with --only, one regime's figures as JSON."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--states', type=int, default=100, help='number of random states')
-    parser.add_argument('--only', choices=tuple(REGIMES), help='one regime, as JSON')
     parser.add_argument('--json', type=Path, help='also write the figures to this file')
     arguments = parser.parse_args()
-    if arguments.only:
-        print(json.dumps(measure(arguments.only, arguments.states)))
-        return
     figures = run(arguments.states)
     print(table(figures))
     if arguments.json:

@@ -70,11 +70,10 @@ _SECTIONS = (
         'pendulum',
         'Pendulum',
         'Swing-ups from {states} random states of either torque limit (any angle, +-1 rad of the '
-        'disk, rates up to 5 rad/s), from {uncompiled_states} of them without numba; times of the '
-        'motion against the best known of a long search (`benchmark/pendulum_reference.py`), wall '
-        'times of solving.',
-        {'states': 100, 'uncompiled_states': 10},
-        {'states': 2, 'uncompiled_states': 1},
+        'disk, rates up to 5 rad/s); times of the motion against the best known of a long search '
+        '(`benchmark/pendulum_reference.py`), wall times of solving.',
+        {'states': 100},
+        {'states': 2},
         300.0,
     ),
     Section(

@@ -23,9 +23,9 @@ from tdm_planner.exceptions import (
     TdmError,
     VerificationFailed,
 )
-from tdm_planner.starting import end_quietly_on_signals
+from tdm_planner.starting import begin
 
-end_quietly_on_signals()
+begin()
 
 __version__ = version('tdm_planner')
 

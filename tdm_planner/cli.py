@@ -31,22 +31,15 @@ from tdm_planner.exceptions import Infeasible, TdmError
 from tdm_planner.interruption import ignore_signals, Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
+from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.starting import command
+from tdm_planner.starting import command, NO_ROS
 from tdm_sim.progress import make_progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
 EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
-
-# What a plain installation does without, and how to get it.
-OPTIONAL_PACKAGES = {
-    'rclpy': 'source a ROS 2 installation, or run make setup in the source tree',
-    'matplotlib': 'pip install matplotlib',
-    'plotly': 'pip install plotly',
-    'rich': 'pip install rich',
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,13 +66,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _what_is_missing(error: ImportError) -> str:
-    """Say how to get a package that is not installed; others' errors are passed on."""
+    """Say how to get ROS 2; others' errors are passed on."""
     if not isinstance(error, ModuleNotFoundError):
         return str(error)  # ROS 2 is there twice, see tdm_planner.nodes.installation
-    package = (error.name or '').partition('.')[0]
-    if package not in OPTIONAL_PACKAGES:
+    if (error.name or '').partition('.')[0] != 'rclpy':
         raise error
-    return f"this needs '{package}', which is not installed: {OPTIONAL_PACKAGES[package]}"
+    return NO_ROS
 
 
 def _say(text: str) -> None:
@@ -159,7 +151,8 @@ def _plan(options: argparse.Namespace) -> int:
     problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
     problem = problem_class.from_parameters(read_parameters(options.params, options.set))
     with make_progress(options.quiet) as progress:
-        progress.phase('compiling and tabulating')
+        tell_of_compilation(progress.line)
+        progress.phase('preparing')
         problem.prepare()
         progress.phase('planning')
         solution = problem.solve()

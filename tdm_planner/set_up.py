@@ -21,10 +21,10 @@ Compiles the kernels of every problem, so that the first request to a planner is
 from __future__ import annotations
 
 import sys
-import time
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.registry import load_problem, problem_names
+from tdm_sim.progress import make_progress
 
 
 def prepare_problems() -> dict[str, str]:
@@ -34,14 +34,14 @@ def prepare_problems() -> dict[str, str]:
     Returns what was wrong, by problem; empty if all is well.
     """
     failures: dict[str, str] = {}
-    for name in problem_names():
-        started = time.monotonic()
-        try:
-            load_problem(name).from_parameters({}).prepare()
-        except TdmError as error:
-            failures[name] = str(error)
-        else:
-            print(f'      {name}: {time.monotonic() - started:.1f} s')
+    with make_progress() as progress:
+        for name in problem_names():
+            progress.phase(f'compiling kernels of {name}')
+            try:
+                load_problem(name).from_parameters({}).prepare()
+            except TdmError as error:
+                failures[name] = str(error)
+        progress.phase('kernels are compiled')
     return failures
 
 

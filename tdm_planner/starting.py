@@ -13,14 +13,16 @@
 # limitations under the License.
 
 """
-Nodes and `tdm` end quietly on a signal from their first moment on, while they are importing.
+What a process does before it imports anything else of this package.
 
-The imports take about a second, in which Ctrl-C would end in a traceback. From when a node runs,
-`tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruption`.
+It looks for what must be installed. Processes of our own limit the threads of BLAS and end quietly
+on a signal: the imports take about a second, in which Ctrl-C would end in a traceback. From when a
+node runs, `tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruption`.
 """
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
@@ -28,6 +30,66 @@ import sys
 import threading
 
 EXECUTABLES = ('planner', 'tracker', 'pendulum_plant', 'robot_plant')
+NO_ROS = (
+    "this needs 'rclpy', which is not installed: source a ROS 2 installation, or run 'make setup' "
+    'in the source tree'
+)
+# Packages that must be there, and what pip calls them.
+REQUIRED = {
+    'daqp': 'daqp',
+    'matplotlib': 'matplotlib',
+    'mcap': 'mcap',
+    'numba': 'numba',
+    'numpy': 'numpy',
+    'plotly': 'plotly',
+    'rich': 'rich',
+    'rosbags': 'rosbags',
+    'scipy': 'scipy',
+    'yaml': 'PyYAML',
+    'zstandard': 'zstandard',
+}
+
+
+def begin() -> None:
+    """
+    Prepare the process; called when the package is imported.
+
+    Raises
+    ------
+    ImportError
+        If a package is missing, with one sentence; nodes and commands say it and end with code 1.
+
+    """
+    fault = _missing()
+    if is_ours():
+        if fault:
+            sys.exit(fault)
+        limit_threads()
+        end_quietly_on_signals()
+    elif fault:
+        raise ImportError(fault)
+
+
+def _missing() -> str:
+    """Say which packages are missing and how to get them; '' if all are there."""
+    names = ' '.join(pip for name, pip in REQUIRED.items() if find_spec(name) is None)
+    if names:
+        return (
+            f'tdm_planner needs Python packages that are not installed: {names}; run '
+            f"'make setup' in the source tree, or 'pip install {names}' into the environment"
+        )
+    return NO_ROS if is_node() and find_spec('rclpy') is None else ''
+
+
+def limit_threads() -> None:
+    """
+    Let BLAS use one thread, unless the environment says otherwise; before numpy is imported.
+
+    The matrices are small. The threads of OpenBLAS up to 0.3.24 (numpy 1.26) keep whole cores busy
+    while they wait for work.
+    """
+    for name in ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'):
+        os.environ.setdefault(name, '1')
 
 
 def end_quietly_on_signals() -> None:
@@ -48,24 +110,36 @@ def end_quietly_on_signals() -> None:
         signal.signal(number, handler)
 
 
+def is_ours() -> bool:
+    """Whether the process was started as a node, as `tdm`, or as another module of the package."""
+    package = _module().partition('.')[0]
+    return package in ('tdm_planner', 'tdm_sim') or is_node() or bool(command())
+
+
 def is_node() -> bool:
     """Whether the process was started as a node: as a module, or as one of the executables."""
-    words = sys.orig_argv
-    if '-m' in words[:-1]:
-        package, _, name = words[words.index('-m') + 1].rpartition('.')
+    if module := _module():
+        package, _, name = module.rpartition('.')
         return name in EXECUTABLES and package in ('tdm_planner.nodes', 'tdm_sim')
-    script = Path(sys.argv[0]) if getattr(sys, 'argv', None) else Path()
-    return script.name in EXECUTABLES
+    return Path(_arguments()[0]).name in EXECUTABLES
 
 
 def command() -> list[str]:
     """Return the words of the `tdm` command that the process was started as, else none."""
+    if module := _module():
+        after = sys.orig_argv.index('-m') + 2
+        return ['tdm', *sys.orig_argv[after:]] if module == 'tdm_planner.cli' else []
+    return ['tdm', *_arguments()[1:]] if Path(_arguments()[0]).name == 'tdm' else []
+
+
+def _module() -> str:
+    """Return the module that Python was started with, '' if it was not."""
     words = sys.orig_argv
-    if '-m' in words[:-1]:
-        after = words.index('-m') + 2
-        return ['tdm', *words[after:]] if words[after - 1] == 'tdm_planner.cli' else []
-    arguments = getattr(sys, 'argv', None) or ['']
-    return ['tdm', *arguments[1:]] if Path(arguments[0]).name == 'tdm' else []
+    return words[words.index('-m') + 1] if '-m' in words[:-1] else ''
+
+
+def _arguments() -> list[str]:
+    return getattr(sys, 'argv', None) or ['']
 
 
 def _end(number: int, frame: object) -> None:

@@ -23,6 +23,7 @@ import time
 from types import TracebackType
 from typing import Any, ClassVar
 
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from tdm_planner.exceptions import TdmError
 from tdm_sim.full_disk import Keeper, LONGEST_OPEN, make_keeper, Reserve, StorageError
 from tdm_sim.wire_types import definition_and_hash, offered_profile
@@ -47,8 +48,7 @@ class BagWriter:
     Raises
     ------
     RecordingError
-        On entering, if the folder exists or cannot be made; at once, if `storage` is unknown or
-        the package `rosbags` is not installed.
+        On entering, if the folder exists or cannot be made; at once, if `storage` is unknown.
 
     """
 
@@ -57,13 +57,6 @@ class BagWriter:
             raise RecordingError(
                 f"storage = '{storage}' is not allowed: must be one of {', '.join(STORAGES)}"
             )
-        try:
-            from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-        except ImportError:
-            raise RecordingError(
-                "recording needs the Python package 'rosbags', which is not installed: "
-                "'pip install rosbags', or use 'ros2 bag record' where ROS 2 is installed"
-            ) from None
         self.path = path
         self.failure = ''
         self._reserve = Reserve(path)

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import time
 from types import TracebackType
@@ -99,6 +98,5 @@ class LiveProgress(Progress):
 
 
 def make_progress(quiet: bool = False) -> Progress:
-    """Return what suits where the command prints to; plain lines where rich is not installed."""
-    live = not quiet and sys.stdout.isatty() and importlib.util.find_spec('rich') is not None
-    return LiveProgress() if live else Progress(quiet)
+    """Return what suits where the command prints to."""
+    return LiveProgress() if not quiet and sys.stdout.isatty() else Progress(quiet)

@@ -24,8 +24,9 @@ from typing import Any
 
 import pytest
 from ros_harness import ENOUGH, reserved_domain, Ros, ros_environment
-from tdm_planner.problems import Problem, Solution
-from tdm_planner.replanning import Replanner
+from tdm_planner.starting import limit_threads
+
+limit_threads()  # nothing above imports numpy
 
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13
     collect_ignore_glob = ['interoperability/test_*.py']
@@ -39,6 +40,9 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(scope='session', autouse=True)
 def _unhurried() -> Iterator[None]:
     """Give plans time enough where the test states no deadline: the machine may be busy."""
+    from tdm_planner.problems import Problem, Solution
+    from tdm_planner.replanning import Replanner
+
     solve, solve_again = Problem.solve, Replanner._solve
 
     @functools.wraps(solve)

@@ -135,17 +135,10 @@ def test_usage_and_version(tmp_path):
     assert tdm('--version', cwd=tmp_path).stdout.startswith('tdm_planner 0.')
 
 
-@pytest.mark.parametrize(
-    ('package', 'arguments'),
-    [
-        ('rclpy', ['demo', 'pendulum']),
-        ('matplotlib', ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]),
-    ],
-)
-def test_a_package_that_is_not_installed_is_named(tmp_path, package, arguments):
+def test_without_ros_the_way_out_is_named(tmp_path):
     code = (
-        f'import sys; sys.modules[{package!r}] = None; '
-        f'from tdm_planner.cli import main; sys.exit(main({arguments!r}))'
+        "import sys; sys.modules['rclpy'] = None; "
+        "from tdm_planner.cli import main; sys.exit(main(['demo', 'pendulum']))"
     )
     done = subprocess.run(
         [sys.executable, '-c', code],
@@ -156,5 +149,5 @@ def test_a_package_that_is_not_installed_is_named(tmp_path, package, arguments):
         timeout=120,
     )
     assert done.returncode == 2
-    assert f"this needs '{package}', which is not installed" in done.stderr
+    assert "this needs 'rclpy', which is not installed" in done.stderr
     assert 'Traceback' not in done.stderr

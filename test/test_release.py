@@ -28,6 +28,7 @@ from xml.etree import ElementTree
 
 import pytest
 import tdm_planner
+from tdm_planner.starting import REQUIRED
 from tools import headers
 from tools.headers import bare, FOLDERS, sources
 import yaml
@@ -47,8 +48,7 @@ ROSDEP_KEYS = {
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
 }
-# Not in Ubuntu's archive: `make setup` installs them by pip, where rosdep cannot.
-BY_PIP = {'daqp', 'mcap', 'numba', 'plotly', 'rosbags', 'zstandard'}
+WITHOUT_KEY = {*REQUIRED} - {*ROSDEP_KEYS}  # not in Ubuntu's archive: `make setup` installs them
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 # Whatever the tests import by the name of a file beside them, or of a folder of sources.
@@ -174,7 +174,7 @@ def test_manifest_keeps_to_its_schema(manifest: ElementTree.Element):
 
 def test_manifest_depends_on_what_is_used_and_nothing_else(manifest: ElementTree.Element):
     """RViz and rosbag2 are not listed: a rig without a screen is to get no window system."""
-    used = imported('tdm_planner', 'tdm_sim', 'launch') - BY_PIP
+    used = imported('tdm_planner', 'tdm_sim', 'launch') - WITHOUT_KEY
     wanted = {ROSDEP_KEYS.get(name, name) for name in used}
     beside = {'python3-venv', 'robot_state_publisher'}  # for `make setup`; what launch files start
     assert depends(manifest, 'exec_depend') == wanted | beside
@@ -196,7 +196,8 @@ def test_with_what_rosdep_installs_all_tests_are_collected(manifest: ElementTree
     for path in SOURCES:
         if path.relative_to(SOURCE).parts[0] == 'test' and path.name.startswith(('test_', 'conf')):
             packages = needed(path).items()
-            found = {by for name, by in packages if ROSDEP_KEYS.get(name, name) not in listed}
+            keys = {by: ROSDEP_KEYS.get(name, name) for name, by in packages}
+            found = {by for by, key in keys.items() if key not in listed | WITHOUT_KEY}
             if found:
                 missing[path.name] = sorted(found)
     assert not missing

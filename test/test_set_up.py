@@ -24,7 +24,7 @@ def test_every_problem_is_prepared(monkeypatch: pytest.MonkeyPatch, capsys):
     monkeypatch.setattr(set_up, 'problem_names', lambda: ['robot_formation'])
     assert set_up.main() == 0
     assert prepared == ['robot_formation']
-    assert 'robot_formation: ' in capsys.readouterr().out
+    assert 'kernels of robot_formation' in capsys.readouterr().out
 
 
 def test_a_problem_that_cannot_be_prepared_is_named(monkeypatch: pytest.MonkeyPatch, capsys):
@@ -38,4 +38,4 @@ def test_a_problem_that_cannot_be_prepared_is_named(monkeypatch: pytest.MonkeyPa
     assert set_up.main() == 1
     captured = capsys.readouterr()
     assert 'theirs cannot be prepared: its module is missing' in captured.err
-    assert 'robot_formation: ' in captured.out
+    assert 'kernels of robot_formation' in captured.out

@@ -12,4 +12,8 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Programs for the makers of the package: generated files, load, soak, pictures."""
+"""Programs for who works on the package: `python -m tools.<name>`."""
+
+from tdm_planner.starting import limit_threads
+
+limit_threads()

@@ -37,7 +37,7 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.direct_method.quadratic_program import Backend, solve_quadratic_program
+from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,6 @@ class TrustRegionOptions:
     corrections: int = 0
     steering: bool = False
     cutoff: float | None = None
-    backend: Backend | None = None
 
 
 @dataclass(frozen=True)
@@ -261,9 +260,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     lower, upper = np.zeros(size), np.full(size, 1e12)
     lower[:n] = np.maximum(-search.radius, search.program.lower - search.point.xi)
     upper[:n] = np.minimum(search.radius, search.program.upper - search.point.xi)
-    solution = solve_quadratic_program(
-        hessian, gradient, rows, least, lower, upper, search.options.backend
-    )
+    solution = solve_quadratic_program(hessian, gradient, rows, least, lower, upper)
     if solution is None:
         return None
     first = n + na

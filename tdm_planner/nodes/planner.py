@@ -51,6 +51,7 @@ from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import specifications
+from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
@@ -109,6 +110,7 @@ class Planner(ManagedNode):
         self._replanning.set_up(self._adapter, self.parameter_values)
         if not self._preparing:  # once: what is compiled stays
             self._preparing = True
+            tell_of_compilation(self.get_logger().info)
             Worker(self).submit(self._prepare, self._on_prepared)
         DeferredService(self, Trigger, 'plan', self._on_request)
         self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)

@@ -13,60 +13,72 @@
 # limitations under the License.
 
 """
-Compiled where numba is installed, plain Python where it is not.
+Functions that numba compiles, and where their machine code is kept.
 
-Setting the environment variable TDM_DISABLE_NUMBA=1 makes the package run as if numba were absent.
+numba by itself keeps it by path and time stamp of a function's file: it compiles a copy, such as
+`colcon build` makes, again, and does not notice a change in another file that is inlined. Here the
+text of the sources counts, and the machine code lies in the Python environment (or below
+NUMBA_CACHE_DIR): what `make setup` compiled serves every copy that runs there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from hashlib import sha256
 import os
+from pathlib import Path
+import sys
 from typing import Any, TypeVar
+
+import numba
+from numba.core import event
+from numba.core.caching import IndexDataCacheFile
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
+_SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
+_KERNELS = b''.join(source for source in _SOURCES if b'@compiled' in source)
+_DIGEST = sha256(numba.__version__.encode() + _KERNELS).hexdigest()[:16]
+_FOLDER = Path(
+    os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', _DIGEST
+)
+with suppress(OSError):  # then numba's own folder will do
+    _FOLDER.mkdir(mode=0o700, parents=True, exist_ok=True)
 
-def _numba() -> Any:
-    if os.environ.get('TDM_DISABLE_NUMBA', '') not in ('', '0'):
-        return None
-    try:
-        import numba
-    except ImportError:
-        return None
-    return numba
+COMPILING = (
+    "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
+    'beforehand'
+)
 
 
-COMPILED = _numba() is not None
+class _Compilations(event.Listener):
+    """Tells of the first compilation; a kernel that is loaded from the disk is none."""
+
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self._tell: Callable[[str], object] | None = tell
+
+    def on_start(self, event: Any) -> None:
+        if self._tell is not None:
+            tell, self._tell = self._tell, None
+            tell(COMPILING)
+
+    def on_end(self, event: Any) -> None:
+        """Say nothing."""
+
+
+def tell_of_compilation(tell: Callable[[str], object]) -> None:
+    """Have `tell` called with a sentence, once, as soon as this process must compile a kernel."""
+    register: Any = event.register  # typed in some versions only
+    register('numba:compile', _Compilations(tell))
 
 
 def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
-    return compiled_with()(function)
-
-
-def compiled_with(*called: Any) -> Callable[[_Function], _Function]:
-    """
-    Compile a function that calls compiled functions of other modules, `called`.
-
-    What they do becomes part of its machine code. numba's cache on disk takes notice of changes to
-    the function's own file only; theirs are made known to it here.
-    """
-
-    def decorate(function: _Function) -> _Function:
-        numba = _numba()
-        if numba is None:
-            return function
-        made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
-        stamps = [_cache_file(other)._source_stamp for other in called if _cache_file(other)]
-        if stamps and _cache_file(made):
-            _cache_file(made)._source_stamp = (_cache_file(made)._source_stamp, *stamps)
-        typed: _Function = made
-        return typed
-
-    return decorate
-
-
-def _cache_file(function: Any) -> Any:
-    """Return what numba's cache knows of a function, None in a version that keeps it elsewhere."""
-    return getattr(getattr(function, '_cache', None), '_cache_file', None)
+    made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+    cache = made._cache
+    folder = _FOLDER if os.access(_FOLDER, os.W_OK) else cache.cache_path
+    index: Any = IndexDataCacheFile  # typed in some versions only
+    cache._cache_file = index(str(folder), cache._impl.filename_base, _DIGEST)
+    typed: _Function = made
+    return typed

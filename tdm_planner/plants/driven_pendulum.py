@@ -66,7 +66,7 @@ def drive_pendulum(
 
 
 def compile_kernel(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
+    """Compile the kernel or load it from the disk."""
     drive_pendulum(plant, np.zeros(2), np.zeros((3, 2)), np.zeros((3, 2, 1)), 1e-3, np.zeros(1))
 
 

@@ -142,7 +142,6 @@ class FloatingRobot(Validated):
 
     def _integrate(self, trajectory: Trajectory, grid: Array) -> Array:
         # A simulated robot does not replay, and has no use for what compiles kernels.
-        from tdm_planner.plants.compilation import COMPILED
         from tdm_planner.plants.robot_replay import GAUSS, integrate, nodes_for
 
         h = np.diff(grid)
@@ -156,26 +155,7 @@ class FloatingRobot(Validated):
         states[:, 5] = _running_sum(first[5], h * (omega_dot + h * omega_ddot / 2))
         omega = states[:-1, 5]
         nodes, weights = GAUSS[nodes_for(h, trajectory.controls[:, 1], omega)]
-        if COMPILED:
-            integrate(h, begin, slope, self.mass, self.inertia, nodes, weights, states)
-            return states
-        states[:, 4] = _running_sum(
-            first[4], h * (omega + h * (omega_dot / 2 + h * omega_ddot / 6))
-        )
-        states[:, 6] = _running_sum(first[6], h * (begin[:, 1] + h * slope[:, 1] / 2))
-        # Heading and thrust at the quadrature nodes, (n - 1, nodes), then the two integrals.
-        t = h[:, None] * nodes
-        alpha = states[:-1, 6, None] + t * (begin[:, 1, None] + t * slope[:, 1, None] / 2)
-        yaw = states[:-1, 4, None] + t * (
-            omega[:, None] + t * (omega_dot[:, None] / 2 + t * omega_ddot[:, None] / 6)
-        )
-        push = (begin[:, 0, None] + t * slope[:, 0, None]) / self.mass
-        for axis, component in enumerate((np.cos(yaw + alpha), np.sin(yaw + alpha))):
-            acceleration = push * component
-            gain = h * (acceleration @ weights)
-            moment = h * ((acceleration * (h[:, None] - t)) @ weights)
-            states[:, 2 + axis] = _running_sum(first[2 + axis], gain)
-            states[:, axis] = _running_sum(first[axis], h * states[:-1, 2 + axis] + moment)
+        integrate(h, begin, slope, self.mass, self.inertia, nodes, weights, states)
         return states
 
 

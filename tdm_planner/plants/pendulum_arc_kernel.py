@@ -15,8 +15,7 @@
 """
 Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
 
-The coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. The module stands alone
-because numba's cache on disk notices changes in this file only.
+The coefficients `k` are those of `rotary_pendulum.Coefficients`, in order.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Motion of the rotary pendulum under a tabulated feedback law, compiled where that is possible.
+Motion of the rotary pendulum under a tabulated feedback law, compiled.
 
 In every interval the torque T_k - K_k (x - r_k), saturated, is held: what a tracker does with a
 plan, step by step, fast enough to look ahead to the plan's end before each new plan.
@@ -67,7 +67,7 @@ def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> 
 
 
 def compile_feedback(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
+    """Compile the kernel or load it from the disk."""
     table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
     roll_feedback(plant, np.zeros(4), table)
 

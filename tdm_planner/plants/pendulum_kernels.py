@@ -23,13 +23,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_lanes import sine_and_cosine
 
 Array = NDArray[np.float64]
 
 
-@compiled_with(sine_and_cosine)
+@compiled
 def _accelerate(
     k: Array,
     theta: float,
@@ -72,7 +72,7 @@ def _accelerate(
     return theta_ddot, psi_ddot
 
 
-@compiled_with(sine_and_cosine)
+@compiled
 def roll_arcs(
     k: Array,
     start: Array,
@@ -123,7 +123,7 @@ def roll_arcs(
             node += 1
 
 
-@compiled_with(sine_and_cosine)
+@compiled
 def _roll_sensitivities(
     sensitivities: Array,
     node: int,

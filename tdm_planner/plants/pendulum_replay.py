@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import COMPILED, compiled
+from tdm_planner.plants.compilation import compiled
 
 if TYPE_CHECKING:
     from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -45,10 +45,10 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array)
     """
     States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
 
-    None where that would be inaccurate: without a compiler, where a held control jumps between two
-    `times`, or where they are too far apart.
+    None where that would be inaccurate: where a held control jumps between two `times`, or where
+    they are too far apart.
     """
-    if not COMPILED or times.size < 2 or abs(times[0] - trajectory.times[0]) > 1e-12:
+    if times.size < 2 or abs(times[0] - trajectory.times[0]) > 1e-12:
         return None
     steps = np.diff(times)
     fastest = float(np.abs(trajectory.states[:, 2:]).max())
@@ -85,16 +85,14 @@ def dormand_prince() -> tuple[Array, Array, Array]:
 
 
 def compile_replay(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
-    if COMPILED:
-        states = np.zeros((2, 4))
-        replay_steps(
-            np.array(plant.coefficients),
-            np.full(1, 1e-3),
-            np.zeros((1, _STAGES)),
-            *dormand_prince()[1:],
-            states,
-        )
+    """Compile the kernel or load it from the disk."""
+    replay_steps(
+        np.array(plant.coefficients),
+        np.full(1, 1e-3),
+        np.zeros((1, _STAGES)),
+        *dormand_prince()[1:],
+        np.zeros((2, 4)),
+    )
 
 
 @compiled

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motion of the rotary pendulum under arcs of constant torque, compiled where that is possible."""
+"""Motion of the rotary pendulum under arcs of constant torque: one, or many steered at a time."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ import os
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants import pendulum_lockstep as lockstep
-from tdm_planner.plants.compilation import COMPILED
+from tdm_planner.plants.pendulum_kernels import roll_arcs
+from tdm_planner.plants.pendulum_steering import steer_arcs
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -53,62 +53,13 @@ class ArcBatch:
     costs: Array
 
 
-def roll(
-    plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
-) -> tuple[Array, Array]:
-    """
-    Integrate arcs `durations` [s], `torques` [N m], both (K,), by `steps` RK4 steps each.
-
-    Returns states (n, 4) and their exact derivatives by the durations (n, 4, K), n = K steps + 1.
-    """
-    if not COMPILED:
-        with np.errstate(all='ignore'):
-            states, derivatives = lockstep.roll_batch(
-                plant, start, durations[None], torques[None], steps
-            )
-        return states[0], derivatives[0]
-    from tdm_planner.plants.pendulum_kernels import roll_arcs
-
-    nodes = durations.size * steps + 1
-    states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
-    roll_arcs(_constants(plant), start, durations, torques, steps, states, derivatives, True)
-    return states, derivatives
-
-
-def roll_ends(
-    plant: RotaryPendulum, start: Array, durations: Array, torques: Array, steps: int
-) -> Array:
-    """Return derivatives (B, 4, K) of the final states by a batch of durations (B, K)."""
-    if not COMPILED:
-        with np.errstate(all='ignore'):
-            many = np.broadcast_to(torques, durations.shape)
-            return lockstep.roll_batch(plant, start, durations, many, steps)[1][:, -1]
-    return np.stack([roll(plant, start, d, torques, steps)[1][-1] for d in durations])
-
-
 def roll_states(
     plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, steps: int
 ) -> Array:
     """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
-    if COMPILED:
-        from tdm_planner.plants.pendulum_kernels import roll_arcs
-
-        nodes = np.empty((intervals.size * steps + 1, 4))
-        unused = np.empty((1, 4, 1))
-        roll_arcs(_constants(plant), start, intervals, torques, steps, nodes, unused, False)
-        return nodes[::steps].copy()
-    states = np.empty((intervals.size + 1, 4))
-    states[0] = x = start
-    for index, (interval, torque) in enumerate(zip(intervals, torques, strict=True)):
-        h, control = interval / steps, np.array([torque])
-        for _ in range(steps):
-            k1 = plant.derivative(x, control)
-            k2 = plant.derivative(x + 0.5 * h * k1, control)
-            k3 = plant.derivative(x + 0.5 * h * k2, control)
-            k4 = plant.derivative(x + h * k3, control)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        states[index + 1] = x
-    return states
+    nodes, unused = np.empty((intervals.size * steps + 1, 4)), np.empty((1, 4, 1))
+    roll_arcs(_constants(plant), start, intervals, torques, steps, nodes, unused, False)
+    return nodes[::steps].copy()
 
 
 def steer(
@@ -127,23 +78,6 @@ def steer(
     among threads on the others. `stop` is asked between chunks and ends it early. Returns the
     number of integrations. The result does not depend on the number of cores.
     """
-    if not COMPILED:
-        batch.costs[:], rollouts = lockstep.steer_batch(
-            plant,
-            start,
-            batch.durations,
-            batch.arcs,
-            batch.torques,
-            batch.turns,
-            psi_max,
-            steps,
-            _ITERATIONS,
-            _TARGET,
-            stop,
-        )
-        return rollouts
-    from tdm_planner.plants.pendulum_steering import steer_arcs
-
     chunks = range(0, batch.arcs.size, _CHUNK)
     workers = max(1, min(_cores() - 1, len(chunks)))
     constants, w0 = _constants(plant), plant.natural_frequency
@@ -177,9 +111,7 @@ def steer(
 
 
 def compile_kernels(plant: RotaryPendulum) -> None:
-    """Compile the kernels or load them from the disk; nothing to do without a compiler."""
-    if not COMPILED:
-        return
+    """Compile the kernels or load them from the disk."""
     start = np.array([0.1, 0.0, 0.0, 0.0])
     durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
     batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))

@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled, compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
 
 Array = NDArray[np.float64]
@@ -180,7 +180,7 @@ def _propose(
     return damping, refused
 
 
-@compiled_with(roll_lanes)
+@compiled
 def steer_arcs(
     k: Array,
     start: Array,

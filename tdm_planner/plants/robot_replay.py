@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import COMPILED, compiled
+from tdm_planner.plants.compilation import compiled
 
 Array = NDArray[np.float64]
 
@@ -45,10 +45,9 @@ def nodes_for(steps: Array, rate: Array, omega: Array) -> int:
 
 
 def compile_robot_replay() -> None:
-    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
-    if COMPILED:
-        states, controls = np.zeros((2, 7)), np.zeros((1, 3))
-        integrate(np.ones(1), controls, controls, 1.0, 1.0, *GAUSS[2], states)
+    """Compile the kernel or load it from the disk."""
+    states, controls = np.zeros((2, 7)), np.zeros((1, 3))
+    integrate(np.ones(1), controls, controls, 1.0, 1.0, *GAUSS[2], states)
 
 
 @compiled

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.problems.formation_cost import GAS_SMOOTHING, THRUST_SHARE
 from tdm_planner.problems.formation_kernels import evaluate, FormationTables, KernelValues
 from tdm_planner.problems.formation_slopes import derivatives, rows
@@ -43,8 +42,8 @@ Array = NDArray[np.float64]
 
 
 def terms_on(grid: NodeGrid) -> Terms:
-    """Return the terms on a grid, compiled where that can be."""
-    if COMPILED and grid.model.degree == 0:
+    """Return the terms on a grid, compiled where the form of the reference functions allows."""
+    if grid.model.degree == 0:
         return CompiledTerms(grid)
     return ArrayTerms(grid)
 
@@ -127,12 +126,11 @@ def _tables(grid: NodeGrid) -> FormationTables:
 
 
 def compile_terms(model: ReferenceMotion) -> None:
-    """Compile the kernels or load them from the disk; nothing to do without a compiler."""
-    if COMPILED:
-        terms = CompiledTerms(NodeGrid(model, 9, model.time_scale, 4))
-        values = terms.values(np.ones((model.task.n, model.size)))
-        terms.derivatives(values, 1.0, None)
-        terms.rows(values)
+    """Compile the kernels or load them from the disk."""
+    terms = CompiledTerms(NodeGrid(model, 9, model.time_scale, 4))
+    values = terms.values(np.ones((model.task.n, model.size)))
+    terms.derivatives(values, 1.0, None)
+    terms.rows(values)
 
 
 class CompiledTerms:

@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled, compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation_kernels import FormationTables, KernelValues, taylor
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def _by_time(t: FormationTables, mu: float, i: int, k: int) -> tuple[float, floa
     return x, y, twice_x, twice_y
 
 
-@compiled_with(taylor)
+@compiled
 def rows(
     t: FormationTables, values: KernelValues, thrust: float, torque: float, wall: float, size: int
 ) -> tuple[Array, Array]:
@@ -213,7 +213,7 @@ def _wall_rows(
     return r
 
 
-@compiled_with(taylor)
+@compiled
 def _separation_rows(
     t: FormationTables, values: KernelValues, r: int, margins: Array, rows: Array
 ) -> None:

@@ -17,7 +17,7 @@ Problem `pendulum_swing_up`: from any state to upright at rest in the shortest t
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
 virtual arc, which together leave no freedom; by default the varied parameters are the switching
-times of the torque instead (see `switching_program`). The paper's scheme in a mended form is there
+times of the torque instead (see `switching_motion`). The paper's scheme in a mended form is there
 as well (see `virtual_arc_program`).
 """
 
@@ -35,6 +35,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
+from tdm_planner.plants.pendulum_feedback import compile_feedback
 from tdm_planner.plants.pendulum_replay import compile_replay
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
@@ -148,6 +149,7 @@ class PendulumSwingUp(Problem, Validated):
         compile_kernel(self.plant)
         compile_replay(self.plant)
         compile_minimiser(self.plant)
+        compile_feedback(self.plant)
         if self.method == 'virtual_arc':
             compile_arc_kernel(self.plant)
 

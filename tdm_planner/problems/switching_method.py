@@ -28,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
@@ -46,15 +45,13 @@ from tdm_planner.problems.switching_seeds import starts
 
 Array = NDArray[np.float64]
 
-# Starts of the first rounds, and candidates polished: without a compiler a start costs ten times
-# as much.
-_ROUNDS, _POLISHED = ((100, 100, 100), 10) if COMPILED else ((32, 48), 3)
+_ROUNDS, _POLISHED = (100, 100, 100), 10  # starts of the first rounds, candidates polished
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
-_START_TIME = 1e-3 if COMPILED else 4e-3  # s of the deadline for one start of a round
+_START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best

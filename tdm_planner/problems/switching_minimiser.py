@@ -26,13 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method import trust_region
 from tdm_planner.direct_method.dual_active_set import solve_compiled
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
-from tdm_planner.plants.compilation import COMPILED, compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.switching_motion import (
+    arc_program,
     ArcPoint,
     ArcProgram,
     curvature,
@@ -40,7 +40,6 @@ from tdm_planner.problems.switching_motion import (
     first_multipliers,
     NEAR_LIMIT,
 )
-from tdm_planner.problems.switching_program import SwitchingProgram
 
 Array = NDArray[np.float64]
 
@@ -80,18 +79,16 @@ class _Step(NamedTuple):
 
 
 def minimise(
-    program: SwitchingProgram,
+    program: ArcProgram,
     xi: Array,
     options: TrustRegionOptions,
     budget: Budget,
 ) -> Minimum:
     """
-    Search as `trust_region.minimise` does, compiled where there is a compiler.
+    Search as `trust_region.minimise` does.
 
-    Options that only other programs need (`steering`, `backend`) are not looked at.
+    The option `steering`, which only other programs need, is not looked at.
     """
-    if not COMPILED:
-        return trust_region.minimise(program, xi, options, budget)
     rules = Rules(
         options.radius,
         options.largest_radius,
@@ -104,26 +101,25 @@ def minimise(
     )
     ends, limit = options.penalties
     state = np.array([options.radius, ends, limit, 0.0, 0.0, _GOES_ON, 0.0, 0.0])
-    at, duals = np.maximum(xi, program.lower), np.zeros(4)
+    at, duals = np.maximum(xi, 0.0), np.zeros(4)
     while True:
         steps = _AT_ONCE if budget.remaining > _NEAR else 1
-        at, cost, ends, limit = advance(program.numbers, at, duals, state, rules, steps)
+        at, cost, ends, limit = advance(program, at, duals, state, rules, steps)
         if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= rules.iterations or budget.spent:
             break
-    program.evaluations += int(state[_EVALUATIONS])
+    budget.evaluations += int(state[_EVALUATIONS])
     point = Point(at, cost, np.array([ends, limit]))
     return Minimum(point, int(state[_STEPS]), bool(state[_OUTCOME] == _CONVERGED), None)
 
 
 def compile_minimiser(plant: RotaryPendulum) -> None:
-    """Compile the minimiser or load it from the disk; nothing to do without a compiler."""
-    if COMPILED:
-        program = SwitchingProgram(plant, np.zeros(4), np.zeros(4), 0, 1.0, 2)
-        rules = Rules(0.5, 4.0, 200.0, 0, 1e-4, 1e-8, 4, np.inf)
-        advance(program.numbers, np.full(4, 1e-3), np.zeros(4), np.zeros(8), rules, 0)
+    """Compile the minimiser or load it from the disk."""
+    program = arc_program(plant, np.zeros(4), np.zeros(4), 0, 1.0, 2)
+    rules = Rules(0.5, 4.0, 200.0, 0, 1e-4, 1e-8, 4, np.inf)
+    advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), rules, 0)
 
 
-@compiled_with(evaluate_arcs, curvature, solve_compiled)
+@compiled
 def advance(
     program: ArcProgram, xi: Array, duals: Array, state: Array, rules: Rules, steps: int
 ) -> tuple[Array, float, float, float]:
@@ -186,12 +182,12 @@ def advance(
     return point.xi, point.cost, point.ends, point.beyond
 
 
-@compiled_with()
+@compiled
 def _merit(point: ArcPoint, state: Array) -> float:
     return float(point.cost + state[_ENDS] * point.ends + state[_LIMIT] * point.beyond)
 
 
-@compiled_with()
+@compiled
 def _charge_more(point: ArcPoint, state: Array, rules: Rules) -> None:
     if point.ends > rules.feasibility:
         state[_ENDS] *= _PRESSURE
@@ -199,7 +195,7 @@ def _charge_more(point: ArcPoint, state: Array, rules: Rules) -> None:
         state[_LIMIT] *= _PRESSURE
 
 
-@compiled_with()
+@compiled
 def _shrink(point: ArcPoint, state: Array, rules: Rules, length: float) -> bool:
     """Make the trust region smaller; False if derivatives are to be taken anew."""
     state[_RADIUS] = 0.35 * min(state[_RADIUS], length)
@@ -216,7 +212,7 @@ def _shrink(point: ArcPoint, state: Array, rules: Rules, length: float) -> bool:
     return True
 
 
-@compiled_with(solve_compiled)
+@compiled
 def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     """Solve the elastic quadratic program in step and slacks; see `trust_region`."""
     n = point.xi.size
@@ -248,7 +244,7 @@ def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     return _Step(solved, change, predicted, slacks.max(), duals, near, active)
 
 
-@compiled_with(evaluate_arcs)
+@compiled
 def _corrected(
     program: ArcProgram, at: ArcPoint, step: _Step, trial: ArcPoint, state: Array, most: int
 ) -> ArcPoint:

@@ -12,16 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The program of `switching_program`, compiled: ends, peaks of |psi|, curvature."""
+"""
+The swing-up as the nonlinear program (10): the varied parameters are the switching times.
+
+Xi = w0 (d_1, ..., d_K), the durations of arcs of alternating extreme torque; J = sum Xi. The
+argument tau is time itself: torque and initial state already determine the motion, so that the
+states follow by integration and the terminal conditions become equalities,
+
+    (theta - 2 pi n, psi, theta'/w0, psi'/w0) = 0 at the end,  |psi| <= psi_max along every arc.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled_with
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import roll_arcs
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 Array = NDArray[np.float64]
 
@@ -31,7 +41,12 @@ NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
 
 
 class ArcProgram(NamedTuple):
-    """Numbers that make a `SwitchingProgram`: `k` the plant's coefficients, `goal` 2 pi n."""
+    """
+    The program for one sequence of torques.
+
+    `k` the plant's coefficients, `start` (4,), `torques` (K,) [N m], `goal` 2 pi n,
+    `disk_angle` the limit of |psi| [rad], `steps` the number of RK4 steps an arc.
+    """
 
     k: Array
     start: Array
@@ -60,9 +75,17 @@ class ArcPoint(NamedTuple):
     slopes: Array
 
 
-@compiled_with(roll_arcs)
+def arc_program(
+    plant: RotaryPendulum, start: Array, torques: Array, turns: int, disk_angle: float, steps: int
+) -> ArcProgram:
+    """Return the program that ends at theta = 2 pi `turns`, see `ArcProgram`."""
+    goal, w0 = 2.0 * math.pi * turns, plant.natural_frequency
+    return ArcProgram(np.array(plant.coefficients), start, torques, goal, disk_angle, w0, steps)
+
+
+@compiled
 def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
-    """Integrate the motion, with derivatives; see `SwitchingProgram.evaluate`."""
+    """Integrate the motion, with derivatives; infinitely bad where it runs away."""
     arcs, w0, steps = xi.size, program.w0, program.steps
     nodes = arcs * steps + 1
     durations = xi / w0
@@ -86,7 +109,7 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     return ArcPoint(xi, xi.sum(), ends, beyond, residual, jacobian, margins, slopes)
 
 
-@compiled_with()
+@compiled
 def _peak(
     states: Array,
     sensitivities: Array,
@@ -130,7 +153,7 @@ def _peak(
     return float(height)
 
 
-@compiled_with()
+@compiled
 def first_multipliers(point: ArcPoint) -> Array:
     """Multipliers (4,) of the ends that come nearest to a stationary Lagrangian."""
     columns, right = point.jacobian.T.copy(), -np.ones(point.xi.size)
@@ -141,9 +164,9 @@ def first_multipliers(point: ArcPoint) -> Array:
     return duals
 
 
-@compiled_with(roll_arcs)
+@compiled
 def curvature(program: ArcProgram, point: ArcPoint, duals: Array) -> Array:
-    """Hessian of the Lagrangian along the end conditions, see `SwitchingProgram`."""
+    """Hessian of the Lagrangian along the end conditions, by directional differences."""
     arcs, w0, steps = point.xi.size, program.w0, program.steps
     basis = np.linalg.svd(point.jacobian)[2]
     across, along = np.ascontiguousarray(basis[:4]), np.ascontiguousarray(basis[4:])

@@ -22,20 +22,19 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
-from tdm_planner.problems.switching_program import SwitchingProgram
+from tdm_planner.problems.switching_motion import arc_program, evaluate_arcs
 from tdm_planner.problems.switching_seeds import FEWEST_ARCS
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
-FINE_STEPS = 96 if COMPILED else 48  # and for the final polish
+FINE_STEPS = 96  # and for the final polish
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
@@ -101,12 +100,13 @@ def polish(
     A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
-    program = SwitchingProgram(
+    program = arc_program(
         task.plant, task.start, candidate.torques, candidate.turns, task.planned_disk_angle, steps
     )
     feasibility = max(tolerance, 1e-11)
-    before = program.evaluate(candidate.durations * w0)
-    best = before
+    first = evaluate_arcs(program, candidate.durations * w0)
+    budget.evaluations += 1
+    best = Point(first.xi, first.cost, np.array([first.ends, first.beyond]))
     for penalty in _PENALTIES:
         options = TrustRegionOptions(
             penalties=(penalty / task.distance, penalty / task.distance),
@@ -118,12 +118,11 @@ def polish(
             cutoff=cutoff * w0 if math.isfinite(cutoff) else None,
         )
         with np.errstate(all='ignore'):
-            found = minimise(program, before.xi, options, budget).point
+            found = minimise(program, first.xi, options, budget).point
         if found.violation <= max(feasibility, best.violation):
             best = found
         if best.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
             break
-    budget.evaluations += program.evaluations
     return Candidate(best.xi / w0, candidate.torques, candidate.turns), best.violation
 
 

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import COMPILED, compiled
+from tdm_planner.plants.compilation import compiled
 
 Array = NDArray[np.float64]
 
@@ -64,8 +64,7 @@ class ThrustDirection:
     ) -> None:
         self.times, self.yaw = times, yaw
         self.rate, self.thrust, self.alpha = rate, thrust, alpha
-        self.reach = _RATE_SHARE * rate * times
-        self.steps = np.diff(self.reach)
+        self.steps = np.diff(_RATE_SHARE * rate * times)
         self.turns = np.zeros(len(wanted))
         self.heading = np.unwrap(self._headings(wanted))
         if not np.isnan(alpha):
@@ -100,20 +99,9 @@ class ThrustDirection:
         upper, lower = direction + allowed, direction - allowed
         if not np.isnan(self.alpha):
             upper[0] = lower[0] = self.alpha
-        d = self.reach
-        if COMPILED:
-            envelopes = Envelopes(upper, lower)
-            _enclose(*envelopes, self.steps)
-            return envelopes
-        highest = np.minimum(
-            np.minimum.accumulate(upper - d) + d,
-            np.minimum.accumulate((upper + d)[::-1])[::-1] - d,
-        )
-        lowest = np.maximum(
-            np.maximum.accumulate(lower + d) - d,
-            np.maximum.accumulate((lower - d)[::-1])[::-1] + d,
-        )
-        return Envelopes(highest, lowest)
+        envelopes = Envelopes(upper, lower)
+        _enclose(*envelopes, self.steps)
+        return envelopes
 
     def _least_error(self, wanted: Array) -> float:
         direction = self.directions(wanted)
@@ -182,10 +170,9 @@ class ThrustDirection:
 
 
 def compile_following() -> None:
-    """Compile the kernel or load it from the disk; nothing to do without a compiler."""
-    if COMPILED:
-        _follow(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(1), 0.0, np.zeros(2))
-        _enclose(np.zeros(2), np.zeros(2), np.zeros(1))
+    """Compile the kernel or load it from the disk."""
+    _follow(np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(1), 0.0, np.zeros(2))
+    _enclose(np.zeros(2), np.zeros(2), np.zeros(1))
 
 
 @compiled

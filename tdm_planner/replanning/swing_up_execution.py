@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_feedback import compile_feedback, FeedbackTable, roll_feedback
+from tdm_planner.plants.pendulum_feedback import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumMotor
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
@@ -72,7 +72,6 @@ class SwingUpExecution(Execution):
         )
         self._tracker.prepare_hold()
         self._law: _Law | None = None
-        compile_feedback(problem.plant)
 
     def adopt(self, plan: PlanInForce) -> None:
         """Compute the gains along the plan."""

@@ -31,9 +31,12 @@ import struct
 from tempfile import TemporaryDirectory
 from typing import ClassVar, NamedTuple
 
+from mcap.records import Channel, Message, Schema
+from rosbags.rosbag2 import Reader
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report import untrusted
 from tdm_sim.report.damaged_mcap import LARGEST_RECORD, read_records
+import zstandard
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
@@ -91,33 +94,16 @@ def check_recording(path: Path) -> None:
             f"'{path}' is no recording: a report is made of a rosbag2 folder, a .mcap or .db3 "
             'file, or a plan (.json)'
         )
-    if not _has_rosbags():
-        raise UnreadableRecording(
-            "reading a recording needs the Python package 'rosbags', which is not installed: "
-            "'pip install rosbags'"
-        )
-
-
-def _has_rosbags() -> bool:
-    try:
-        import rosbags.rosbag2  # noqa: F401
-    except ImportError:
-        return False
-    return True
 
 
 def topics(path: Path) -> dict[str, str]:
     """Return the type of every topic of a whole recording."""
-    from rosbags.rosbag2 import Reader
-
     with Reader(path) as reader:
         return {connection.topic: connection.msgtype for connection in reader.connections}
 
 
 def messages(path: Path, wanted: Wanted) -> Iterator[Raw]:
     """Read a whole recording; raises whatever the library does for one that is damaged."""
-    from rosbags.rosbag2 import Reader
-
     if path.suffix == _COMPRESSED or _sidecars(path):
         raise UnreadableRecording(f"'{path}' must be unpacked first")
     with Reader(path) as reader:
@@ -141,8 +127,6 @@ def unpacked(data: bytes) -> bytes:
     """Return a message, unpacked where it was compressed alone."""
     if data[:4] != _ZSTD:
         return data
-    import zstandard
-
     limit = zstandard.frame_content_size(data)
     if limit > LARGEST_RECORD:
         raise ValueError('a compressed message is too large')
@@ -201,11 +185,6 @@ def _stated_size(path: Path) -> int:
 
 
 def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
-    try:
-        import zstandard
-    except ImportError:
-        raise _without('zstandard', packed) from None
-
     with packed.open('rb') as source, plain.open('wb') as target:
         stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
         try:
@@ -215,18 +194,7 @@ def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
             notes.append(f'{packed.name} is damaged: it was unpacked as far as it goes.')
 
 
-def _without(package: str, path: Path) -> UnreadableRecording:
-    return UnreadableRecording(
-        f"'{untrusted.text(path.name)}' was not closed; reading it needs the Python package "
-        f"'{package}', which is not installed: 'pip install {package}'"
-    )
-
-
 def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
-    try:
-        from mcap.records import Channel, Message, Schema
-    except ImportError:
-        raise _without('mcap', path) from None
     topics: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
     for record in read_records(path, notes):

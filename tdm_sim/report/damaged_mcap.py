@@ -23,6 +23,11 @@ from pathlib import Path
 import struct
 from typing import Any, BinaryIO
 
+from mcap.exceptions import InvalidMagic
+from mcap.records import Chunk, Footer
+from mcap.stream_reader import breakup_chunk, StreamReader
+import zstandard
+
 LARGEST_RECORD = 2**30  # bytes; a longer one is damage
 
 # MCAP: a record is an opcode and a length; a chunk's content follows its times, size, checksum,
@@ -39,8 +44,6 @@ def read_records(path: Path, notes: list[str]) -> Iterator[Any]:
     Of a block that is cut off, the messages are read that are whole. What is lost is told in
     `notes`.
     """
-    from mcap.records import Chunk, Footer
-
     lost, complete = 0, False
     for record in _outer_records(path, notes):
         complete = complete or isinstance(record, Footer)
@@ -58,8 +61,6 @@ def read_records(path: Path, notes: list[str]) -> Iterator[Any]:
 
 def _parts(chunk: Any) -> list[Any] | None:
     """Return the records in a block; None if it is damaged."""
-    from mcap.stream_reader import breakup_chunk
-
     try:
         return list(breakup_chunk(chunk, validate_crc=True))
     except Exception:  # noqa: B902
@@ -69,9 +70,6 @@ def _parts(chunk: Any) -> list[Any] | None:
 
 def _outer_records(path: Path, notes: list[str]) -> Iterator[Any]:
     """Yield records, blocks as such; last the beginning of a block that is cut off."""
-    from mcap.exceptions import InvalidMagic
-    from mcap.stream_reader import StreamReader
-
     begun = False
     with path.open('rb') as file:
         reader = StreamReader(file, emit_chunks=True, record_size_limit=LARGEST_RECORD)
@@ -98,8 +96,6 @@ def _outer_records(path: Path, notes: list[str]) -> Iterator[Any]:
 
 def _cut_block(file: BinaryIO) -> Iterator[Any]:
     """Yield what there is of a block that the file ends in, as a block of whole records."""
-    from mcap.records import Chunk
-
     head = file.read(_RECORD.size + _CHUNK.size)
     if len(head) < _RECORD.size + _CHUNK.size or head[0] != _CHUNK_OPCODE:
         return
@@ -125,10 +121,6 @@ def _decompressed(content: bytes, compression: bytes, size: int) -> bytes:
     if not compression:
         return content
     if compression != b'zstd':
-        return b''
-    try:
-        import zstandard
-    except ImportError:
         return b''
     stream = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(content))
     with suppress(zstandard.ZstdError):

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import trust_region
+from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems import (
     formation_search,
     smooth_method,
@@ -36,14 +36,13 @@ from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_verification import FormationVerification
 from tdm_planner.problems.smooth_program import SmoothProgram
 from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_program import SwitchingProgram
 from tdm_planner.problems.virtual_arc_program import VirtualArcProgram
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
-_PROGRAMS = (SwitchingProgram, SmoothProgram, VirtualArcProgram, FormationProgram)
+_PROGRAMS = (SmoothProgram, VirtualArcProgram, FormationProgram)
 _MINIMISERS = (switching_search, smooth_method, virtual_arc_method, formation_search)
 
 
@@ -62,8 +61,7 @@ def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
             return replace(found, **noisy)
 
         patch.setattr(program, 'linearise', linearise)
-    # The compiled minimiser has derivatives of its own: see `wrong_model`.
-    patch.setattr(switching_search, 'minimise', trust_region.minimise)
+    wrong_model(patch, rng, size)  # the compiled minimiser has derivatives of its own
 
 
 def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
@@ -79,26 +77,32 @@ def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
 
 def early_stops(patch: Patch, rng: Generator, size: float) -> None:
     """Make the minimiser end after a few steps and say that it has converged."""
-
-    def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
-        options = options or trust_region.TrustRegionOptions()
-        few = replace(options, iterations=int(rng.integers(1, 6)))
-        return replace(trust_region.minimise(program, xi, few, budget), converged=True)
-
     for module in _MINIMISERS:
+        right = module.minimise
+
+        def minimise(
+            program: Any, xi: Any, options: Any = None, budget: Any = None, right: Any = right
+        ) -> Any:
+            options = options or TrustRegionOptions()
+            few = replace(options, iterations=int(rng.integers(1, 6)))
+            return replace(right(program, xi, few, budget), converged=True)
+
         patch.setattr(module, 'minimise', minimise)
 
 
 def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
     """Exchange the varied parameters Xi that the minimiser gives back."""
-
-    def minimise(program: Any, xi: Any, options: Any = None, budget: Any = None) -> Any:
-        found = trust_region.minimise(program, xi, options, budget)
-        noisy = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
-        point = replace(found.point, xi=np.clip(noisy, program.lower, program.upper))
-        return replace(found, point=point)
-
     for module in _MINIMISERS:
+        right = module.minimise
+
+        def minimise(
+            program: Any, xi: Any, options: Any = None, budget: Any = None, right: Any = right
+        ) -> Any:
+            found = right(program, xi, options, budget)
+            noisy = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
+            bounds = getattr(program, 'lower', 0.0), getattr(program, 'upper', np.inf)
+            return replace(found, point=replace(found.point, xi=np.clip(noisy, *bounds)))
+
         patch.setattr(module, 'minimise', minimise)
 
 

@@ -101,7 +101,6 @@ def a_record(found: dict[str, Any] | None, **changes: Any) -> dict[str, Any]:
 
 
 def test_the_page_is_written_from_the_figures(tmp_path: Path):
-    pytest.importorskip('matplotlib')
     pytest.importorskip('casadi')
     records = {
         'peers': a_record(figures(), settings={'cases': 4}),
@@ -189,7 +188,6 @@ def test_the_sampler_sees_who_spends_the_time():
 
 
 def test_a_flame_graph_is_drawn(tmp_path: Path):
-    pytest.importorskip('matplotlib')
     frame = flame.Frame('base.solve', 10, (flame.Frame('search.run', 9, ()),))
     flame.draw(frame, {'base', 'search'}, 'a title', tmp_path / 'flame.png')
     assert (tmp_path / 'flame.png').stat().st_size > 1000

@@ -19,9 +19,6 @@ import sys
 
 import pytest
 
-pytest.importorskip('daqp')
-pytest.importorskip('numba')
-
 
 @pytest.fixture(autouse=True)
 def _root(monkeypatch):

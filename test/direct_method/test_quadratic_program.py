@@ -15,10 +15,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import pytest
 from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
-
-BACKENDS = ['daqp', 'nnls']
 
 
 def random_program(seed, n, m):
@@ -52,14 +49,11 @@ def optimality(program, solution):
     )
 
 
-@pytest.mark.parametrize('backend', BACKENDS)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 12), m=st.integers(0, 20))
 @settings(deadline=None, max_examples=60, derandomize=True)
-def test_a_solution_satisfies_the_optimality_conditions(backend, seed, n, m):
+def test_a_solution_satisfies_the_optimality_conditions(seed, n, m):
     program = random_program(seed, n, m)
-    if backend == 'daqp':
-        pytest.importorskip('daqp')
-    solution = solve_quadratic_program(*program, backend=backend)
+    solution = solve_quadratic_program(*program)
     if solution is None:  # then no point satisfies the rows: ask a linear program
         from scipy.optimize import linprog
 
@@ -70,22 +64,7 @@ def test_a_solution_satisfies_the_optimality_conditions(backend, seed, n, m):
         assert optimality(program, solution) < 1e-5
 
 
-def test_both_backends_agree():
-    pytest.importorskip('daqp')
-    for seed in range(50):
-        program = random_program(seed, 8, 12)
-        first, second = (solve_quadratic_program(*program, backend=b) for b in BACKENDS)
-        assert (first is None) == (second is None)
-        if first is not None:
-            np.testing.assert_allclose(first.step, second.step, atol=1e-6)
-
-
-@pytest.mark.parametrize('backend', BACKENDS)
-def test_contradictory_rows_give_none(backend):
-    if backend == 'daqp':
-        pytest.importorskip('daqp')
+def test_contradictory_rows_give_none():
     rows, least = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])
-    found = solve_quadratic_program(
-        np.eye(1), np.zeros(1), rows, least, np.full(1, -5.0), np.full(1, 5.0), backend=backend
-    )
-    assert found is None
+    bounds = np.full(1, -5.0), np.full(1, 5.0)
+    assert solve_quadratic_program(np.eye(1), np.zeros(1), rows, least, *bounds) is None

@@ -17,7 +17,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -98,18 +97,14 @@ def test_bounds_are_kept_at_every_evaluation():
     np.testing.assert_allclose(found.point.xi, [0.5, 0.25], atol=1e-5)
 
 
-@pytest.mark.parametrize('backend', ['daqp', 'nnls'])
-def test_inequality_on_the_unit_disc(backend):
+def test_inequality_on_the_unit_disc():
     """Rosenbrock's function on the unit disc, against scipy's SLSQP."""
-    if backend == 'daqp':
-        pytest.importorskip('daqp')
     program = rosenbrock(
         ineq=lambda x: np.array([1 - x @ x]),
         ineq_jac=lambda x: -2 * x[None, :],
         curvature=lambda x, m: -2 * m.inequalities[0] * np.eye(2),
     )
-    options = TrustRegionOptions(**{**vars(TIGHT), 'backend': backend})
-    found = minimise(program, np.array([-0.5, 0.5]), options)
+    found = minimise(program, np.array([-0.5, 0.5]), TIGHT)
     reference = scipy_reference(program, np.array([0.5, 0.5]))
     assert found.converged
     np.testing.assert_allclose(found.point.xi, reference, atol=1e-4)

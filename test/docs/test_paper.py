@@ -29,7 +29,6 @@ def _pages(monkeypatch):
 
 
 def test_figure_1(tmp_path):
-    pytest.importorskip('matplotlib')
     import figure_1
 
     for tau_f in figure_1.ARCS:

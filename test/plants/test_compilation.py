@@ -12,56 +12,65 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Machine code on disk is thrown away when a file it was compiled from changes."""
+"""Kernels are compiled once; whoever must wait for it is told."""
 
-import dis
-import importlib
-import pkgutil
+from __future__ import annotations
 
-import pytest
-import tdm_planner.direct_method
-import tdm_planner.plants
-import tdm_planner.problems
+import os
+from pathlib import Path
+import subprocess
+import sys
 
-dispatcher = pytest.importorskip('numba.core.dispatcher').Dispatcher
-PACKAGES = (tdm_planner.direct_method, tdm_planner.plants, tdm_planner.problems)
+from ros_harness import Ros
+from tdm_planner.plants.compilation import COMPILING
 
+SOURCE = Path(__file__).resolve().parents[2]
+PROGRAM = """
+from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.robot_replay import compile_robot_replay
 
-def kernels():
-    for package in PACKAGES:
-        for found in pkgutil.iter_modules(package.__path__, f'{package.__name__}.'):
-            module = importlib.import_module(found.name)
-            for value in vars(module).values():
-                if isinstance(value, dispatcher) and value.py_func.__module__ == found.name:
-                    yield value
-
-
-def called(kernel, found):
-    """Add all kernels to `found` that become part of a kernel's machine code, itself included."""
-    found.add(kernel)
-    function = kernel.py_func
-    for instruction in dis.get_instructions(function):
-        is_global = instruction.opname == 'LOAD_GLOBAL'
-        other = function.__globals__.get(instruction.argval) if is_global else None
-        if isinstance(other, dispatcher) and other not in found:
-            called(other, found)
-    return found
+tell_of_compilation(print)
+for _ in range(2):
+    compile_robot_replay()
+"""
 
 
-def known(kernel):
-    """Stamps of all files that the cache of a kernel looks at, and what they are nested in."""
-    found = [kernel._cache._cache_file._source_stamp]
-    for stamp in found:
-        if isinstance(stamp, tuple):
-            found += stamp
-    return found
+def said(folder: Path, source: Path = SOURCE) -> str:
+    return subprocess.run(
+        [sys.executable, '-c', PROGRAM],
+        env=os.environ | {'NUMBA_CACHE_DIR': str(folder), 'PYTHONPATH': str(source)},
+        cwd=source,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        timeout=120,
+    ).stdout
 
 
-def test_every_file_that_a_kernel_is_compiled_from_is_known_to_its_cache():
-    unknown = {
-        f'{kernel.py_func.__module__}.{kernel.py_func.__name__}': other.py_func.__name__
-        for kernel in kernels()
-        for other in called(kernel, set())
-        if other._cache._impl.locator.get_source_stamp() not in known(kernel)
-    }
-    assert not unknown
+def test_the_first_process_tells_of_it_once_and_the_next_loads(tmp_path: Path) -> None:
+    assert said(tmp_path) == f'{COMPILING}\n'
+    assert said(tmp_path) == ''
+
+
+def test_a_copy_of_the_sources_loads_and_changed_ones_are_compiled(tmp_path: Path) -> None:
+    copy = tmp_path / 'copy'
+    for package in ('tdm_planner', 'tdm_sim'):
+        for path in (SOURCE / package).rglob('*.py'):
+            (copy / path.relative_to(SOURCE)).parent.mkdir(parents=True, exist_ok=True)
+            (copy / path.relative_to(SOURCE)).write_bytes(path.read_bytes())
+    assert COMPILING in said(tmp_path)
+    assert said(tmp_path, copy) == ''
+    with (copy / 'tdm_planner/plants/pendulum_lanes.py').open('a') as other:
+        other.write('# changed\n')
+    assert COMPILING in said(tmp_path, copy)
+
+
+def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> None:
+    planner = ros.start(
+        'tdm_planner.nodes.planner',
+        {'problem': 'robot_formation'},
+        environment={'NUMBA_CACHE_DIR': str(tmp_path)},
+    )
+    assert ros.spin_until(lambda: COMPILING in planner.output, 60.0), planner.output
+    assert planner.end() == 0
+    assert planner.output.count(COMPILING) == 1

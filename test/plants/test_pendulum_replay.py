@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 from tdm_planner.parameters import build
 from tdm_planner.plants import RotaryPendulum
-from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.plants.pendulum_feedback import FeedbackTable, roll_feedback
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.verification import dense_times, replay
@@ -29,7 +28,6 @@ from tdm_sim.integrator import integrate
 PLANT = RotaryPendulum()
 
 
-@pytest.mark.skipif(not COMPILED, reason='scipy integrates where there is no compiler')
 @pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])
 def test_the_replay_agrees_with_scipy(
     monkeypatch: pytest.MonkeyPatch, torque: float, method: str
@@ -43,7 +41,6 @@ def test_the_replay_agrees_with_scipy(
     np.testing.assert_allclose(quick, replay(PLANT, trajectory, times), atol=2e-5)
 
 
-@pytest.mark.skipif(not COMPILED, reason='scipy integrates where there is no compiler')
 def test_where_it_would_be_inaccurate_it_is_left_to_scipy() -> None:
     trajectory = build(PendulumSwingUp, {'limits.torque': 0.09}).solve(deadline=10.0).trajectory
     assert PLANT.replay(trajectory, np.array([0.0, 0.2])) is None

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motions under arcs of constant torque: accuracy, exact derivatives, compiled like numpy."""
+"""Motions under arcs of constant torque: accuracy, exact derivatives, side by side."""
 
 from __future__ import annotations
 
@@ -21,18 +21,11 @@ import threading
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
-from tdm_planner.plants import pendulum_lockstep, pendulum_rollout, RotaryPendulum
-from tdm_planner.plants.compilation import COMPILED
-from tdm_planner.plants.pendulum_rollout import (
-    ArcBatch,
-    ARRIVED,
-    roll,
-    roll_ends,
-    roll_states,
-    steer,
-)
+from tdm_planner.plants import pendulum_rollout, RotaryPendulum
+from tdm_planner.plants.pendulum_kernels import roll_arcs
+from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, sine_and_cosine
+from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 
 PLANT = RotaryPendulum()
 START = np.array([np.pi, 0.0, 0.0, 0.0])
@@ -46,6 +39,16 @@ STATES = st.tuples(
 
 def alternating(count: int, torque: float = 0.05) -> np.ndarray:
     return torque * (-1.0) ** np.arange(count)
+
+
+def roll(
+    start: np.ndarray, durations: np.ndarray, torques: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    nodes = durations.size * steps + 1
+    states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
+    k = np.array(PLANT.coefficients)
+    roll_arcs(k, start, durations, torques, steps, states, derivatives, True)
+    return states, derivatives
 
 
 def batch_of(durations: np.ndarray, torque: float, turns: float = np.nan) -> ArcBatch:
@@ -63,32 +66,16 @@ def batch_of(durations: np.ndarray, torque: float, turns: float = np.nan) -> Arc
 @settings(deadline=None, derandomize=True, max_examples=30)
 def test_derivatives_are_those_of_the_discrete_motion(start, durations):
     torques = alternating(durations.size)
-    states, derivatives = roll(PLANT, start, durations, torques, 6)
+    states, derivatives = roll(start, durations, torques, 6)
     assert states.shape == (6 * durations.size + 1, 4)
     step = 1e-6
     for arc in range(durations.size):
         change = step * (np.arange(durations.size) == arc)
-        ahead, _ = roll(PLANT, start, durations + change, torques, 6)
-        behind, _ = roll(PLANT, start, durations - change, torques, 6)
+        ahead, _ = roll(start, durations + change, torques, 6)
+        behind, _ = roll(start, durations - change, torques, 6)
         difference = (ahead - behind) / (2 * step)
         scale = 1.0 + np.abs(difference).max()
         np.testing.assert_allclose(derivatives[:, :, arc], difference, atol=1e-6 * scale)
-
-
-@given(STATES, ARCS)
-@settings(deadline=None, derandomize=True, max_examples=30)
-def test_lock_step_gives_the_same_as_compiled(start, durations):
-    torques = alternating(durations.size)
-    states, derivatives = roll(PLANT, start, durations, torques, 5)
-    many, many_derivatives = pendulum_lockstep.roll_batch(
-        PLANT, start, np.stack([durations, 0.5 * durations]), np.stack([torques, torques]), 5
-    )
-    np.testing.assert_allclose(many[0], states, rtol=1e-9, atol=1e-9)
-    scale = 1.0 + np.abs(derivatives).max()
-    np.testing.assert_allclose(many_derivatives[0], derivatives, rtol=1e-8, atol=1e-9 * scale)
-    np.testing.assert_allclose(
-        roll_ends(PLANT, start, durations[None], torques, 5)[0], derivatives[-1], rtol=1e-12
-    )
 
 
 def test_states_are_accurate():
@@ -120,7 +107,7 @@ def test_steering_arrives_upright_within_the_limit():
     arrived = np.flatnonzero(batch.costs < ARRIVED)
     assert arrived.size >= 3
     for index in arrived:
-        states, _ = roll(PLANT, START, batch.durations[index], batch.torques[index], 12)
+        states, _ = roll(START, batch.durations[index], batch.torques[index], 12)
         turns = np.round(states[-1, 0] / (2 * np.pi))
         goal = np.array([2 * np.pi * turns, 0.0, 0.0, 0.0])
         assert np.abs(states[-1] - goal).max() < 1e-4
@@ -128,37 +115,9 @@ def test_steering_arrives_upright_within_the_limit():
         assert (batch.durations[index] >= 0).all()
 
 
-def test_lock_step_steering_arrives_like_the_compiled_one():
-    compiled, lockstep = random_batch(60), random_batch(60)
-    steer(PLANT, START, compiled, 2.0, 12, NEVER)
-    costs, count = pendulum_lockstep.steer_batch(
-        PLANT,
-        START,
-        lockstep.durations,
-        lockstep.arcs,
-        lockstep.torques,
-        lockstep.turns,
-        2.0,
-        12,
-        25,
-        1e-20,
-        NEVER,
-    )
-    assert count > 60
-    both = (compiled.costs < ARRIVED) & (costs < ARRIVED)
-    assert both.sum() >= 0.8 * (compiled.costs < ARRIVED).sum() > 0
-    # More than four arcs leave a choice where to arrive, and derivatives differ a little.
-    times = [arrived.durations[both].sum(axis=1) for arrived in (lockstep, compiled)]
-    np.testing.assert_allclose(*times, rtol=0.03)
-    assert np.isclose(*times, rtol=1e-4).mean() > 0.6
-
-
-@pytest.mark.skipif(not COMPILED, reason='needs numba')
 @given(STATES, st.integers(4, 7), st.integers(0, 100))
 @settings(deadline=None, derandomize=True, max_examples=20)
 def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
-    from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
-
     steps, k = 24, np.array(PLANT.coefficients)
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
@@ -170,7 +129,7 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     )
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
-        states, exact = roll(PLANT, start, *one, steps)
+        states, exact = roll(start, *one, steps)
         np.testing.assert_allclose(state.reshape(4, LANES)[:, lane], states[-1], atol=1e-9)
         scale = 1.0 + np.abs(exact).max()
         found = derivatives.reshape(arcs, 4, LANES)[:, :, lane]
@@ -185,8 +144,6 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
 @given(st.floats(-1e6, 1e6))
 @settings(deadline=None, derandomize=True, max_examples=200)
 def test_sine_and_cosine(angle):
-    from tdm_planner.plants.pendulum_lanes import sine_and_cosine
-
     sine, cosine = sine_and_cosine(angle)
     assert abs(sine - np.sin(angle)) < 3e-16
     assert abs(cosine - np.cos(angle)) < 3e-16
@@ -221,25 +178,3 @@ def test_steering_stops_when_told():
     before = batch.durations.copy()
     assert steer(PLANT, START, batch, 2.0, 12, lambda: True) == 0
     np.testing.assert_array_equal(batch.durations, before)
-
-
-@pytest.mark.skipif(not COMPILED, reason='needs numba')
-def test_runs_without_numba():
-    import os
-    import subprocess
-    import sys
-
-    program = (
-        'from tdm_planner.plants.compilation import COMPILED; assert not COMPILED\n'
-        'from tdm_planner.problems import PendulumSwingUp\n'
-        "problem = PendulumSwingUp.from_parameters({'limits': {'torque': 0.09}})\n"
-        'print(problem.solve(deadline=20.0).verification.ok)'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        env=os.environ | {'TDM_DISABLE_NUMBA': '1'},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.strip() == 'True', done.stderr

@@ -21,7 +21,6 @@ import math
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.direct_method import quadratic_program
 from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
@@ -277,12 +276,6 @@ def test_same_seed_same_plan():
     for name, plan in first.trajectories.items():
         assert (plan.states == second.trajectories[name].states).all()
         assert (plan.controls == second.trajectories[name].controls).all()
-
-
-def test_works_without_daqp(monkeypatch):
-    monkeypatch.setattr(quadratic_program, 'daqp', None)
-    problem = formation()
-    assert_flies(problem, problem.solve())
 
 
 def test_warm_start_from_a_plan_in_force():

@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.plants.compilation import COMPILED
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_compiled import CompiledTerms
 from tdm_planner.problems.formation_program import FormationProgram
@@ -198,7 +197,6 @@ def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
     assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
 
 
-@pytest.mark.skipif(not COMPILED, reason='there is no compiler')
 @pytest.mark.parametrize('stays', [False, True])
 @pytest.mark.parametrize('moving', [False, True])
 @pytest.mark.parametrize('form', ['default', 'paper'])
@@ -240,14 +238,11 @@ def test_gas_is_that_of_a_dense_sum():
     assert gas == pytest.approx(exact, rel=2e-2)
 
 
-@pytest.mark.parametrize('backend', ['daqp', 'nnls'])
-def test_minimiser_reaches_a_feasible_minimum_with_either_library(backend):
-    if backend == 'daqp':
-        pytest.importorskip('daqp')
+def test_minimiser_reaches_a_feasible_minimum():
     task = RobotFormation().task
     program = FormationProgram(ReferenceMotion(task))
     seeds = BowSeeds(program.model, np.random.default_rng(0))
-    options = TrustRegionOptions(radius=0.15, backend=backend)
+    options = TrustRegionOptions(radius=0.15)
     costs = []
     for guess in itertools.islice(seeds, 2):
         minimum = minimise(program, program.reduce(guess), options)

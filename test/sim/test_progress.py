@@ -20,7 +20,7 @@ import subprocess
 import sys
 
 import pytest
-from tdm_sim.progress import LiveProgress, make_progress, Progress
+from tdm_sim.progress import LiveProgress, make_progress
 
 WORK = """
 import time
@@ -76,7 +76,6 @@ def test_quiet(capsys):
 
 
 def test_terminal():
-    pytest.importorskip('rich')
     sent = run_on_a_terminal(WORK.format(quiet=False))
     assert 'live only' in sent
     assert 'first [part]' in sent
@@ -86,16 +85,9 @@ def test_terminal():
 
 
 def test_an_error_ends_the_live_line(monkeypatch):
-    pytest.importorskip('rich')
     monkeypatch.setattr('sys.stdout.isatty', lambda: True, raising=False)
     progress = make_progress()
     assert isinstance(progress, LiveProgress)
     with pytest.raises(ZeroDivisionError), progress:
         progress.phase(f'{1 // 0}')
     assert not progress._bars.live.is_started
-
-
-def test_without_rich(monkeypatch):
-    monkeypatch.setattr('sys.stdout.isatty', lambda: True, raising=False)
-    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
-    assert type(make_progress()) is Progress

@@ -237,15 +237,6 @@ def test_a_folder_that_cannot_be_made_and_an_unknown_storage(ros: Ros, tmp_path:
         record(tmp_path / 'bag', storage='tape')
 
 
-def test_without_rosbags_the_way_out_is_named(
-    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__('sys').modules, 'rosbags.rosbag2', None)
-    with pytest.raises(RecordingError, match="'pip install rosbags', or use 'ros2 bag record'"):
-        record(tmp_path / 'bag')
-    assert not (tmp_path / 'bag').exists()
-
-
 class FullFile:
     """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
 

@@ -26,10 +26,8 @@ import numpy as np
 from page_missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
 import pytest
 
-if find_spec('plotly') is None or find_spec('selenium') is None:
-    pytest.skip(
-        'reports are drawn by plotly, browsers driven by selenium', allow_module_level=True
-    )
+if find_spec('selenium') is None:
+    pytest.skip('browsers are driven by selenium', allow_module_level=True)
 
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By

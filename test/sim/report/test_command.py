@@ -22,8 +22,6 @@ import sys
 import pytest
 from ros_harness import UNHURRIED
 
-pytest.importorskip('plotly')
-
 SOURCE = Path(__file__).resolve().parents[3]
 
 
@@ -83,12 +81,3 @@ def test_mistakes_get_one_sentence(plan, tmp_path, arguments, words):
     assert 'INVALID_PROBLEM' not in done.stderr
     assert all(word in done.stderr for word in words), done.stderr
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_without_plotly(plan, tmp_path):
-    (tmp_path / 'plotly.py').write_text("raise ModuleNotFoundError(name='plotly')")
-    done = tdm('report', plan, '-o', 'page.html', cwd=tmp_path)
-    assert done.returncode == 2
-    assert "'plotly'" in done.stderr
-    assert 'pip install' in done.stderr
-    assert 'Traceback' not in done.stderr

@@ -15,7 +15,6 @@
 """Charts show every state and control, with limits, switches, and planned beside measured."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 
 import numpy as np
 from page_missions import (
@@ -27,10 +26,6 @@ from page_missions import (
     robots_mission,
 )
 import pytest
-
-if find_spec('plotly') is None:
-    pytest.skip('the report is drawn by plotly', allow_module_level=True)
-
 from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart

@@ -43,8 +43,6 @@ import pytest
 from tdm_planner.cli import main
 from tdm_planner.problems import PendulumSwingUp
 
-pytest.importorskip('plotly')
-
 EVIL = (
     '</script><script>hacked()</script>',
     '<img src=x onerror="hacked()">',

@@ -17,7 +17,6 @@
 import base64
 import hashlib
 from html.parser import HTMLParser
-from importlib.util import find_spec
 import json
 import re
 
@@ -25,10 +24,6 @@ import numpy as np
 from page_missions import pendulum_mission, robots_mission
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-
-if find_spec('plotly') is None:
-    pytest.skip('the report is drawn by plotly', allow_module_level=True)
-
 from tdm_sim.report.embedding import json_for_html, packed, unpacked
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report

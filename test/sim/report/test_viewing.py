@@ -64,7 +64,6 @@ def test_nothing_else(served, path):
 
 
 def test_view_serves_until_interrupted(tmp_path):
-    pytest.importorskip('plotly')
     tdm = [sys.executable, '-m', 'tdm_planner.cli']
     environment = os.environ | {'PYTHONPATH': str(SOURCE), 'BROWSER': 'true'}
     subprocess.run(
