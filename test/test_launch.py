@@ -213,7 +213,7 @@ ROBOTS = {
             'start': {'source': 'measured'},
         }
     },
-    '/**/tracker': {'ros__parameters': {'plant': 'robot'}},
+    '/**/tracker': {'ros__parameters': {'kind': 'robot'}},
 }
 
 
@@ -331,7 +331,7 @@ def test_trackers_of_robots_ask_the_planner_of_their_namespace(robots_file: str)
     trackers = [n for n in nodes if n.executable == 'tracker']
     assert [n.namespace for n in trackers] == ['hall/a/left', 'hall/a/right']
     for node in trackers:
-        assert node.parameters[1] == {'plant': 'robot', 'planner_service': '/hall/a/plan'}
+        assert node.parameters[1] == {'kind': 'robot', 'planner_service': '/hall/a/plan'}
 
 
 @pytest.mark.usefixtures('stand_ins')

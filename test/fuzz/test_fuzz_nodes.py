@@ -106,7 +106,7 @@ def nodes(ros: Ros) -> dict[str, NodeProcess]:
         '/robots/planner': ros.start(planner, robots, namespace='robots'),
         '/pendulum/tracker': ros.start(tracker, {}, namespace='pendulum'),
         '/robots/robot1/tracker': ros.start(
-            tracker, {'plant': 'robot'}, namespace='robots/robot1'
+            tracker, {'kind': 'robot'}, namespace='robots/robot1'
         ),
     }
 

@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 
 NODES = {
     'planner': ('tdm_planner.nodes.planner', 'robots', {'problem': 'robot_formation'}),
-    'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'plant': 'robot'}),
+    'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'kind': 'robot'}),
     'robot_plant': ('tdm_sim.robot_plant', 'robots/robot1', {}),
     'pendulum_planner': ('tdm_planner.nodes.planner', 'pendulum', {}),
     'pendulum_tracker': ('tdm_planner.nodes.tracker', 'pendulum', {}),
