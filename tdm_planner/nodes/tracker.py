@@ -98,6 +98,7 @@ class _Offer(NamedTuple):
 class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
+    decisive = frozenset({_KIND.name})
     last_words = 0.1  # s; the command that switches the actuators off
 
     def __init__(self, **options: Any) -> None:
