@@ -23,7 +23,6 @@ from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_val
 from tdm_planner.parameters import (
     group,
     parameter,
-    ParameterSpec,
     POSITIVE,
     ros_parameters,
     specifications,

@@ -144,9 +144,9 @@ def needed(test: Path) -> dict[str, str]:
 
 def launched() -> set[str]:
     """Return the packages whose executables the launch files start; they record by `ros2 bag`."""
-    text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
+    text = (SOURCE / 'tdm_planner/launching.py').read_text('utf-8')
     assert 'record_command' in text
-    return set(re.findall(r"package='(\w+)'", text)) - {'tdm_planner'} | {'rosbag2'}
+    return set(re.findall(r"foreign_node\(\s*'(\w+)'", text)) | {'rosbag2'}
 
 
 @pytest.fixture(scope='module')

@@ -214,11 +214,10 @@ class ParameterNode(Node):
 
     def _is_fixed_at(self, item: Parameter) -> bool:
         """Whether rclpy would refuse to set a read-only parameter to the value that it has."""
-        return (
-            self.has_parameter(item.name)
-            and self.describe_parameter(item.name).read_only
-            and self.get_parameter(item.name).value == item.value
-        )
+        if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
+            return False
+        same: bool = self.get_parameter(item.name).value == item.value
+        return same
 
     @staticmethod
     def _is_of_rclpy(name: str) -> bool:

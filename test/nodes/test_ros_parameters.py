@@ -108,7 +108,6 @@ def test_defaults_are_declared(ros: Ros, example: str) -> None:
         ('weights', ['1e-8', '2e-8'], [1e-8, 2e-8]),
         ('weights', '[1e-8, 2, 0.5]', [1e-8, 2.0, 0.5]),
         ('switch', 'True', True),
-        ('kind', 'slow', 'slow'),
         ('fixed', 'here', 'here'),
     ],
 )
