@@ -23,7 +23,7 @@ Whoever adds a problem gets its commented ROS 2 parameter file and its table for
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 import textwrap
 from typing import Any
 
@@ -89,25 +89,12 @@ def _nested(specifications: Mapping[str, ParameterSpec]) -> dict[str, Any]:
     """Dotted names as nested mappings, whose leaves are the specifications."""
     tree: dict[str, Any] = {}
     for name, spec in specifications.items():
-        *groups, last = _keys(name, specifications)
+        *groups, last = name.split('.')
         branch = tree
         for group in groups:
             branch = branch.setdefault(group, {})
         branch[last] = spec
     return tree
-
-
-def _keys(name: str, names: Container[str]) -> list[str]:
-    """
-    Split a dotted name into keys, but not after a group that is itself a parameter.
-
-    With `plant` and `plant.mass` both parameters, the latter stays ``plant.mass``, one key.
-    """
-    parts = name.split('.')
-    ends = [
-        k for k in range(1, len(parts) + 1) if k == len(parts) or '.'.join(parts[:k]) not in names
-    ]
-    return ['.'.join(parts[i:k]) for i, k in zip([0, *ends], ends, strict=False)]
 
 
 def _lines(tree: Mapping[str, Any], values: Mapping[str, Any], indent: int) -> Iterator[str]:

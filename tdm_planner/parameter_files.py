@@ -62,6 +62,16 @@ def parse_yaml(text: str) -> Any:
         raise yaml.YAMLError('it is nested too deeply') from None
 
 
+def read_document(path: Path) -> Any:
+    """Return the content of a parameter file; raises InvalidProblem where it cannot be read."""
+    try:
+        return parse_yaml(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
+
+
 def read_parameters(
     path: Path | None,
     settings: Sequence[str] = (),
@@ -83,13 +93,7 @@ def read_parameters(
     """
     values: dict[str, Any] = {}
     if path is not None:
-        try:
-            document = parse_yaml(path.read_text(encoding='utf-8'))
-            values.update(ros_parameters(document, node, namespace, required=required))
-        except OSError as error:
-            raise InvalidProblem(f"the file '{path}' cannot be read: {error.strerror}") from None
-        except (UnicodeDecodeError, yaml.YAMLError) as error:
-            raise InvalidProblem(f"the file '{path}' is not YAML: {_one_line(error)}") from None
+        values.update(ros_parameters(read_document(path), node, namespace, required=required))
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not (name and equals):

@@ -19,7 +19,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 import os
 from pathlib import Path
+import shutil
 import sys
+
+from tdm_planner.exceptions import InvalidProblem
 
 PACKAGE = 'tdm_planner'
 
@@ -47,12 +50,38 @@ def share_directory() -> Path:
 
 
 def _candidates() -> Iterator[Path]:
-    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
-        marker = Path(prefix) / 'share/ament_index/resource_index/packages' / PACKAGE
-        if prefix and marker.is_file():
-            yield Path(prefix) / 'share' / PACKAGE
+    for prefix in ament_prefixes(PACKAGE):
+        yield prefix / 'share' / PACKAGE
     yield Path(sys.prefix) / 'share' / PACKAGE
     yield Path(__file__).resolve().parents[1]
+
+
+def ament_prefixes(package: str) -> Iterator[Path]:
+    """Where a package of ROS 2 is installed, of what is sourced, the overlay first."""
+    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
+        marker = Path(prefix) / 'share/ament_index/resource_index/packages' / package
+        if prefix and marker.is_file():
+            yield Path(prefix)
+
+
+def executable_of(package: str, name: str) -> str:
+    """
+    Path of the program that ``ros2 run PACKAGE NAME`` runs.
+
+    Raises
+    ------
+    InvalidProblem
+        Saying what to install.
+
+    """
+    for prefix in ament_prefixes(package):
+        found = shutil.which(name, path=prefix / 'lib' / package)
+        if found is not None:
+            return found
+    raise InvalidProblem(
+        f"'{name}' of package '{package}' is not installed: "
+        f'sudo apt install ros-jazzy-{package.replace("_", "-")}'
+    )
 
 
 def config_file(name: str) -> Path:

@@ -17,11 +17,9 @@
 from __future__ import annotations
 
 from datetime import datetime
-import os
-from pathlib import Path
 import re
-import sys
 
+from tdm_planner.resources import ament_prefixes, executable_of
 from tdm_sim.topic_choice import SHARED_TOPICS
 
 
@@ -35,11 +33,11 @@ def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) ->
     """
     space = namespace.strip('/')
     folder = bag or f'{space.replace("/", "_") or "tdm"}_{datetime.now():%Y_%m_%d-%H_%M_%S}'
-    if _ros2_bag_is_installed():
+    if any(ament_prefixes('ros2bag')):
         command = ['ros2', 'bag', 'record', '--output', folder, '--regex', topics_pattern(space)]
         return [*command, '--use-sim-time'] if use_sim_time else command
     return [
-        *(sys.executable, '-m', 'tdm_planner.cli', 'record', '--quiet'),
+        *(executable_of('tdm_planner', 'tdm'), 'record', '--quiet'),
         *('--output', folder, '--namespace', f'/{space}'),
     ]
 
@@ -49,10 +47,3 @@ def topics_pattern(namespace: str) -> str:
     below = f'/{namespace.strip("/")}/'.replace('//', '/')
     shared = '|'.join(re.escape(topic) for topic in sorted(SHARED_TOPICS))
     return f'^({re.escape(below)}.*|{shared})$'
-
-
-def _ros2_bag_is_installed() -> bool:
-    """Whether a sourced ROS 2 has the package `ros2bag`."""
-    marker = Path('share/ament_index/resource_index/packages/ros2bag')
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    return any(prefix and (Path(prefix) / marker).is_file() for prefix in prefixes)

@@ -25,6 +25,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from ros_harness import MODULES
 
 SOURCE = Path(__file__).resolve().parents[1]
 
@@ -64,6 +65,7 @@ class Node:
     parameters: list[Any] = field(default_factory=list)
     arguments: list[str] = field(default_factory=list)
     ros_arguments: list[Any] = field(default_factory=list)
+    on_exit: Any = None
     respawn: bool = False
     respawn_delay: float | None = None
     respawn_max_retries: int = -1
@@ -74,6 +76,7 @@ class ExecuteProcess:
     cmd: list[str]
     name: str
     output: str
+    on_exit: Any
 
 
 @dataclass
@@ -111,8 +114,31 @@ def module(name: str, **content: Any) -> ModuleType:
     return made
 
 
+EXECUTABLES = {
+    'tdm_planner': [*MODULES, 'tdm'],
+    'robot_state_publisher': ['robot_state_publisher'],
+    'rviz2': ['rviz2'],
+}
+
+
+def install(prefix: Path, package: str) -> None:
+    """Install a package's programs, which do nothing, where ROS 2 looks for them."""
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True, exist_ok=True)
+    (index / package).touch()
+    for name in EXECUTABLES[package]:
+        program = prefix / 'lib' / package / name
+        program.parent.mkdir(parents=True, exist_ok=True)
+        program.touch(0o755)
+
+
 @pytest.fixture
-def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    prefix = tmp_path / 'ros'
+    for package in EXECUTABLES:
+        install(prefix, package)
+    (prefix / 'share/tdm_planner').symlink_to(SOURCE)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
     for made in (
         module('launch', LaunchDescription=LaunchDescription, LaunchContext=LaunchContext),
         module(
@@ -121,6 +147,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
             ExecuteProcess=ExecuteProcess,
             OpaqueFunction=OpaqueFunction,
         ),
+        module('launch.launch_context', LaunchContext=LaunchContext),
         module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
         module('launch_ros'),
         module('launch_ros.actions', Node=Node),

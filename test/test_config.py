@@ -26,6 +26,7 @@ import pytest
 from tdm_planner.parameters import ros_parameters
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.problems.base import problem_parameters
+from tools.node_parameters import parameters_by_node
 import yaml
 
 SOURCE = Path(__file__).resolve().parents[1]
@@ -67,6 +68,14 @@ def test_nodes_agree_on_plant_and_limits(path: Path):
     for name, value in nodes['planner'].items():
         if name.startswith(('plant.', 'limits.')):
             assert all(other.get(name, value) == value for other in nodes.values()), name
+
+
+@pytest.mark.parametrize('node', parameters_by_node())
+def test_ros2_param_dump_can_nest_every_name(node: str):
+    """``ros2 param dump`` fails where a parameter is also the group of another."""
+    names = parameters_by_node()[node]
+    groups = {name[:k] for name in names for k, letter in enumerate(name) if letter == '.'}
+    assert not groups & set(names)
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)

@@ -34,9 +34,9 @@ def start(ros: Ros, folder: Path, described: list[Any]) -> list[NodeProcess]:
     started = []
     for k, item in enumerate(described):
         if isinstance(item, ExecuteProcess):
-            _, option, module, *arguments = item.cmd
-            assert option == '-m'
-            started.append(ros.run(module, arguments))
+            program, *arguments = item.cmd
+            assert Path(program).name == 'tdm'
+            started.append(ros.run('tdm_planner.cli', arguments))
         elif isinstance(item, Node) and item.package == 'tdm_planner':
             words = list(item.ros_arguments)
             for parameters in item.parameters:
@@ -61,10 +61,7 @@ def end(processes: list[NodeProcess]) -> None:
 
 
 @pytest.mark.usefixtures('stand_ins')
-def test_four_robots_are_launched_planned_for_recorded_and_ended(
-    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+def test_four_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_path: Path):
     bag = tmp_path / 'bag'
     described = description('robots.launch.py').started(
         number_of_robots='4', namespace='hall', record='true', bag=str(bag)

@@ -23,7 +23,6 @@ from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_val
 from tdm_planner.parameters import (
     group,
     parameter,
-    ParameterSpec,
     POSITIVE,
     ros_parameters,
     specifications,
@@ -128,15 +127,3 @@ def test_table_has_a_row_for_every_parameter():
     )
     assert '| `inner.turns` | unset |' in parameter_table(SPECS)
     assert 'the mode (fixed while the node runs)' in parameter_table(SPECS)
-
-
-def test_a_parameter_may_be_named_like_a_group():
-    def spec(name: str, kind: type, default: Any) -> ParameterSpec:
-        return ParameterSpec(name=name, kind=kind, default=default, description='it')
-
-    values = {'plant': 'rig', 'plant.mass': 1.0, 'plant.inertia.x': 2.0, 'rate': 3.0}
-    specs = {name: spec(name, type(value), value) for name, value in values.items()}
-    text = parameter_file({'node': (specs, {})})
-    assert '    plant: rig\n' in text
-    assert '    plant.inertia:\n' in text
-    assert read(text) == values

@@ -80,7 +80,7 @@ SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
         ),
         'tracker pendulum': NodeSetUp(TrackerNode, '/pendulum'),
         'tracker robot': NodeSetUp(
-            TrackerNode, '/robots/robot1', MappingProxyType({'plant': 'robot'})
+            TrackerNode, '/robots/robot1', MappingProxyType({'kind': 'robot'})
         ),
         'pendulum_plant': NodeSetUp(
             PendulumPlant, '/pendulum', MappingProxyType({'publish_clock': 'true'})

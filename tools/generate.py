@@ -85,7 +85,7 @@ def robots_file(
     """Return a parameter file for the robots, with values that differ from the defaults."""
     nodes: dict[str, tuple[Specifications, Values]] = {
         'planner': (robots_planner(), {'problem': RobotFormation.name, **planner}),
-        'tracker': (robot_tracker(), {'plant': 'robot', **actuators}),
+        'tracker': (robot_tracker(), {'kind': 'robot', **actuators}),
         'robot_plant': (robot_plant(), actuators),
     }
     return parameter_file(nodes, title)

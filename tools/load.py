@@ -253,7 +253,7 @@ def robots(seconds: float, count: int, folder: Path) -> dict[str, Any]:
             space = ['--ros-args', '-r', f'__ns:=/robots/{name}']
             place = ['-p', f'initial.x:={0.5 + k % 4:g}', '-p', f'initial.y:={0.5 + k // 4:g}']
             processes.start(f'plant_{name}', _ROBOT, [*space, *place])
-            processes.start(f'tracker_{name}', _TRACKER, [*space, '-p', 'plant:=robot'])
+            processes.start(f'tracker_{name}', _TRACKER, [*space, '-p', 'kind:=robot'])
         processes.start(
             'planner',
             _PLANNER,

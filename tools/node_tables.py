@@ -20,6 +20,7 @@ import ast
 from collections.abc import Iterable, Mapping
 import importlib
 import inspect
+from pathlib import Path
 import re
 from typing import Any
 
@@ -147,19 +148,26 @@ def first_sentence(value: Any) -> str:
     return text.replace('|', '\\|')
 
 
-def launch_arguments(source: str) -> str:
-    """Return the arguments that a launch file declares as a table, read from its source."""
+def declared_arguments(file: Path) -> dict[str, dict[str | None, ast.expr]]:
+    """Return what a launch file, or the module that both use, declares of each argument."""
+    declared = {}
+    for path in (file, file.parents[1] / 'tdm_planner' / 'launching.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument':
+                name = ast.literal_eval(node.args[0])
+                declared[name] = {keyword.arg: keyword.value for keyword in node.keywords}
+    return declared
+
+
+def launch_arguments(file: Path) -> str:
+    """Return the arguments of a launch file as a table, read from the sources."""
     rows = ['| argument | default | what it is |', '| --- | --- | --- |']
-    for node in ast.walk(ast.parse(source)):
-        if not (isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'):
-            continue
-        given = {keyword.arg: keyword.value for keyword in node.keywords}
+    for name, given in declared_arguments(file).items():
         default = given['default_value']
         shown = ast.unparse(default)
         if isinstance(default, ast.Constant):
             shown = str(default.value)
         shown = re.sub(r"^str\(config_file\('(.*)'\)\)$", r'config/\1', shown)
         shown = f'`{shown}`' if shown else ''
-        name = ast.literal_eval(node.args[0])
         rows.append(f'| `{name}` | {shown} | {ast.literal_eval(given["description"])} |')
     return '\n'.join(rows) + '\n'

@@ -81,7 +81,7 @@ def fragment(name: str) -> str:
     if kind == 'parameters':
         return robot_parameter_table(parameters_by_node()[which])
     if kind == 'launch':
-        return launch_arguments((ROOT / 'launch' / which).read_text(encoding='utf-8'))
+        return launch_arguments(ROOT / 'launch' / which)
     if kind == 'json':
         return key_table(json_keys()[which])
     made = {

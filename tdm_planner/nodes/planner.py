@@ -79,6 +79,8 @@ class Planner(ManagedNode):
     published, and where the state comes from, is the adapter's matter.
     """
 
+    decisive = frozenset({'problem'})
+
     def __init__(self) -> None:
         super().__init__('planner', 'planning', _REQUEST)
         self._problem_class: type[Problem] | None = None
@@ -156,9 +158,8 @@ class Planner(ManagedNode):
         self._diagnostics.update()
 
     def _load_problem(self) -> None:
-        name = self.parameter_values['problem']
+        self._problem_class = load_problem(self.parameter_values['problem'])
         try:
-            self._problem_class = load_problem(name)
             self._declare_problem()
         except InvalidProblem as error:
             self._problem_class = None

@@ -59,7 +59,7 @@ def robot_nodes(
     changed = {} if number is None else resized(values, number)
     values |= changed
     specifications = formation_specifications(values)
-    tracking = {'plant': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
+    tracking = {'kind': 'robot', 'planner_service': f'/{namespace}/plan'.replace('//', '/')}
     nodes = [RobotNode('planner', parameters=changed)]
     for robot in values.get('robots', DEFAULT_ROBOTS):
         initial: dict[str, Any] = {}

@@ -21,6 +21,7 @@ A wrong value gets one clear sentence, be it from the command line, a file or a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 import difflib
 import math
 from types import MappingProxyType
@@ -38,7 +39,9 @@ from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.answers import send_until_it_arrives
 from tdm_planner.nodes.parameter_service import GuardedParameterService
+from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
+from yaml import YAMLError
 
 _TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
     {
@@ -51,6 +54,7 @@ _TYPES: Mapping[Any, Parameter.Type] = MappingProxyType(
     }
 )
 _INT64 = 2**63
+_LONGEST_TEXT = 1000  # letters of a value that is read
 _WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 
 
@@ -58,11 +62,14 @@ class ParameterNode(Node):
     """
     A node whose parameters are declared by `ParameterSpec`s.
 
-    Integers are accepted for numbers (people write 0 and 1). A value that is not allowed is
-    refused with the sentence of `ParameterSpec.check`; one given at the start leaves the default
-    in place and is kept in `invalid_overrides` until the parameter is set. Optional parameters
-    are unset by deleting them (``ros2 param delete``).
+    Integers are accepted for numbers (people write 0 and 1), and text for what it says, see
+    `typed`. A value that is not allowed is refused with the sentence of `ParameterSpec.check`; one
+    given at the start leaves the default in place and is kept in `invalid_overrides` until the
+    parameter is set, unless the parameter is `decisive`. Optional parameters are unset by deleting
+    them (``ros2 param delete``), or by ``null``.
     """
+
+    decisive: frozenset[str] = frozenset()  # without which a node cannot be: wrong, they end it
 
     def __init__(
         self, name: str, specifications: Mapping[str, ParameterSpec] | None = None, **options: Any
@@ -180,7 +187,7 @@ class ParameterNode(Node):
         to_set = [
             self._as_ros(item.name, checked[item.name]) if item.name in checked else item
             for item in parameter_list
-            if item.name not in unset
+            if item.name not in unset and not self._is_fixed_at(item)
         ]
         result = SetParametersResult(successful=True)
         if to_set:
@@ -205,6 +212,13 @@ class ParameterNode(Node):
                 f'parameters were set, but: {type(error).__name__}: {sentence}'
             )
 
+    def _is_fixed_at(self, item: Parameter) -> bool:
+        """Whether rclpy would refuse to set a read-only parameter to the value that it has."""
+        if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
+            return False
+        same: bool = self.get_parameter(item.name).value == item.value
+        return same
+
     @staticmethod
     def _is_of_rclpy(name: str) -> bool:
         return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
@@ -218,8 +232,10 @@ class ParameterNode(Node):
         if value is None and get_origin(spec.kind) is list:
             value = []  # rcl hands an empty list over as a parameter that is not set
         try:
-            return spec.check(value)
+            return spec.check(typed(spec, value))
         except InvalidProblem as error:
+            if spec.name in self.decisive:
+                raise
             self._invalid_overrides[spec.name] = str(error)
             self.get_logger().error(f'{error}; {spec.default} is kept')
             return spec.default
@@ -238,12 +254,12 @@ class ParameterNode(Node):
         spec = self._specifications.get(item.name)
         if spec is None:
             raise InvalidProblem(self._unknown(item.name))
-        if spec.read_only:
+        if spec.read_only and not self._is_fixed_at(item):
             raise InvalidProblem(
                 f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while the "
                 'node runs, give it when the node is started'
             )
-        return spec.check(item.value)
+        return spec.check(typed(spec, item.value))
 
     def _unknown(self, name: str) -> str:
         similar = difflib.get_close_matches(name, self._specifications, n=3)
@@ -252,6 +268,26 @@ class ParameterNode(Node):
 
     def _as_ros(self, name: str, value: Any) -> Parameter:
         return Parameter(name, _TYPES[self._specifications[name].kind], value)
+
+
+def typed(spec: ParameterSpec, value: Any) -> Any:
+    """
+    Return the value that a text stands for, where a parameter is no string.
+
+    The tools of ROS 2 read YAML 1.1, in which ``1e-8`` is a string, and hand over as text what
+    they have no type for: ``null``, lists of numbers and integers. ``ros2 param load`` writes
+    ``None`` for null.
+    """
+    if spec.kind == list[float] and isinstance(value, list):
+        number = replace(spec, kind=float, optional=False)
+        return [typed(number, item) for item in value]
+    if spec.kind is str or not isinstance(value, str) or len(value) > _LONGEST_TEXT:
+        return value
+    try:
+        read = None if value == 'None' else parse_yaml(value)
+    except YAMLError:
+        return value
+    return value if read is None and not spec.optional else read
 
 
 def descriptor(spec: ParameterSpec) -> ParameterDescriptor:

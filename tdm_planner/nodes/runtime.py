@@ -30,6 +30,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from tdm_planner.exceptions import InvalidProblem
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
@@ -93,8 +94,9 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     """
     Make the node, serve it until SIGINT or SIGTERM, and return the exit code of the process.
 
-    `args` are the command line's (default: `sys.argv`). An error ends the process with code 1 and
-    one line that says what happened.
+    `args` are the command line's (default: `sys.argv`). An error ends the process with one line
+    that says what happened: with code 2 where the node was started with what cannot be
+    (InvalidProblem), else with code 1.
     """
     code = 0
     node: Node | None = None
@@ -123,9 +125,10 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         # ending as it was asked to.
         broken = True
         if not end.asked and (rclpy.ok() or not started):
-            code = 1
-            sentence = ' '.join(str(error).split())
-            print(f'fatal: {type(error).__name__}: {sentence}', file=sys.stderr)
+            invalid = isinstance(error, InvalidProblem)
+            code = 2 if invalid else 1
+            what = '' if invalid else f'{type(error).__name__}: '
+            print(f'fatal: {what}{" ".join(str(error).split())}', file=sys.stderr)
     finally:
         end.ignore()
         # Freed before the process ends, or others would believe for 20 s that the node is there.

@@ -68,22 +68,22 @@ _IMMINENT = 0.15  # s before its start
 _WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
 _WORTH_AT_START = 1.0  # s, for plans about to start
 
-_PLANT = ParameterSpec(
-    name='plant',
+_KIND = ParameterSpec(
+    name='kind',
     kind=str,
     default='pendulum',
-    description='which plant to track',
+    description='kind of plant to track',
     choices=tuple(PLANTS),
     read_only=True,
 )
 
 
-def tracker_specifications(plant: str) -> dict[str, ParameterSpec]:
-    """Return every parameter of the tracker of a plant, by dotted name."""
+def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
+    """Return every parameter of the tracker of a kind of plant, by dotted name."""
     return {
-        _PLANT.name: _PLANT,
+        _KIND.name: _KIND,
         AUTOSTART.name: AUTOSTART,
-        **specifications(PLANTS[plant].parameters),
+        **specifications(PLANTS[kind].parameters),
     }
 
 
@@ -98,11 +98,12 @@ class _Offer(NamedTuple):
 class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
+    decisive = frozenset({_KIND.name})
     last_words = 0.1  # s; the command that switches the actuators off
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('tracker', 'tracking', {_PLANT.name: _PLANT}, **options)
-        self.plant = PLANTS[self.parameter_values[_PLANT.name]]()
+        super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
+        self.plant = PLANTS[self.parameter_values[_KIND.name]]()
         self.declare(specifications(self.plant.parameters))
         self.warn_of_unknown_overrides()
         self._clock_steps = 0
@@ -124,7 +125,7 @@ class TrackerNode(ManagedNode):
 
     def configure(self) -> None:
         """Listen to plan and state."""
-        self.plant = PLANTS[self.parameter_values[_PLANT.name]]()
+        self.plant = PLANTS[self.parameter_values[_KIND.name]]()
         self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)

@@ -22,7 +22,6 @@ Commands of this package are run. Those that need a ROS 2 installation, start pr
 from __future__ import annotations
 
 import argparse
-import ast
 from configparser import ConfigParser
 from functools import cache
 from importlib.util import find_spec
@@ -47,6 +46,7 @@ import pytest
 from tdm_planner import cli
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import problem_names
+from tools.node_tables import declared_arguments
 import yaml
 
 LONG = 60.0  # s; results are tested here, not how soon they come on a busy machine
@@ -222,13 +222,8 @@ def check_lifecycle(command: list[str]) -> None:
 def check_launch(command: list[str]) -> None:
     _, _, package, file, *arguments = command
     assert package == 'tdm_planner'
-    source = (SOURCE / 'launch' / file).read_text(encoding='utf-8')
-    declared = {
-        ast.literal_eval(node.args[0])
-        for node in ast.walk(ast.parse(source))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
-    }
-    assert {argument.split(':=')[0] for argument in arguments} <= declared, command
+    declared = declared_arguments(SOURCE / 'launch' / file)
+    assert {argument.split(':=')[0] for argument in arguments} <= set(declared), command
 
 
 def check_run(command: list[str]) -> None:

@@ -105,9 +105,7 @@ def nodes(ros: Ros) -> dict[str, NodeProcess]:
         '/pendulum/planner': ros.start(planner, start, namespace='pendulum'),
         '/robots/planner': ros.start(planner, robots, namespace='robots'),
         '/pendulum/tracker': ros.start(tracker, {}, namespace='pendulum'),
-        '/robots/robot1/tracker': ros.start(
-            tracker, {'plant': 'robot'}, namespace='robots/robot1'
-        ),
+        '/robots/robot1/tracker': ros.start(tracker, {'kind': 'robot'}, namespace='robots/robot1'),
     }
 
 

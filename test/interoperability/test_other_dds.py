@@ -143,7 +143,7 @@ def test_clients_of_ros_are_not_confused_by_others(ros: Ros, client: Client) -> 
 
 
 def test_the_tracker_commands_a_motor_of_another_make(ros: Ros, outsider: Outsider) -> None:
-    ros.start('tdm_planner.nodes.tracker', {'plant': 'pendulum'}, namespace='pendulum')
+    ros.start('tdm_planner.nodes.tracker', {'kind': 'pendulum'}, namespace='pendulum')
     command: JointState = one(outsider.subscribe('/pendulum/joint_command', JointState))
     assert command.name == ['disk']
     assert command.effort == [0.0]  # no state is measured

@@ -213,20 +213,19 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
             'pendulum_swing_up, robot_formation, cart, failing_swing_up, homing_cart, '
             'missing_module, not_a_problem, slow_swing_up (did you mean pendulum_swing_up?)',
         ),
+        ('3', "parameter 'problem' = 3 is not allowed: must be a string"),
         ('missing_module', "ModuleNotFoundError: No module named 'no_such_module'"),
         ('not_a_problem', 'is not a subclass of tdm_planner.problems.Problem'),
     ],
 )
-def test_a_problem_that_cannot_be_loaded(
+def test_a_problem_that_cannot_be_loaded_ends_the_node(
     ros: Ros, planners: Planners, problem: str, says: str
 ) -> None:
-    process = planners.start(problem, {'problem': problem})
-    done, answer = planners.plan(problem)
-    assert not done
-    assert answer['code'] == 'INVALID_PROBLEM'
-    assert says in answer['reason']
-    assert says in process.output
-    assert planners.plan(problem)[1] == answer
+    process = planners.start('fatal', {'problem': problem})
+    assert process.process.wait(30.0) == 2
+    (line,) = process.output.splitlines()
+    assert line.startswith('fatal: ')
+    assert says in line
 
 
 def test_wrong_values_at_the_start_are_said_until_they_are_corrected(

@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 import math
 import os
 from pathlib import Path
@@ -22,12 +23,23 @@ from typing import Any
 
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor
-from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.parameter import (
+    Parameter,
+    parameter_dict_from_yaml_file,
+    parameter_value_to_python,
+)
 from ros_harness import NodeProcess, Ros
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.ros_parameters import descriptor
 from tdm_planner.parameters import ParameterSpec, Range
+import yaml
 
 DEFAULTS = {
     'mass': 1.0,
@@ -41,12 +53,17 @@ DEFAULTS = {
 }
 
 
-def start(ros: Ros, name: str, parameters: dict[str, Any] | None = None) -> NodeProcess:
+def start(
+    ros: Ros,
+    name: str,
+    parameters: dict[str, Any] | None = None,
+    arguments: Sequence[str] = (),
+) -> NodeProcess:
     path = os.pathsep.join([str(Path(__file__).parent), ros.environment['PYTHONPATH']])
     return ros.start(
         'example_node',
         parameters,
-        arguments=['-r', f'__node:={name}'],
+        arguments=['-r', f'__node:={name}', *arguments],
         environment={'PYTHONPATH': path},
     )
 
@@ -81,6 +98,17 @@ def test_defaults_are_declared(ros: Ros, example: str) -> None:
         ('weights', [1, 2], [1.0, 2.0]),
         ('weights', [0.5], [0.5]),
         ('switch', True, True),
+        # As `ros2 param set` and `load` hand over what is no number, list or null in YAML 1.1.
+        ('mass', '1e-8', 1e-8),
+        ('mass', '1e-08', 1e-8),
+        ('mass', '2', 2.0),
+        ('count', '8', 8),
+        ('turns', '-1', -1),
+        *[('turns', text, None) for text in ('null', '~', 'None', '')],
+        ('weights', ['1e-8', '2e-8'], [1e-8, 2e-8]),
+        ('weights', '[1e-8, 2, 0.5]', [1e-8, 2.0, 0.5]),
+        ('switch', 'True', True),
+        ('fixed', 'here', 'here'),
     ],
 )
 def test_allowed_values_are_taken(
@@ -102,6 +130,9 @@ def test_allowed_values_are_taken(
         ('mass', math.inf, "parameter 'mass' = inf is not"),
         ('mass', 'heavy', "parameter 'mass' = 'heavy' is not"),
         ('mass', True, "parameter 'mass' = True is not"),
+        ('mass', 'null', "parameter 'mass' = 'null' is not"),
+        ('mass', '[1.0', "parameter 'mass' = '[1.0' is not"),
+        ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
         ('mass', None, "parameter 'mass' = None is not"),
         ('mass', 1000.0, 'a mass above 100 kg cannot be fast'),
         ('count', 0, 'must be an integer in (0, 8]'),
@@ -161,6 +192,42 @@ def test_values_given_at_the_start(ros: Ros) -> None:
     taken = {**DEFAULTS, **given, 'mass': 2.0, 'weights': [1.0, 2.0]}
     assert values(ros, 'given') == (taken, {})
     process.end_cleanly()
+
+
+def test_text_given_at_the_start_is_taken_for_what_it_says(ros: Ros) -> None:
+    given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
+    process = start(ros, 'text', given)
+    taken = {**DEFAULTS, 'mass': 1e-8, 'count': 8, 'weights': [1e-8, 2.0]}
+    assert values(ros, 'text') == (taken, {})
+    process.end_cleanly()
+
+
+def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
+    ros: Ros, tmp_path: Path
+) -> None:
+    """Both of `ros2 param`, as rclpy has them; every parameter is in the file."""
+    given = {'mass': 1e-8, 'weights': [1e-8, 2.0], 'names': [], 'switch': True, 'fixed': 'there'}
+    process = start(ros, 'dumped', given)
+    before = values(ros, 'dumped')
+    assert before == ({**DEFAULTS, **given}, {})
+    names = ros.call('dumped/list_parameters', ListParameters).result.names
+    request = GetParameters.Request(names=names)
+    answer = ros.call('dumped/get_parameters', GetParameters, request)
+    dump = dict(zip(names, map(parameter_value_to_python, answer.values), strict=True))
+    file = tmp_path / 'dump.yaml'
+    file.write_text(yaml.dump({'/**': {'ros__parameters': dump}}))
+
+    messages = parameter_dict_from_yaml_file(str(file), use_wildcard=True).values()
+    loaded = ros.call(
+        'dumped/set_parameters', SetParameters, SetParameters.Request(parameters=list(messages))
+    )
+    assert [result.reason for result in loaded.results] == [''] * len(names)
+    assert values(ros, 'dumped') == before
+    process.end_cleanly()
+
+    again = start(ros, 'started', arguments=['--params-file', str(file)])
+    assert values(ros, 'started') == before
+    again.end_cleanly()
 
 
 def test_wrong_values_given_at_the_start_keep_the_node_alive(ros: Ros) -> None:

@@ -26,7 +26,7 @@ from tdm_planner import starting
 
 MODULES = {
     'tdm_planner.nodes.planner': {},
-    'tdm_planner.nodes.tracker': {'plant': 'robot'},
+    'tdm_planner.nodes.tracker': {'kind': 'robot'},
     'tdm_sim.pendulum_plant': {},
 }
 DELAYS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.1)  # s after the first import

@@ -222,6 +222,16 @@ def test_parameters_are_refused_with_a_sentence(ros: Ros, bench: Bench) -> None:
     assert 'fixed' in ros.set_parameters('/scripted/tracker', rate=100.0)[0]
 
 
+@pytest.mark.parametrize('kind', ['crane', '3'])
+def test_an_unknown_kind_ends_it_with_one_sentence(ros: Ros, kind: str) -> None:
+    process = ros.start('tdm_planner.nodes.tracker', {'kind': kind}, namespace='fatal')
+    assert process.process.wait(30.0) == 2
+    shown = kind if kind.isdecimal() else repr(kind)
+    assert process.output == (
+        f"fatal: parameter 'kind' = {shown} is not allowed: must be one of pendulum, robot\n"
+    )
+
+
 def test_it_ends_cleanly(bench: Bench) -> None:
     bench.tracker.end_cleanly()
 

@@ -74,7 +74,7 @@ class Rig:
             namespace=SPACE,
         )
         self.tracker: NodeProcess = ros.start(
-            'tdm_planner.nodes.tracker', {'plant': 'robot'}, namespace=SPACE
+            'tdm_planner.nodes.tracker', {'kind': 'robot'}, namespace=SPACE
         )
         self.odom = ros.subscribe(f'{SPACE}/odom', Odometry)
         self.commands = ros.subscribe(f'{SPACE}/joint_command', JointState)
@@ -180,7 +180,7 @@ def test_the_robot_arrives_and_keeps_station(
 
 def test_a_state_without_thruster_is_not_used(ros: Ros, rig: Rig) -> None:
     rig.tracker.end_cleanly()
-    tracker = ros.start('tdm_planner.nodes.tracker', {'plant': 'robot'}, namespace='/lonely')
+    tracker = ros.start('tdm_planner.nodes.tracker', {'kind': 'robot'}, namespace='/lonely')
     publisher = ros.publisher('/lonely/odom', Odometry)
     commands = ros.subscribe('/lonely/joint_command', JointState)
 

@@ -45,7 +45,7 @@ STARTED = {
     '/pendulum/tracker': {},
     '/pendulum/pendulum_plant': {},
     '/robots/planner': {'problem': 'robot_formation', 'replan.rate': 1.0},
-    '/robots/robot1/tracker': {'plant': 'robot', 'planner_service': '/robots/plan'},
+    '/robots/robot1/tracker': {'kind': 'robot', 'planner_service': '/robots/plan'},
     '/robots/robot1/robot_plant': {},
 }
 

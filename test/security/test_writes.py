@@ -29,7 +29,7 @@ UNHURRIED = {'solver.deadline': ENOUGH}
 ROBOTS = {'problem': 'robot_formation', **UNHURRIED}
 NODES = {
     'planner': ('tdm_planner.nodes.planner', 'robots', ROBOTS),
-    'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'plant': 'robot'}),
+    'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'kind': 'robot'}),
     'robot_plant': ('tdm_sim.robot_plant', 'robots/robot1', {}),
     'pendulum_planner': ('tdm_planner.nodes.planner', 'pendulum', UNHURRIED),
     'pendulum_tracker': ('tdm_planner.nodes.tracker', 'pendulum', {}),

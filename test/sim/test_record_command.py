@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
-import sys
 
+from launch_stand_ins import install
 import pytest
 from tdm_planner.cli import _parser
 from tdm_sim.record_command import record_command, topics_pattern
@@ -53,18 +53,24 @@ def test_ros2_bag_records_where_it_is_installed():
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
 
 
-def test_tdm_records_elsewhere(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    python, *words = record_command('hall/a', 'my_bag')
-    assert python == sys.executable
-    assert words[:2] == ['-m', 'tdm_planner.cli']
-    options = _parser().parse_args(words[2:])
+@pytest.fixture
+def tdm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return the command of a workspace that colcon built; its Python need not be this one."""
+    install(tmp_path, 'tdm_planner')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    return str(tmp_path / 'lib/tdm_planner/tdm')
+
+
+def test_the_installed_tdm_records_elsewhere(tdm: str):
+    program, *words = record_command('hall/a', 'my_bag')
+    assert program == tdm
+    options = _parser().parse_args(words)
     assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
-    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [python, *words]
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]
 
 
-def test_recordings_are_named_after_namespace_and_time(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+@pytest.mark.usefixtures('tdm')
+def test_recordings_are_named_after_namespace_and_time():
     for namespace, name in (('/hall/a', 'hall_a'), ('', 'tdm')):
         words = record_command(namespace)
         folder = words[words.index('--output') + 1]

@@ -1,0 +1,200 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What the launch files share: arguments, how nodes are described, and how a launch ends.
+
+What cannot start is found before anything is started, for launch leaves running what it started
+before an action that fails. A node that ends with code 2 was started with what cannot be, and the
+launch ends whole. So it does when the planner or the recorder dies, or a simulated plant; with
+real plants the trackers go on to hold them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+import tempfile
+from typing import Any
+
+from launch.actions import DeclareLaunchArgument, ExecuteProcess
+from launch.launch_context import LaunchContext
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import read_document
+from tdm_planner.resources import executable_of
+from tdm_sim.record_command import record_command
+
+SWITCH = ['true', 'false', 'True', 'False', '1', '0']
+# A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
+RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 3}
+USAGE = 2  # exit code of a node that was started with what cannot be
+
+
+class Launch:
+    """
+    The arguments of a launch under way, and the processes that they describe.
+
+    Raises
+    ------
+    InvalidProblem
+        If the parameter file cannot be read, or the namespace cannot be one.
+
+    """
+
+    def __init__(self, context: LaunchContext) -> None:
+        self._context = context
+        self.file = self['params_file']
+        self.document = read_document(Path(self.file))
+        self._namespace = self['namespace'].strip('/')
+        # launch_ros puts a namespace that is pushed before the nodes' own; in absolute names we
+        # must.
+        pushed = context.launch_configurations.get('ros_namespace', '').strip('/')
+        self.namespace = joined(pushed, self._namespace)
+        try:
+            validate_namespace(f'/{self.namespace}')
+        except InvalidNamespaceException as error:
+            why = str(error).splitlines()[0].rstrip(':')
+            raise InvalidProblem(f"namespace = '{self['namespace']}': {why}") from None
+        self._log_level = ['--log-level', self['log_level']]
+        self._clock = [{'use_sim_time': True}] if self.on('use_sim_time') else []
+
+    def __getitem__(self, name: str) -> str:
+        """Return an argument's text."""
+        return str(LaunchConfiguration(name).perform(self._context))
+
+    def on(self, name: str) -> bool:
+        """Whether a switch is on."""
+        return self[name].lower() in ('true', '1')
+
+    def node(
+        self, executable: str, robot: str = '', parameters: Mapping[str, Any] | None = None
+    ) -> Node:
+        """Describe a node of ours; `robot` is the namespace below that of all nodes."""
+        executable_of('tdm_planner', executable)
+        enclave = ['--enclave', '/' + joined(self.namespace, robot, executable)]
+        respawn = RESPAWN if executable == 'tracker' and self.on('respawn') else {}
+        return Node(
+            package='tdm_planner',
+            executable=executable,
+            namespace=joined(self._namespace, robot),
+            parameters=[self.file, *([dict(parameters)] if parameters else []), *self._clock],
+            ros_arguments=self._log_level + (enclave if self.on('enclaves') else []),
+            output='screen',
+            on_exit=self._on_exit(executable, needed=executable != 'tracker'),
+            **respawn,
+        )
+
+    def foreign_node(
+        self, package: str, argument: str, parameters: Mapping[str, Any] | None = None, **more: Any
+    ) -> Node:
+        """Describe the node of another package; without `argument` it is not needed."""
+        try:
+            executable_of(package, package)
+        except InvalidProblem as error:
+            raise InvalidProblem(f'{error}, or launch with {argument}:=false') from None
+        return Node(
+            package=package,
+            executable=package,
+            parameters=[*([dict(parameters)] if parameters else []), *self._clock],
+            ros_arguments=self._log_level,
+            output='screen',
+            **more,
+        )
+
+    def state_publisher(self, urdf: Any) -> Node:
+        """Describe robot_state_publisher, in the namespace of all nodes."""
+        return self.foreign_node(
+            'robot_state_publisher',
+            'description',
+            {'robot_description': urdf},
+            namespace=self._namespace,
+        )
+
+    def rviz(self, view: str) -> Node:
+        """Describe RViz with a view."""
+        file = Path(tempfile.mkdtemp(), 'view.rviz')
+        file.write_text(view, encoding='utf-8')
+        return self.foreign_node('rviz2', 'rviz', arguments=['-d', str(file)])
+
+    def recorder(self) -> ExecuteProcess:
+        """Describe the process that records all topics of the namespace."""
+        command = record_command(self.namespace, self['bag'], bool(self._clock))
+        if self['bag'] and Path(self['bag']).exists():
+            raise InvalidProblem(f"bag = '{self['bag']}' is there already: name another folder")
+        return ExecuteProcess(
+            cmd=command,
+            name='record',
+            output='screen',
+            on_exit=self._on_exit('recorder', needed=True),
+        )
+
+    def _on_exit(self, name: str, needed: bool) -> Any:
+        """Return what launch calls when a process ends: it ends the launch by raising."""
+        needed &= self.on('plant')
+
+        def on_exit(event: Any, context: LaunchContext) -> None:
+            code = event.returncode
+            if not context.is_shutdown and (code == USAGE or (code and needed)):
+                raise RuntimeError(f'{name} ended with code {code}: the launch ends')
+
+        return on_exit
+
+
+def joined(*parts: str) -> str:
+    """Join the parts of a name that are not empty."""
+    return '/'.join(part for part in parts if part)
+
+
+def common_arguments() -> list[DeclareLaunchArgument]:
+    """Declare the arguments that both launch files have."""
+    return [
+        DeclareLaunchArgument(
+            'record',
+            default_value='false',
+            choices=SWITCH,
+            description='record all topics of the namespace, and shared ones, to a rosbag2',
+        ),
+        DeclareLaunchArgument(
+            'bag',
+            default_value='',
+            description='folder to record to; empty: named after namespace and time',
+        ),
+        DeclareLaunchArgument(
+            'respawn',
+            default_value='true',
+            choices=SWITCH,
+            description='start a tracker that has died anew, up to three times',
+        ),
+        DeclareLaunchArgument(
+            'use_sim_time',
+            default_value='false',
+            choices=SWITCH,
+            description='let all nodes follow /clock; a plant with publish_clock drives it',
+        ),
+        DeclareLaunchArgument(
+            'enclaves',
+            default_value='false',
+            choices=SWITCH,
+            description='run every node of this package in the SROS2 enclave of its name',
+        ),
+        DeclareLaunchArgument(
+            'log_level',
+            default_value='info',
+            description='level of the loggers of all nodes but the recorder',
+        ),
+    ]
