@@ -274,7 +274,7 @@ class Planner(ManagedNode):
         values = {**self.parameter_values, **changes}
         self._when_free(reply, lambda: self._solve(values, reply, changes, f'{purpose} refused'))
 
-    def _refusal(self) -> Busy | None:
+    def _refusal(self) -> Busy | Inactive | None:
         """
         Return why no request is taken: the node is not active, or a request is being solved.
 
@@ -411,8 +411,9 @@ class Planner(ManagedNode):
 
     def _log_failure(self, failure: Failure, title: str) -> None:
         # Two calls: rclpy does not let a place in the code change its severity.
-        if failure.internal:
-            self.get_logger().error(f'{title}: {failure.code}: {failure.reason}')
+        if failure.trace:
+            text = f'{title}: {failure.code}: {failure.reason}\n{failure.trace}'
+            self.get_logger().error(text)
         else:
             self.get_logger().warning(f'{title}: {failure.code}: {failure.reason}')
 
@@ -467,7 +468,7 @@ class Planner(ManagedNode):
         if self._worker.busy:
             return Level.OK, 'planning'
         if self._failure is not None:
-            level = Level.ERROR if self._failure.internal else Level.WARN
+            level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
         refused = '' if self._acceptance is None else self._acceptance.warning
         told = [_SUPERSEDED * self._superseded, self._others.warning, refused]

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import time
+import traceback
 from typing import Any
 
 from tdm_planner.exceptions import (
@@ -43,6 +44,8 @@ CODES = (
     'DEADLINE',
     'VERIFICATION_FAILED',
     'BUSY',
+    'INACTIVE',
+    'INTERNAL',
 )
 
 _RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
@@ -62,22 +65,20 @@ class Plan:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no plan; `internal` marks an error of the program, not of the user."""
+    """Why there is no plan; `trace` is the traceback of a fault of the program, else empty."""
 
     code: str
     reason: str
-    internal: bool = False
+    trace: str = ''
 
     @classmethod
     def of(cls, error: Exception) -> Failure:
-        """Return the failure that an exception stands for."""
+        """Return the failure that an exception stands for: what is no TdmError is INTERNAL."""
         text = ' '.join(str(error).split())
         if isinstance(error, TdmError):
-            code = error.code if error.code in CODES else Infeasible.code
-            return cls(code, text)
-        return cls(
-            Infeasible.code, f'internal error: {type(error).__name__}: {text}', internal=True
-        )
+            return cls(error.code, text)
+        trace = ''.join(traceback.format_exception(error))
+        return cls('INTERNAL', f'{type(error).__name__}: {text}', trace)
 
     def to_json(self) -> str:
         """Return the answer of the `plan` service, one line."""

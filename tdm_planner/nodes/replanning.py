@@ -24,7 +24,7 @@ from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters import Adapter
 from tdm_planner.nodes.motion_clock import pacing_clock
-from tdm_planner.nodes.planning import Plan
+from tdm_planner.nodes.planning import Failure, Plan
 from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
@@ -128,19 +128,18 @@ class Replanning:
             )
             return
 
-        def job() -> Review | Exception:
+        def job() -> Review | Failure:
             try:
                 replanner = self._replanner_of(plan, adapter, values)
                 return replanner.review(
                     self._asked(plan, values), observations, self._seconds(now)
                 )
             except Exception as error:  # noqa: B902
-                # A fault of the program; the plan in force stays.
-                return error
+                return Failure.of(error)
 
         self._reviewing, period = True, self._period
 
-        def done(review: Review | Exception) -> None:
+        def done(review: Review | Failure) -> None:
             self._reviewing = False
             self.reviews += 1
             if self._period is not period:
@@ -186,11 +185,12 @@ class Replanning:
         parameters = plan.problem.to_parameters()
         return {name: value for name, value in parameters.items() if 'start.' in name}
 
-    def _on_review(self, outcome: Review | Exception) -> None:
-        if isinstance(outcome, Exception):
-            self.last = f'{type(outcome).__name__}: {" ".join(str(outcome).split())}'
+    def _on_review(self, outcome: Review | Failure) -> None:
+        if isinstance(outcome, Failure):
+            self.last = f'{outcome.code}: {outcome.reason}'
             self._node.get_logger().error(
-                f'no replanning: {self.last}', throttle_duration_sec=_WARNING_PERIOD
+                f'no replanning: {self.last}\n{outcome.trace}'.rstrip(),
+                throttle_duration_sec=_WARNING_PERIOD,
             )
         else:
             self.last = outcome.reason

@@ -137,7 +137,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
         done, answer = ros.trigger('/twice/plan')
         assert not done
-        assert answer['code'] == 'BUSY'
+        assert answer['code'] == 'INACTIVE'
         assert 'inactive' in answer['reason']
         assert len(plans) == count
         manager.become('activate', 'active')
@@ -147,7 +147,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         assert ros.spin_until(lambda count=count: len(plans) == count + 1 and bool(markers))
         manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
         assert status.says('inactive')
-        assert ros.trigger('/twice/plan')[1]['code'] == 'BUSY'
+        assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
         assert silent(ros, plans)
         late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
         assert ros.spin_until(lambda late=late: bool(late))  # the plan stays in force

@@ -25,8 +25,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, TdmError
+from tdm_planner.exceptions import Busy, DeadlineExceeded, Inactive, Infeasible, TdmError
 from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer
+from tdm_planner.tracking.tracker import TrajectoryRefused
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND
@@ -117,6 +118,30 @@ def test_what_its_own_check_objects_to_is_no_plan(source: str) -> None:
     assert isinstance(made, Failure)
     assert made.code == 'VERIFICATION_FAILED'
     assert 'it hits the wall' in made.reason
+
+
+class Faulty(Problem):
+    """Its solver has a fault, or an error with a code of its own."""
+
+    error: Exception = KeyError('no such column')
+
+    def solve(self, deadline: float | None = None) -> Any:
+        raise self.error
+
+
+def test_a_fault_of_the_program_is_internal_and_has_its_traceback() -> None:
+    made, _ = request(Faulty, Adapter())
+    assert isinstance(made, Failure)
+    assert (made.code, made.reason) == ('INTERNAL', "KeyError: 'no such column'")
+    assert 'raise self.error' in made.trace
+    assert json.loads(made.to_json()) == {'code': made.code, 'reason': made.reason}
+
+
+def test_an_error_of_the_package_keeps_its_code_and_has_no_traceback() -> None:
+    for error in (Inactive('not active'), Busy('solving'), TrajectoryRefused('too far')):
+        made = Failure.of(error)
+        assert (made.code, made.reason, made.trace) == (error.code, str(error), '')
+    assert Inactive.code == 'INACTIVE'
 
 
 def test_a_plan_that_may_begin_meanwhile_is_waited_for() -> None:
