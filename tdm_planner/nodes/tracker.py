@@ -56,6 +56,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 _COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
@@ -67,6 +68,8 @@ _RESERVE_FOR_PLANS = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
 _WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
 _WORTH_AT_START = 1.0  # s, for plans about to start
+
+_WAITING = 'waiting for the first state'
 
 _PLANT = ParameterSpec(
     name='plant',
@@ -113,6 +116,7 @@ class TrackerNode(ManagedNode):
         self._asked_at = -np.inf
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
+        self._activated = 0.0
         self._newest: tuple[Array, float] | None = None
         self._offered: _Offer | None = None
         self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS)
@@ -142,11 +146,14 @@ class TrackerNode(ManagedNode):
         """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._refusal = (Phase.IDLE, ''), ''
+        self._activated = time.monotonic()
         if self._newest is not None:
             self.tracker.observe(*self._newest)
         self._take_offered()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
+        if self._newest is None:
+            self.get_logger().info(_WAITING)
         self._timer = self.create_timer(
             self.tracker.parameters.interval, self._on_tick, clock=clock
         )
@@ -331,13 +338,20 @@ class TrackerNode(ManagedNode):
         self._command_publisher.publish(message)
         self._commands += 1
 
+    @property
+    def _awaits_state(self) -> bool:
+        """Whether the first state has not come yet, and may take its time."""
+        return self._newest is None and time.monotonic() < self._activated + FIRST_STATE
+
     def _note_changes(self, command: Command) -> None:
-        before, self._last = self._last, (command.phase, command.problem)
+        waits = self._awaits_state
+        before, self._last = self._last, (command.phase, '' if waits else command.problem)
         if self._last == before:
             return
-        text = command.phase.value + (f': {command.problem}' if command.problem else '')
+        problem = self._last[1]
+        text = command.phase.value + (f': {problem}' if problem else '')
         # One call site a severity: rclpy refuses a call site that changes its severity.
-        if command.problem:
+        if problem:
             self.get_logger().error(text)
         else:
             self.get_logger().info(text)
@@ -381,7 +395,8 @@ class TrackerNode(ManagedNode):
         ]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
-        message = '; '.join([phase.value + (f': {problem}' if problem else ''), *told])
+        doing = problem or (_WAITING if self._awaits_state else '')
+        message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
         if self.invalid_overrides:
             level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
         now = self._time.now()

@@ -260,7 +260,9 @@ class Rig:
         tracking = {'limits.torque': 0.09, 'tolerance.path': 1.5, **WAITING}
         self.plant = started('tdm_sim.pendulum_plant', plant, namespace)
         self.process = started(TRACKER, tracking, namespace)
-        self.planning = started(PLANNER, {**STRONG, **WAITING}, namespace)
+        # The planner may meet the plant later than the test does.
+        planning = {**STRONG, **WAITING, 'start.max_age': 5.0}
+        self.planning = started(PLANNER, planning, namespace)
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
         self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
         self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
@@ -287,7 +289,7 @@ def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(
     rig.tracker.bring_up()
     rig.planner.bring_up()
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     for attempt in (1, 2):
         rig.tracked()
@@ -318,7 +320,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros: Ros, r
     rig.planner.bring_up()
     assert ros.set_parameters('/rig/planner', start__delay=4.0) == ['']
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     assert silent(ros, rig.commands, 0.3)
     rig.tracker.become(Transition.TRANSITION_ACTIVATE, 'active')
@@ -370,7 +372,7 @@ def test_a_tracker_whose_process_is_ended_switches_the_actuators_off(ros: Ros, r
     rig.tracker.bring_up()
     rig.planner.bring_up()
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     rig.tracked()
     os.killpg(rig.process.process.pid, signal.SIGINT)

@@ -193,8 +193,9 @@ def test_a_problem_of_another_kind_plans_from_the_measured_state(
     assert planners.plan('carts')[1]['code'] == 'NO_STATE'
     publisher = ros.publisher('/carts/joint_states', JointState)
     state = JointState(name=['position'], position=[-2.0])
-    done, answer = ros.plan('/carts/plan', meanwhile=lambda: publisher.publish(state))
-    assert done, answer
+    pending = ros.request('/carts/plan', Trigger)
+    assert ros.publish_until(lambda: publisher.publish(state), pending.done)
+    assert pending.result().success, pending.result().message
     states = ros.subscribe('/carts/trajectory', JointTrajectory, LATCHED)
     assert ros.spin_until(lambda: bool(states))
     assert states[0].points[0].positions[0] == -2.0

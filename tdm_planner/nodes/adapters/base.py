@@ -68,6 +68,10 @@ class Adapter(ABC):
         """Whether there is anything to measure: otherwise plans are made from parameters."""
         return True
 
+    def missing(self) -> list[str]:
+        """Return a sentence for every topic on which no state was received yet. Any thread."""
+        return []
+
     @abstractmethod
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """

@@ -123,6 +123,15 @@ class FormationAdapter(Adapter):
             for name, robot in self._robots.items()
         ]
 
+    def missing(self) -> list[str]:
+        """Say where no state of a robot was received yet."""
+        return [
+            f"robot '{name}': {half.missing}"
+            for name, robot in self._robots.items()
+            for half in (robot.odometry, robot.joints)
+            if half.missing
+        ]
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate every robot's newest state, drifting, to the instant the motion starts."""
         found: dict[str, Any] = {}

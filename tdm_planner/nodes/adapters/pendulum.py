@@ -82,6 +82,10 @@ class PendulumAdapter(Adapter):
             plant = build(RotaryPendulum, values, 'plant.')
             self._picture.set_up(plant, values['limits.disk_angle'], _TRAIL)
 
+    def missing(self) -> list[str]:
+        """Say where no state of the pendulum was received yet."""
+        return [self._state.missing] if self._state.missing else []
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """
         Propagate the newest state to the instant at which the motion starts.
