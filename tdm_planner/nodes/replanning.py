@@ -50,6 +50,7 @@ class Replanning:
         self._timer: Timer | None = None
         self._replanner: Replanner | None = None
         self._reviewed: Plan | None = None
+        self._trackers: Mapping[str, Any] = {}
         self._taken_over: PlanInForce | None = None
         self._question: tuple[Mapping[str, Any], Problem] | None = None
         self._reviewing = False
@@ -84,7 +85,6 @@ class Replanning:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        adapter.watch_trackers(rate > 0)
         if rate > 0:
             self._timer = self._node.create_timer(
                 min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
@@ -119,6 +119,9 @@ class Replanning:
         if not adapter.replans:
             return
         now = int(self._node.get_clock().now().nanoseconds)
+        if plan.start <= now and adapter.inactive:
+            self._rest(f'no replanning: no tracker is active for {", ".join(adapter.inactive)}')
+            return
         try:
             observations = adapter.observations(values, now, self._seconds)
         except NoState as error:
@@ -154,10 +157,16 @@ class Replanning:
 
         self._worker.submit(job, done)
 
+    def _rest(self, reason: str) -> None:
+        """Review nothing, and say so once."""
+        if self.last != reason:
+            self.last = reason
+            self._node.get_logger().warning(reason)
+
     def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
         """Return the replanner for the plan in force, made anew for every plan."""
         parameters = build(ReplanParameters, values, 'replan.')
-        replanner = self._replanner
+        replanner, trackers = self._replanner, adapter.tracker_parameters
         if replanner is None or self._reviewed is not plan:
             earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
@@ -166,7 +175,9 @@ class Replanning:
             if made is None or made.solution is not plan.solution:
                 made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
             replanner.adopt(made, earlier)
-            self._reviewed = plan
+            self._reviewed, self._trackers = plan, trackers
+        elif trackers != self._trackers:
+            replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
         replanner.parameters = parameters
         return replanner
 

@@ -44,6 +44,7 @@ from tdm_planner.nodes.ration import Ration
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
+from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
     BREAKDOWN,
@@ -52,7 +53,7 @@ from tdm_planner.tracking.tracker import (
     TrajectoryRefused,
     TrajectoryTracker,
 )
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -134,6 +135,7 @@ class TrackerNode(ManagedNode):
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
         self._in_force = InForce(self, self.plant.in_force)
+        self._status = TrackerStatus(self)
         self._planners = SolePublisher(
             self,
             self.resolve_topic_name('trajectory'),
@@ -147,6 +149,7 @@ class TrackerNode(ManagedNode):
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._refusal = (Phase.IDLE, ''), ''
         self._activated = time.monotonic()
+        self._status.begin()
         if self._newest is not None:
             self.tracker.observe(*self._newest)
         self._take_offered()
@@ -165,6 +168,7 @@ class TrackerNode(ManagedNode):
             self._timer = self._rate = None
         self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
         self._in_force.update(None, None)
+        self._status.cancel()
 
     def cleanup(self) -> None:
         """Forget what was received."""
@@ -271,8 +275,10 @@ class TrackerNode(ManagedNode):
     def _look_at(self, offered: _Offer) -> None:
         """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""
         began = time.perf_counter()
+        begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
         try:
             trajectory = offered.read()
+            begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._instant(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
@@ -281,11 +287,13 @@ class TrackerNode(ManagedNode):
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
             self.refuse(error)
+            self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
             self._in_force.accepted(trajectory, offered.messages)
+            self._status.accepted(trajectory, begins)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
@@ -329,6 +337,7 @@ class TrackerNode(ManagedNode):
             self._error_publisher.publish(error)
         self._note_changes(command)
         self._in_force.update(self.tracker.current, self.tracker.following)
+        self._status.update(self.tracker)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()
 

@@ -20,6 +20,8 @@ import json
 import math
 from typing import Any
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from ros_harness import Ros
@@ -141,3 +143,18 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(ros: Ros, r
     )
     ros.spin_for(2.0)
     assert rig.upright_for(2.0)
+
+
+def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Ros, rig: Rig) -> None:
+    assert ros.set_parameters('/replanning/planner', start__source='measured') == ['']
+    count = len(rig.plans)
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+    assert ros.call('/replanning/tracker/change_state', ChangeState, request).success
+    said = 'no replanning: no tracker is active for pendulum'
+    assert ros.spin_until(lambda: said in rig.planner.output), rig.planner.output
+    before = rig.planner.output
+    # The pendulum falls, which would be a reason for a new plan.
+    assert ros.spin_until(lambda: not rig.upright_for(0.2), 30.0)
+    ros.spin_for(2.0)
+    assert len(rig.plans) <= count + 1  # one review may have been under way
+    assert rig.planner.output == before
