@@ -32,7 +32,6 @@ from tdm_planner.trajectory import Sample
 Array = NDArray[np.float64]
 
 _SAME_START = 1e-6  # s; instants are told in nanoseconds
-_TAKEN_OVER = 0.05  # s after a plan's start until its tracker has told that it follows it
 
 
 class Mode(str, Enum):
@@ -111,7 +110,6 @@ class Execution(ABC):
             for name, seen in observations.items()
             if seen.followed is not None
             and abs(seen.followed - earlier.start) < _SAME_START < newer.start - earlier.start
-            and seen.stamp > newer.start + _TAKEN_OVER
         ]
 
     @abstractmethod

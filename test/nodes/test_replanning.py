@@ -152,9 +152,10 @@ def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Ros, rig: Ri
     assert ros.call('/replanning/tracker/change_state', ChangeState, request).success
     said = 'no replanning: no tracker is active for pendulum'
     assert ros.spin_until(lambda: said in rig.planner.output), rig.planner.output
-    before = rig.planner.output
+    before = rig.planner.output.count('new plan')
     # The pendulum falls, which would be a reason for a new plan.
     assert ros.spin_until(lambda: not rig.upright_for(0.2), 30.0)
     ros.spin_for(2.0)
     assert len(rig.plans) <= count + 1  # one review may have been under way
-    assert rig.planner.output == before
+    assert rig.planner.output.count('new plan') <= before + 1
+    assert rig.planner.output.count(said) == 1

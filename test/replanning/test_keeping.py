@@ -70,8 +70,15 @@ def test_what_is_not_told_is_taken_to_be_followed(swing: PlanInForce) -> None:
     execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
     seen = following(swing, 0.9)
     assert not execution.keeping(swing, later, {VEHICLE: replace(seen, followed=None)})
-    soon = following(swing, 0.52)
-    assert not execution.keeping(swing, later, {VEHICLE: soon})
+
+
+def test_a_plan_that_has_just_begun_is_not_yet_taken_for_refused(swing: PlanInForce) -> None:
+    replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
+    replanner.adopt(swing)
+    later = replace(swing, start=0.5)
+    replanner.adopt(later)
+    review = replanner.review(SWING, {VEHICLE: following(swing, 0.51)}, 0.52)
+    assert (review.plan, review.refused, replanner.plan) == (None, (), later)
 
 
 def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended(crossing: PlanInForce) -> None:
