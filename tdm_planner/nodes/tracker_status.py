@@ -25,7 +25,6 @@ from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.tracking.tracker import Phase, TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
-from unique_identifier_msgs.msg import UUID
 
 TOPIC = 'tracker_status'
 
@@ -39,9 +38,16 @@ _ACTIVE: Mapping[Phase, int] = MappingProxyType(
 _OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
 
 
-def goal_id(start: int) -> UUID:
-    """Return the id of the plan that starts at the instant [ns]: that number, big-endian."""
-    return UUID(uuid=list(start.to_bytes(16, 'big', signed=True)))
+def goal_id(start: int) -> list[int]:
+    """Return the id of the plan that starts at the instant [ns]: the bytes of that number."""
+    return list(start.to_bytes(16, 'big', signed=True))
+
+
+def goal_status(start: int, status: int) -> GoalStatus:
+    """Return the status of the plan that starts at the instant [ns]."""
+    info = GoalInfo(stamp=to_stamp(start))
+    info.goal_id.uuid = goal_id(start)
+    return GoalStatus(goal_info=info, status=status)
 
 
 @dataclass(eq=False)
@@ -134,16 +140,5 @@ class TrackerStatus:
 
     def _publish(self) -> None:
         self._changed = False
-        self._publisher.publish(
-            GoalStatusArray(
-                status_list=[
-                    GoalStatus(
-                        goal_info=GoalInfo(
-                            goal_id=goal_id(plan.start), stamp=to_stamp(plan.start)
-                        ),
-                        status=plan.status,
-                    )
-                    for plan in self._plans
-                ]
-            )
-        )
+        told = [goal_status(plan.start, plan.status) for plan in self._plans]
+        self._publisher.publish(GoalStatusArray(status_list=told))

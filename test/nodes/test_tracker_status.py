@@ -44,7 +44,8 @@ class Bench:
 
     def publish(self, message: Any) -> None:
         for item in message.status_list:
-            assert item.goal_info.goal_id == goal_id(nanoseconds_of(item.goal_info.stamp))
+            start = nanoseconds_of(item.goal_info.stamp)
+            assert list(item.goal_info.goal_id.uuid) == goal_id(start)
         self.told.append(
             {
                 nanoseconds_of(item.goal_info.stamp): NAMES[item.status]

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from action_msgs.msg import GoalStatusArray
 import pytest
 from ros_harness import Ros
 from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
-from tdm_planner.nodes.messages import LATCHED, to_stamp
-from tdm_planner.nodes.tracker_status import goal_id
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.tracker_status import goal_status
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 
@@ -44,8 +44,7 @@ class Told:
         plans = {int(name[1:]): status for name, status in statuses.items()}
         message = GoalStatusArray()
         for start, status in {**plans, 10**9 + self.count: CANCELED}.items():
-            info = GoalInfo(goal_id=goal_id(start), stamp=to_stamp(start))
-            message.status_list.append(GoalStatus(goal_info=info, status=status))
+            message.status_list.append(goal_status(start, status))
         self.publisher.publish(message)
         assert self.ros.spin_until(lambda: 10**9 + self.count in (self.watch._statuses or {}))
         return self.watch

@@ -15,6 +15,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
@@ -141,8 +143,8 @@ class TrackerWatch:
     def _on_answer(self, answer: Future) -> None:
         if answer is not self._asked:
             return
-        self._asked, response = None, answer.result()
-        assert response is not None
+        self._asked = None
+        response: Any = answer.result()
         values = [parameter_value_to_python(value) for value in response.values]
         try:
             found = build(self._kind, dict(zip(self._names, values, strict=True)))
