@@ -110,13 +110,13 @@ def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Ros) -> N
         return known is not None and known.weights.theta == weight
 
     tracker = ros.start('tdm_planner.nodes.tracker', values, namespace='tuned')
-    assert ros.spin_until(lambda: knows(5.0))
+    assert ros.spin_until(lambda: knows(5.0), 30.0)
     assert watch.parameters.limits.torque == 0.02  # type: ignore[union-attr]
     assert ros.set_parameters('/tuned/tracker', weights__theta=7.0) == ['']
-    assert ros.spin_until(lambda: knows(7.0))
+    assert ros.spin_until(lambda: knows(7.0), 30.0)
     tracker.end_cleanly()
     values['weights.theta'] = 9.0
     tracker = ros.start('tdm_planner.nodes.tracker', values, namespace='tuned')
-    assert ros.spin_until(lambda: knows(9.0))
+    assert ros.spin_until(lambda: knows(9.0), 30.0)
     tracker.end_cleanly()
-    assert ros.spin_until(lambda: watch.inactive)
+    assert ros.spin_until(lambda: watch.inactive, 30.0)

@@ -141,10 +141,10 @@ class TrackerWatch:
         self._asked.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Future) -> None:
+        response: Any = answer.result()
         if answer is not self._asked:
             return
         self._asked = None
-        response: Any = answer.result()
         values = [parameter_value_to_python(value) for value in response.values]
         try:
             found = build(self._kind, dict(zip(self._names, values, strict=True)))
