@@ -47,8 +47,10 @@ class Busy(TdmError):
     code: ClassVar[str] = 'BUSY'
 
 
-class Inactive(Busy):
+class Inactive(TdmError):
     """The planner is not active: a lifecycle manager has yet to activate it, or took it back."""
+
+    code: ClassVar[str] = 'INACTIVE'
 
 
 class Infeasible(TdmError):

@@ -126,10 +126,7 @@ class RobotsScene(Scene):
             name = f'{node.executable}_{node.robot}' if node.robot else node.executable
             drives_clock = node.executable == 'robot_plant' and node.robot == first
             command = self.command(name, _MODULES[node.executable], space, drives_clock)
-            settings = dict(node.parameters)
-            if node.executable == 'tracker':
-                settings['plant'] = 'robot'
-            for key, value in settings.items():
+            for key, value in node.parameters.items():
                 command[2].extend(['-p', f'{key}:={value}'])
             commands.append(command)
         return sorted(commands, key=lambda command: command[0] == 'planner')

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning import Mode, Observation, PlanInForce, Replanner, Review
-from tdm_planner.tracking import Command, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.tracking import Command, Phase, TrajectoryRefused, TrajectoryTracker
 from tdm_sim.simulation import SimulatedPlant
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class RecedingHorizon:
                 measured[name],
                 now,
                 tracker_mode(command),
-                None if command.action is None else command.action.error,
+                self._followed(self.vehicles[name].tracker),
             )
             for name, command in commands.items()
         }
@@ -95,6 +95,13 @@ class RecedingHorizon:
             vehicle.plant.command(commands[name].control)
             vehicle.plant.step(self.interval)
         self.time = now + self.interval
+
+    @staticmethod
+    def _followed(tracker: TrajectoryTracker) -> float | None:
+        """Return the start [s] of the plan that a tracker follows."""
+        motion = tracker.current
+        followed = tracker.phase in (Phase.TRACKING, Phase.HOLDING)
+        return motion.start if followed and motion is not None else None
 
     def _review(self, seen: Mapping[str, Observation], now: float) -> None:
         replanner = self.replanner

@@ -287,26 +287,6 @@ class Ros:
         assert '\n' not in response.message
         return response.success, json.loads(response.message)
 
-    def plan(
-        self,
-        service: str,
-        timeout: float = 20.0,
-        meanwhile: Callable[[], Any] = lambda: None,
-    ) -> tuple[bool, dict[str, Any]]:
-        """
-        As `trigger`, asked again while the planner has no state.
-
-        A planner may meet the plant later than the test does. `meanwhile` is called before every
-        request, for tests that publish the states themselves.
-        """
-        end = time.monotonic() + timeout
-        while True:
-            meanwhile()
-            done, answer = self.trigger(service, timeout)
-            if answer.get('code') != 'NO_STATE' or time.monotonic() > end:
-                return done, answer
-            self.spin_for(0.1)
-
     def set_parameters(self, node: str, **values: Any) -> list[str]:
         """Set parameters one by one (``__`` for the dot); returns a reason each, '' if done."""
         return self.set_parameter_mapping(

@@ -69,11 +69,12 @@ def test_four_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_p
     processes = start(ros, tmp_path, described)
     assert len(processes) == 10  # planner, recorder, four plants, four trackers
     reasons = ros.set_parameters('/hall/planner', solver__deadline=30.0, start__delay=31.0)
-    assert reasons == ['', '']
+    reasons += ros.set_parameters('/hall/planner', start__max_age=10.0)
+    assert reasons == ['', '', '']
     states = ros.subscribe('/hall/robot4/joint_states', JointState)
     assert ros.spin_until(lambda: bool(states), 30.0)
     paths = ros.subscribe('/hall/robot4/path', PlannedPath, LATCHED)
-    done, answer = ros.plan('/hall/plan', 60.0)
+    done, answer = ros.trigger('/hall/plan', 60.0)
     assert done, answer
     assert answer['summary'].startswith('4 robots')
     assert ros.spin_until(lambda: bool(paths))

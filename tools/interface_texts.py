@@ -29,10 +29,8 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
     {
         ('planner', 'plan'): 'plans from the newest measured state, or from `start.*`',
         ('planner', 'joint_states'): 'state of the pendulum: joints `pendulum`, `disk`',
-        ('planner', 'joint_command'): 'with `replan.rate`: what the tracker has the plant do',
-        ('planner', '<robot>/joint_command'): 'the same of a robot',
-        ('planner', 'tracking_error'): 'with `replan.rate`: tells which plan the tracker follows',
-        ('planner', '<robot>/tracking_error'): 'the same of a robot',
+        ('planner', 'tracker_status'): 'which plan the tracker follows, or what it does instead',
+        ('planner', '<robot>/tracker_status'): "the same of a robot's tracker",
         ('planner', '<robot>/joint_states'): 'joints `thruster`, `reaction_wheel` of a robot',
         ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
         ('planner', 'trajectory_in_force'): 'what the tracker follows, for a planner restarted',
@@ -65,6 +63,7 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
             '[N m]'
         ),
         ('tracker', 'tracking_error'): 'measured less planned',
+        ('tracker', 'tracker_status'): 'the status of every plan, `goal_info.stamp` its start',
         ('tracker', 'trajectory_in_force'): (
             'the plan accepted last, as it came; without points when it is given up'
         ),

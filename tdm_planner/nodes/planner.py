@@ -29,7 +29,6 @@ from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
-from tdm_planner.nodes.acceptance import Acceptance
 from tdm_planner.nodes.adapters import Adapter, adapter_class
 from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
@@ -60,6 +59,7 @@ from tdm_planner.trajectory import NANOSECOND, Trajectory
 _REQUEST = specifications(RequestParameters)
 _NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
 _CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
+_GRACE = 0.3  # s from a plan's start until trackers must have told that they follow it
 _SUPERSEDED = "another planner's plan is in force"
 _BUSY = 'a request is being solved: ask again when it is answered'
 
@@ -86,7 +86,6 @@ class Planner(ManagedNode):
         self._problem_class: type[Problem] | None = None
         self._adapter: Adapter | None = None
         self._replanning: Replanning | None = None
-        self._acceptance: Acceptance | None = None
         self._fault = ''
         self._load_problem()
         self.warn_of_unknown_overrides()
@@ -94,6 +93,7 @@ class Planner(ManagedNode):
         self._plan_id = 0
         self._failure: Failure | None = None
         self._superseded = False
+        self._expect(None)
         self._requests = self._failures = 0
         self._worker = Worker(self)
         self._prepared = threading.Event()
@@ -119,7 +119,6 @@ class Planner(ManagedNode):
         if self._adapter is not None:
             self._adapter.accept_requests(self._plan_with)
             Recovery(self, self._adapter, self._recover)
-            self._acceptance = Acceptance(self, self._adapter, self._diagnostics.update)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the plan in force."""
@@ -139,8 +138,9 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the plan in force: its topics are gone."""
-        self._adapter = self._replanning = self._plan = self._failure = self._acceptance = None
+        self._adapter = self._replanning = self._plan = self._failure = None
         self._superseded = False
+        self._expect(None)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values for which the problem cannot say which parameters it has."""
@@ -184,13 +184,34 @@ class Planner(ManagedNode):
         """Notice when the time of day is set, or simulated time begins anew."""
         self._time = MotionClock(self, self._on_clock_step)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._time.now, clock=steady)
+        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
         self._jumps = self.get_clock().create_jump_callback(
             JumpThreshold(
                 min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
             ),
             post_callback=self._on_simulated_jump,
         )
+
+    def _on_clock_timer(self) -> None:
+        self._time.now()
+        self._look_who_follows()
+
+    def _expect(self, start: int | None) -> None:
+        """Have a look, after the start [ns] of a plan, who does not follow it; None: no look."""
+        self._expected, self._unfollowed = start, ''
+
+    def _look_who_follows(self) -> None:
+        """Name the trackers that do not follow the active plan once it has begun."""
+        start, adapter = self._expected, self._adapter
+        if start is None or adapter is None or (self._now() - start) * NANOSECOND < _GRACE:
+            return
+        self._expected, names = None, adapter.not_following(start)
+        if names:
+            self._unfollowed = (
+                f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
+            )
+            self.get_logger().warning(self._unfollowed)
+            self._diagnostics.update()
 
     def _on_clock_step(self, step: float) -> None:
         """Let the plan in force go on as the plant does, which the clock is not told of."""
@@ -214,8 +235,7 @@ class Planner(ManagedNode):
 
     def _moved(self, plan: Plan | None) -> None:
         self._plan = plan
-        if self._acceptance is not None:
-            self._acceptance.forget()
+        self._expect(None)
         if self._replanning is not None and not self._superseded:
             self._replanning.plan = plan
 
@@ -277,7 +297,7 @@ class Planner(ManagedNode):
         values = {**self.parameter_values, **changes}
         self._when_free(reply, lambda: self._solve(values, reply, changes, f'{purpose} refused'))
 
-    def _refusal(self) -> Busy | None:
+    def _refusal(self) -> Busy | Inactive | None:
         """
         Return why no request is taken: the node is not active, or a request is being solved.
 
@@ -316,8 +336,7 @@ class Planner(ManagedNode):
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
         self._superseded = True
-        if self._acceptance is not None:
-            self._acceptance.forget()
+        self._expect(None)
         if self._replanning is not None:
             self._replanning.plan = None
         if self._plan is not None:
@@ -414,8 +433,9 @@ class Planner(ManagedNode):
 
     def _log_failure(self, failure: Failure, title: str) -> None:
         # Two calls: rclpy does not let a place in the code change its severity.
-        if failure.internal:
-            self.get_logger().error(f'{title}: {failure.code}: {failure.reason}')
+        if failure.trace:
+            text = f'{title}: {failure.code}: {failure.reason}\n{failure.trace}'
+            self.get_logger().error(text)
         else:
             self.get_logger().warning(f'{title}: {failure.code}: {failure.reason}')
 
@@ -427,8 +447,7 @@ class Planner(ManagedNode):
         self._replanning.plan = plan
         self._plan_id += 1
         self._others.publishes(plan.start)
-        if self._acceptance is not None:
-            self._acceptance.expect(self._plan_id, plan.start)
+        self._expect(plan.start)
         self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
         self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
 
@@ -470,10 +489,9 @@ class Planner(ManagedNode):
         if self._worker.busy:
             return Level.OK, 'planning'
         if self._failure is not None:
-            level = Level.ERROR if self._failure.internal else Level.WARN
+            level = Level.ERROR if self._failure.trace else Level.WARN
             return level, f'{self._failure.code}: {self._failure.reason}'
-        refused = '' if self._acceptance is None else self._acceptance.warning
-        told = [_SUPERSEDED * self._superseded, self._others.warning, refused]
+        told = [_SUPERSEDED * self._superseded, self._others.warning, self._unfollowed]
         if any(told):
             return Level.WARN, '; '.join(filter(None, told))
         if not self._prepared.is_set():

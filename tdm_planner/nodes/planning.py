@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import time
+import traceback
 from typing import Any
 
 from tdm_planner.exceptions import (
@@ -43,12 +44,15 @@ CODES = (
     'DEADLINE',
     'VERIFICATION_FAILED',
     'BUSY',
+    'INACTIVE',
+    'INTERNAL',
 )
 
 _RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
 _SHORTEST = 0.01  # s; in less nothing is found
 _MARGIN = 0.1  # s that checking and publishing a plan may take
-_LOOK = 0.002  # s between looks at the clock
+_LOOK = 0.002  # s between looks at the clock, and for a first state
+_PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 
 
 @dataclass(frozen=True)
@@ -62,22 +66,20 @@ class Plan:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no plan; `internal` marks an error of the program, not of the user."""
+    """Why there is no plan; `trace` is the traceback of a fault of the program, else empty."""
 
     code: str
     reason: str
-    internal: bool = False
+    trace: str = ''
 
     @classmethod
     def of(cls, error: Exception) -> Failure:
-        """Return the failure that an exception stands for."""
+        """Return the failure that an exception stands for: what is no TdmError is INTERNAL."""
         text = ' '.join(str(error).split())
         if isinstance(error, TdmError):
-            code = error.code if error.code in CODES else Infeasible.code
-            return cls(code, text)
-        return cls(
-            Infeasible.code, f'internal error: {type(error).__name__}: {text}', internal=True
-        )
+            return cls(error.code, text)
+        trace = ''.join(traceback.format_exception(error))
+        return cls('INTERNAL', f'{type(error).__name__}: {text}', trace)
 
     def to_json(self) -> str:
         """Return the answer of the `plan` service, one line."""
@@ -96,10 +98,13 @@ def make_plan(
     `clock` returns the present instant [ns].
     """
     try:
+        measured = values['start.source'] == 'measured' and adapter.measures
+        if measured:
+            _await_first_state(adapter, values['start.max_age'], clock)
         now = clock()
         if now <= 0:
             raise NoState(NO_TIME)
-        if values['start.source'] == 'measured' and adapter.measures:
+        if measured:
             return _plan_from_measured(problem_class, values, adapter, clock)
         problem = problem_class.from_parameters(values)
         solution = _verified(problem.solve())
@@ -139,6 +144,25 @@ def _plan_from_measured(
             failure = failure or _of_the_future(error, delay)
     assert failure is not None
     raise failure
+
+
+def _await_first_state(adapter: Adapter, max_age: float, clock: Callable[[], int]) -> None:
+    """
+    Wait for simulated time and for states that were never received, at most `max_age` s.
+
+    Raises
+    ------
+    NoState
+        Naming what is missing, and how long it was waited for.
+
+    """
+    longest = min(max_age, _PATIENCE)
+    end = time.monotonic() + longest
+    while (clock() <= 0 or adapter.missing()) and time.monotonic() < end:
+        time.sleep(_LOOK)
+    missing = adapter.missing()
+    if missing and clock() > 0:
+        raise NoState(f'{"; ".join(missing)} within {longest:g} s (start.max_age)')
 
 
 def _time_until(start: int, sooner: int | None, now: int) -> float:

@@ -24,7 +24,7 @@ from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters import Adapter
 from tdm_planner.nodes.motion_clock import pacing_clock
-from tdm_planner.nodes.planning import Plan
+from tdm_planner.nodes.planning import Failure, Plan
 from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
@@ -50,6 +50,7 @@ class Replanning:
         self._timer: Timer | None = None
         self._replanner: Replanner | None = None
         self._reviewed: Plan | None = None
+        self._trackers: Mapping[str, Any] = {}
         self._taken_over: PlanInForce | None = None
         self._question: tuple[Mapping[str, Any], Problem] | None = None
         self._reviewing = False
@@ -84,7 +85,6 @@ class Replanning:
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        adapter.watch_trackers(rate > 0)
         if rate > 0:
             self._timer = self._node.create_timer(
                 min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
@@ -119,6 +119,9 @@ class Replanning:
         if not adapter.replans:
             return
         now = int(self._node.get_clock().now().nanoseconds)
+        if plan.start <= now and adapter.inactive:
+            self._rest(f'no replanning: no tracker is active for {", ".join(adapter.inactive)}')
+            return
         try:
             observations = adapter.observations(values, now, self._seconds)
         except NoState as error:
@@ -128,19 +131,18 @@ class Replanning:
             )
             return
 
-        def job() -> Review | Exception:
+        def job() -> Review | Failure:
             try:
                 replanner = self._replanner_of(plan, adapter, values)
                 return replanner.review(
                     self._asked(plan, values), observations, self._seconds(now)
                 )
             except Exception as error:  # noqa: B902
-                # A fault of the program; the plan in force stays.
-                return error
+                return Failure.of(error)
 
         self._reviewing, period = True, self._period
 
-        def done(review: Review | Exception) -> None:
+        def done(review: Review | Failure) -> None:
             self._reviewing = False
             self.reviews += 1
             if self._period is not period:
@@ -155,10 +157,16 @@ class Replanning:
 
         self._worker.submit(job, done)
 
+    def _rest(self, reason: str) -> None:
+        """Review nothing, and say so once."""
+        if self.last != reason:
+            self.last = reason
+            self._node.get_logger().warning(reason)
+
     def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
         """Return the replanner for the plan in force, made anew for every plan."""
         parameters = build(ReplanParameters, values, 'replan.')
-        replanner = self._replanner
+        replanner, trackers = self._replanner, adapter.tracker_parameters
         if replanner is None or self._reviewed is not plan:
             earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
@@ -167,7 +175,9 @@ class Replanning:
             if made is None or made.solution is not plan.solution:
                 made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
             replanner.adopt(made, earlier)
-            self._reviewed = plan
+            self._reviewed, self._trackers = plan, trackers
+        elif trackers != self._trackers:
+            replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
         replanner.parameters = parameters
         return replanner
 
@@ -186,11 +196,12 @@ class Replanning:
         parameters = plan.problem.to_parameters()
         return {name: value for name, value in parameters.items() if 'start.' in name}
 
-    def _on_review(self, outcome: Review | Exception) -> None:
-        if isinstance(outcome, Exception):
-            self.last = f'{type(outcome).__name__}: {" ".join(str(outcome).split())}'
+    def _on_review(self, outcome: Review | Failure) -> None:
+        if isinstance(outcome, Failure):
+            self.last = f'{outcome.code}: {outcome.reason}'
             self._node.get_logger().error(
-                f'no replanning: {self.last}', throttle_duration_sec=_WARNING_PERIOD
+                f'no replanning: {self.last}\n{outcome.trace}'.rstrip(),
+                throttle_duration_sec=_WARNING_PERIOD,
             )
         else:
             self.last = outcome.reason

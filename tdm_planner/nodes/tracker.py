@@ -44,6 +44,7 @@ from tdm_planner.nodes.ration import Ration
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
+from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
     BREAKDOWN,
@@ -52,10 +53,11 @@ from tdm_planner.tracking.tracker import (
     TrajectoryRefused,
     TrajectoryTracker,
 )
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 
+FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 _COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
@@ -67,6 +69,8 @@ _RESERVE_FOR_PLANS = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
 _WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
 _WORTH_AT_START = 1.0  # s, for plans about to start
+
+_WAITING = 'waiting for the first state'
 
 _KIND = ParameterSpec(
     name='kind',
@@ -114,6 +118,7 @@ class TrackerNode(ManagedNode):
         self._asked_at = -np.inf
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
+        self._activated = 0.0
         self._newest: tuple[Array, float] | None = None
         self._offered: _Offer | None = None
         self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS)
@@ -131,6 +136,7 @@ class TrackerNode(ManagedNode):
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
         self._in_force = InForce(self, self.plant.in_force)
+        self._status = TrackerStatus(self)
         self._planners = SolePublisher(
             self,
             self.resolve_topic_name('trajectory'),
@@ -143,11 +149,15 @@ class TrackerNode(ManagedNode):
         """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
         self.tracker = self._make_tracker(self.parameter_values)
         self._last, self._refusal = (Phase.IDLE, ''), ''
+        self._activated = time.monotonic()
+        self._status.begin()
         if self._newest is not None:
             self.tracker.observe(*self._newest)
         self._take_offered()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
+        if self._newest is None:
+            self.get_logger().info(_WAITING)
         self._timer = self.create_timer(
             self.tracker.parameters.interval, self._on_tick, clock=clock
         )
@@ -159,6 +169,7 @@ class TrackerNode(ManagedNode):
             self._timer = self._rate = None
         self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
         self._in_force.update(None, None)
+        self._status.cancel()
 
     def cleanup(self) -> None:
         """Forget what was received."""
@@ -265,8 +276,10 @@ class TrackerNode(ManagedNode):
     def _look_at(self, offered: _Offer) -> None:
         """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""
         began = time.perf_counter()
+        begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
         try:
             trajectory = offered.read()
+            begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._instant(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
@@ -275,11 +288,13 @@ class TrackerNode(ManagedNode):
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
             self.refuse(error)
+            self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
             self._in_force.accepted(trajectory, offered.messages)
+            self._status.accepted(trajectory, begins)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
@@ -323,6 +338,7 @@ class TrackerNode(ManagedNode):
             self._error_publisher.publish(error)
         self._note_changes(command)
         self._in_force.update(self.tracker.current, self.tracker.following)
+        self._status.update(self.tracker)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()
 
@@ -332,13 +348,20 @@ class TrackerNode(ManagedNode):
         self._command_publisher.publish(message)
         self._commands += 1
 
+    @property
+    def _awaits_state(self) -> bool:
+        """Whether the first state has not come yet, and may take its time."""
+        return self._newest is None and time.monotonic() < self._activated + FIRST_STATE
+
     def _note_changes(self, command: Command) -> None:
-        before, self._last = self._last, (command.phase, command.problem)
+        waits = self._awaits_state
+        before, self._last = self._last, (command.phase, '' if waits else command.problem)
         if self._last == before:
             return
-        text = command.phase.value + (f': {command.problem}' if command.problem else '')
+        problem = self._last[1]
+        text = command.phase.value + (f': {problem}' if problem else '')
         # One call site a severity: rclpy refuses a call site that changes its severity.
-        if command.problem:
+        if problem:
             self.get_logger().error(text)
         else:
             self.get_logger().info(text)
@@ -382,7 +405,8 @@ class TrackerNode(ManagedNode):
         ]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
-        message = '; '.join([phase.value + (f': {problem}' if problem else ''), *told])
+        doing = problem or (_WAITING if self._awaits_state else '')
+        message = '; '.join([phase.value + (f': {doing}' if doing else ''), *told])
         if self.invalid_overrides:
             level, message = Level.ERROR, '; '.join(self.invalid_overrides.values())
         now = self._time.now()

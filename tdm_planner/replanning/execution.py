@@ -27,15 +27,11 @@ from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.plan_in_force import PlanInForce
-from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]
 
 _SAME_START = 1e-6  # s; instants are told in nanoseconds
-_TAKEN_OVER = 0.05  # s after a plan's start until its tracker's errors are from it
-_TOLD_APART = 0.2  # of tolerance.start, by which plans must differ to be told apart
-_NEARER = 0.5  # share of the difference from the one that there may be from the other
 
 
 class Mode(str, Enum):
@@ -51,16 +47,14 @@ class Observation:
     """
     A vehicle's newest measured state (nx,), its instant `stamp` [s], what its tracker does.
 
-    `error` (nx,) is the deviation from the plan that the tracker follows, as the tracker tells it
-    at about that instant; `accepted`, the start [s] of the last plan that it says it has accepted.
-    None where it does not tell.
+    `followed` is the start [s] of the plan that the tracker says it follows; None where it follows
+    none, or does not tell.
     """
 
     state: Array
     stamp: float
     mode: Mode
-    error: Array | None = None
-    accepted: float | None = None
+    followed: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +103,14 @@ class Execution(ABC):
         """
         Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.
 
-        Trackers refuse plans that begin too far from where the plant is. None by default: what is
-        not told is taken to be followed.
+        Trackers reject plans that begin too far from where the plant is.
         """
-        return []
+        return [
+            name
+            for name, seen in observations.items()
+            if seen.followed is not None
+            and abs(seen.followed - earlier.start) < _SAME_START < newer.start - earlier.start
+        ]
 
     @abstractmethod
     def problem_from(self, problem: Any, foreseen: Mapping[str, Foreseen]) -> Problem:
@@ -129,33 +127,3 @@ class Execution(ABC):
     @abstractmethod
     def same_question(self, problem: Any, other: Any) -> bool:
         """Whether two problems differ in nothing but their start (and how they are solved)."""
-
-
-def keeping(
-    tracker: TrajectoryTracker,
-    earlier: PlanInForce,
-    newer: PlanInForce,
-    observations: Mapping[str, Observation],
-) -> list[str]:
-    """
-    Tell by what trackers like this one publish which of two plans they follow.
-
-    The error told is compared with the deviations from either plan: who says that the newer one
-    was accepted is believed, but not everybody who tells errors does. Where the plans hardly
-    differ as yet the newer one is believed to be followed; so it is until it has been for a while.
-    """
-    apart = _TOLD_APART * tracker.parameters.tolerance.start
-    found = []
-    for name, seen in observations.items():
-        if seen.error is None or seen.stamp < newer.start + _TAKEN_OVER:
-            continue
-        if seen.accepted is not None and abs(seen.accepted - newer.start) < _SAME_START:
-            continue
-        off = []
-        for plan in (earlier, newer):
-            reference = plan.solution.trajectories[name].sample(plan.elapsed(seen.stamp)).state
-            unlike = tracker.error(seen.state.copy(), reference) - seen.error
-            off.append(tracker.deviation(tracker.error(unlike, np.zeros_like(unlike))))
-        if off[1] > apart and off[0] < _NEARER * off[1]:
-            found.append(name)
-    return found

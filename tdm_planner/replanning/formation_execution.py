@@ -26,6 +26,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 import itertools
 import math
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,6 @@ from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
     Foreseen,
-    keeping,
     Mode,
     Observation,
 )
@@ -63,12 +63,24 @@ _TRACKED = 0.8  # of tolerance.path that a deviation may come to
 
 
 class FormationExecution(Execution):
-    """The robots' trackers, with their default gains, as a model of what they will do."""
+    """
+    The robots' trackers as a model of what they will do.
 
-    def __init__(self, problem: RobotFormation) -> None:
-        self._parameters = RobotTrackerParameters(
-            rate=1.0 / _STEP, plant=problem.plant, limits=problem.limits
-        )
+    `parameters` are the trackers' by robot; where they are not known, the defaults with the
+    problem's plant and limits.
+    """
+
+    def __init__(
+        self,
+        problem: RobotFormation,
+        parameters: Mapping[str, RobotTrackerParameters] = MappingProxyType({}),
+    ) -> None:
+        self._plant = problem.plant
+        default = RobotTrackerParameters(plant=problem.plant, limits=problem.limits)
+        self._parameters = {
+            name: replace(parameters.get(name, default), rate=1.0 / _STEP)
+            for name in problem.task.names
+        }
         self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
         self._adopted: PlanInForce | None = None
 
@@ -77,7 +89,7 @@ class FormationExecution(Execution):
         self._motions = {}
         for name, trajectory in plan.solution.trajectories.items():
             # At so low a rate the servo must take all of its error away at once.
-            tracker = RobotTracker(self._parameters, servo_share=1.0)
+            tracker = RobotTracker(self._parameters[name], servo_share=1.0)
             law = tracker.prepare(trajectory)
             self._motions[name] = tracker, Motion(trajectory, plan.start, law)
         self._adopted = plan
@@ -123,7 +135,7 @@ class FormationExecution(Execution):
                 control = act(motion, time, state).control
             elif seen.mode is Mode.RECOVERING:
                 control = tracker.recover(state)
-            state[:7] = flow(self._parameters.plant, state[:7], control, step)
+            state[:7] = flow(self._plant, state[:7], control, step)
             time += step
         return Foreseen(state[:7], control, seen.mode)
 
@@ -140,7 +152,7 @@ class FormationExecution(Execution):
             trajectory = plan.solution.trajectories[name]
             away = self._deviation(plan, name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
-            if peak > _TRACKED * self._parameters.tolerance.path:
+            if peak > _TRACKED * self._parameters[name].tolerance.path:
                 return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the plan in force")
             places[name] = trajectory.sample(times - plan.start).state[:, :2] + away
         trouble = self._nearness(problem, places)
@@ -157,9 +169,10 @@ class FormationExecution(Execution):
         reference = plan.solution.trajectories[name].sample(plan.elapsed(at)).state
         offset, drift = robot.state[:2] - reference[:2], robot.state[2:4] - reference[2:4]
         speed = float(np.hypot(*drift))
-        largest = self._parameters.limits.thrust / self._parameters.plant.mass
+        limits = self._parameters[name].limits
+        largest = limits.thrust / self._plant.mass
         heading = math.atan2(-drift[1], -drift[0]) - robot.state[4] - robot.state[6]
-        turn = abs(math.remainder(heading, math.tau)) / self._parameters.limits.thruster_rate
+        turn = abs(math.remainder(heading, math.tau)) / limits.thruster_rate
         braking = speed / (_BRAKING * largest)
         drifting = np.minimum(since, turn)
         slowing = np.clip(since - turn, 0.0, braking)
@@ -201,13 +214,6 @@ class FormationExecution(Execution):
     def _problem(self, plan: PlanInForce) -> RobotFormation:
         assert isinstance(plan.problem, RobotFormation)
         return plan.problem
-
-    def keeping(
-        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
-    ) -> list[str]:
-        """Return the robots whose trackers tell that they follow the earlier plan."""
-        known = {n: seen for n, seen in observations.items() if n in earlier.solution.trajectories}
-        return keeping(RobotTracker(self._parameters), earlier, newer, known)
 
     def problem_from(
         self, problem: RobotFormation, foreseen: Mapping[str, Foreseen]

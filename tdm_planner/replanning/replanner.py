@@ -37,6 +37,7 @@ from tdm_planner.replanning.plan_in_force import PlanInForce
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
 _OPTIONAL = 0.5  # of that, where the plan in force would do
+_TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told that they follow it
 _REMEMBERED = 3  # earlier plans that trackers may have kept
 
 
@@ -98,6 +99,8 @@ class Replanner:
         newest = self.plan
         if newest is None or newest.start > now:
             return Review(None, 'no plan is under way', Outlook(settled=True))
+        if now < newest.start + _TAKEN_OVER and self._kept(newest, observations):
+            return Review(None, 'the newest plan is not followed yet', Outlook(settled=True))
         refused = self._refused(newest, observations)
         plan = self.plan or newest
         if not self.execution.holds_goal and now >= plan.end:
@@ -107,6 +110,9 @@ class Replanner:
             trouble = f"'{refused[0]}' has kept the plan before the one in force"
         review = self._reviewed(plan, problem, observations, now, trouble)
         return replace(review, refused=tuple(refused))
+
+    def _kept(self, newest: PlanInForce, observations: Mapping[str, Observation]) -> bool:
+        return any(self.execution.keeping(plan, newest, observations) for plan in self._earlier)
 
     def _refused(self, newest: PlanInForce, observations: Mapping[str, Observation]) -> list[str]:
         """Vehicles whose trackers keep an earlier plan; where all do, it is in force again."""

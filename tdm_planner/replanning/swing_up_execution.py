@@ -30,7 +30,6 @@ from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
     Foreseen,
-    keeping,
     Mode,
     Observation,
 )
@@ -55,21 +54,23 @@ class _Law:
 
 class SwingUpExecution(Execution):
     """
-    The pendulum's tracker, with its default weights, as a model of what it will do.
+    The pendulum's tracker as a model of what it will do.
 
-    `interval` [s] is that of the tracker's commands.
+    `parameters` are the tracker's; where they are not known, the defaults with the problem's plant
+    and limits.
     """
 
-    def __init__(self, problem: PendulumSwingUp, interval: float = 5e-3) -> None:
-        self._interval = interval
-        self._limit = problem.limits.torque
-        self._tracker = PendulumTracker(
-            PendulumTrackerParameters(
-                rate=1.0 / interval,
-                plant=problem.plant,
-                limits=PendulumMotor(torque=problem.limits.torque),
+    def __init__(
+        self, problem: PendulumSwingUp, parameters: PendulumTrackerParameters | None = None
+    ) -> None:
+        if parameters is None:
+            parameters = PendulumTrackerParameters(
+                plant=problem.plant, limits=PendulumMotor(torque=problem.limits.torque)
             )
-        )
+        self._plant = problem.plant
+        self._interval = parameters.interval
+        self._limit = parameters.limits.torque
+        self._tracker = PendulumTracker(parameters)
         self._tracker.prepare_hold()
         self._law: _Law | None = None
 
@@ -85,7 +86,7 @@ class SwingUpExecution(Execution):
         if at <= seen.stamp:
             return {VEHICLE: Foreseen(seen.state, np.zeros(1), seen.mode)}
         table = self._table(plan, seen.mode, seen.stamp, at)
-        state = roll_feedback(self._tracker.parameters.plant, seen.state, table)[-1]
+        state = roll_feedback(self._plant, seen.state, table)[-1]
         control = np.zeros(1)
         if seen.mode is Mode.FOLLOWING:
             control = plan.solution.trajectory.sample(plan.elapsed(at)).control
@@ -93,7 +94,7 @@ class SwingUpExecution(Execution):
 
     def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
-        plant, now = self._tracker.parameters.plant, foreseen[VEHICLE]
+        plant, now = self._plant, foreseen[VEHICLE]
         if now.mode is not Mode.FOLLOWING:
             return Outlook(trouble='the plan in force is not followed any more')
         left = max(plan.end - at, 0.0)
@@ -110,12 +111,6 @@ class SwingUpExecution(Execution):
         if furthest > max(limit, abs(float(now.state[1]))):
             return Outlook(left, trouble=f'the disk would turn to {furthest:.3g} rad')
         return Outlook(left)
-
-    def keeping(
-        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
-    ) -> list[str]:
-        """Return whether the tracker tells that it follows the earlier plan."""
-        return keeping(self._tracker, earlier, newer, observations)
 
     def problem_from(
         self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]

@@ -269,7 +269,7 @@ class TrajectoryTracker(ABC):
         if self.phase in (Phase.TRACKING, Phase.HOLDING):
             self.following = motion
         else:
-            self._restless = self._unquiet
+            self._restless = self.unquiet
             self.current, self.following = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
@@ -319,7 +319,7 @@ class TrajectoryTracker(ABC):
         at = max(motion.start, now)
         if at - now > _LONGEST_FORESEEN:
             return
-        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self._unquiet:
+        if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.unquiet:
             expected = self._foreseen(now, at)
         else:
             # From now on nothing is commanded.
@@ -328,7 +328,7 @@ class TrajectoryTracker(ABC):
         self._compare(motion, expected, at)
 
     @property
-    def _unquiet(self) -> bool:
+    def unquiet(self) -> bool:
         """Whether the plant is being brought to rest, and goes on to be until a plan starts."""
         if self.phase is Phase.WAITING:
             return self._restless

@@ -74,6 +74,9 @@ def test_a_message_of_nobody_would_be_noticed():
     assert not can_be_said('the pendulum ... fell off')
 
 
-@pytest.mark.parametrize('code', ['INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE', 'BUSY'])
+@pytest.mark.parametrize(
+    'code',
+    ['INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE', 'BUSY', 'INACTIVE', 'INTERNAL'],
+)
 def test_every_common_code_has_a_section(code: str):
     assert code in PAGE

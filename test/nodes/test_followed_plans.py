@@ -73,15 +73,3 @@ def test_a_plan_is_found_when_all_follow_it(ros: Ros, solution: Any) -> None:
         motion.publish(MultiDOFJointTrajectory())
         controls.publish(JointTrajectory())
     assert ros.spin_until(lambda: not found[-1][0])
-
-
-def test_who_follows_something_else_is_named(ros: Ros, solution: Any) -> None:
-    problem, plan = solution
-    followed = FollowedPlans(ros.node, ('one', 'two', 'silent'), lambda plans, start: None)
-    assert followed.others(5) == []
-    for robot, start in (('one', 5), ('two', 4)):
-        trajectory = plan.trajectories['robot1'].with_rates(problem.plant.derivative)
-        message = robot_trajectory_message(robot, trajectory, to_stamp(start))
-        ros.publisher(f'{robot}/trajectory_in_force', type(message), LATCHED).publish(message)
-    assert ros.spin_until(lambda: followed.others(5) == ['two'])
-    assert followed.others(4) == ['one']

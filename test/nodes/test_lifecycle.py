@@ -137,7 +137,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
         done, answer = ros.trigger('/twice/plan')
         assert not done
-        assert answer['code'] == 'BUSY'
+        assert answer['code'] == 'INACTIVE'
         assert 'inactive' in answer['reason']
         assert len(plans) == count
         manager.become('activate', 'active')
@@ -147,7 +147,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         assert ros.spin_until(lambda count=count: len(plans) == count + 1 and bool(markers))
         manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
         assert status.says('inactive')
-        assert ros.trigger('/twice/plan')[1]['code'] == 'BUSY'
+        assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
         assert silent(ros, plans)
         late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
         assert ros.spin_until(lambda late=late: bool(late))  # the plan stays in force
@@ -260,7 +260,9 @@ class Rig:
         tracking = {'limits.torque': 0.09, 'tolerance.path': 1.5, **WAITING}
         self.plant = started('tdm_sim.pendulum_plant', plant, namespace)
         self.process = started(TRACKER, tracking, namespace)
-        self.planning = started(PLANNER, {**STRONG, **WAITING}, namespace)
+        # The planner may meet the plant later than the test does.
+        planning = {**STRONG, **WAITING, 'start.max_age': 5.0}
+        self.planning = started(PLANNER, planning, namespace)
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
         self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
         self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
@@ -287,7 +289,7 @@ def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(
     rig.tracker.bring_up()
     rig.planner.bring_up()
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     for attempt in (1, 2):
         rig.tracked()
@@ -318,7 +320,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros: Ros, r
     rig.planner.bring_up()
     assert ros.set_parameters('/rig/planner', start__delay=4.0) == ['']
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     assert silent(ros, rig.commands, 0.3)
     rig.tracker.become(Transition.TRANSITION_ACTIVATE, 'active')
@@ -370,7 +372,7 @@ def test_a_tracker_whose_process_is_ended_switches_the_actuators_off(ros: Ros, r
     rig.tracker.bring_up()
     rig.planner.bring_up()
     assert ros.spin_until(lambda: bool(rig.states))
-    done, answer = ros.plan('/rig/plan')
+    done, answer = ros.trigger('/rig/plan')
     assert done, answer
     rig.tracked()
     os.killpg(rig.process.process.pid, signal.SIGINT)

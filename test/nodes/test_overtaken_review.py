@@ -40,7 +40,7 @@ class Bench:
         self.replanning.active = True
         self.replanning.plan = SimpleNamespace(start=0)  # type: ignore[assignment]
         self.replanning.adapter = SimpleNamespace(  # type: ignore[assignment]
-            replans=True, observations=lambda *_: {}
+            replans=True, inactive=[], observations=lambda *_: {}
         )
         self.replanning._on_timer()
 

@@ -27,6 +27,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters
 from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, pendulum_trajectory, to_stamp
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -160,7 +161,21 @@ def test_no_state_was_received(ros: Ros) -> None:
     done, answer = plan(ros)
     assert not done
     assert answer['code'] == 'NO_STATE'
-    assert answer['reason'] == 'no state was received on /pendulum/joint_states'
+    assert answer['reason'] == (
+        'no state was received on /pendulum/joint_states within 0.5 s (start.max_age)'
+    )
+
+
+def test_a_request_before_the_first_state_waits_for_it(ros: Ros) -> None:
+    ros.set_parameters('/pendulum/planner', start__source='measured', start__max_age=20.0)
+    pending = ros.request('/pendulum/plan', Trigger)
+    publisher = ros.publisher('/pendulum/joint_states', JointState)
+    assert not pending.done()
+    assert ros.publish_until(
+        lambda: publisher.publish(joint_state(ros, [3.0, 0.2, 0.5, -0.4])), pending.done
+    )
+    assert pending.result().success, pending.result().message
+    ros.node.destroy_publisher(publisher)
 
 
 def test_a_plan_from_the_measured_state(ros: Ros) -> None:

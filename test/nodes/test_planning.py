@@ -25,8 +25,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, TdmError
+from tdm_planner.exceptions import Busy, DeadlineExceeded, Inactive, Infeasible, TdmError
 from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer
+from tdm_planner.tracking.tracker import TrajectoryRefused
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND
@@ -51,12 +52,16 @@ class Adapter:
 
     measures = True
 
-    def __init__(self, begins: float = -1.0) -> None:
+    def __init__(self, begins: float = -1.0, comes: float = 0.0) -> None:
+        self.comes = time.monotonic() + comes
         self.begins = BEGIN + round(begins * SECOND)
         self.asked: list[float] = []
 
     def next_start(self, now: int) -> int | None:
         return self.begins if self.begins > now else None
+
+    def missing(self) -> list[str]:
+        return ['no state was received on /there'] if time.monotonic() < self.comes else []
 
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         self.asked.append((now - BEGIN) / SECOND)
@@ -107,7 +112,12 @@ class Distant(Problem):
 
 def request(kind: Any, adapter: Any, source: str = 'measured', delay: float = 0.4) -> Any:
     clock = Clock()
-    values = {'start.source': source, 'start.delay': delay, 'solver.deadline': kind.deadline}
+    values = {
+        'start.source': source,
+        'start.delay': delay,
+        'start.max_age': 0.5,
+        'solver.deadline': kind.deadline,
+    }
     return make_plan(kind, values, adapter, clock), clock
 
 
@@ -117,6 +127,47 @@ def test_what_its_own_check_objects_to_is_no_plan(source: str) -> None:
     assert isinstance(made, Failure)
     assert made.code == 'VERIFICATION_FAILED'
     assert 'it hits the wall' in made.reason
+
+
+def test_the_first_state_is_waited_for() -> None:
+    adapter = Adapter(comes=0.2)
+    made, _ = request(Problem, adapter)
+    assert isinstance(made, Plan)
+    assert adapter.asked[0] >= 0.19
+    assert made.start >= BEGIN + round((adapter.asked[0] + 0.4) * SECOND)
+
+
+def test_a_state_that_does_not_come_is_named_with_the_time_waited() -> None:
+    made, clock = request(Problem, Adapter(comes=1e6))
+    assert isinstance(made, Failure)
+    assert made.code == 'NO_STATE'
+    assert made.reason == 'no state was received on /there within 0.5 s (start.max_age)'
+    assert clock.passed >= 0.5
+    assert isinstance(request(Problem, Adapter(comes=1e6), source='parameters')[0], Plan)
+
+
+class Faulty(Problem):
+    """Its solver has a fault, or an error with a code of its own."""
+
+    error: Exception = KeyError('no such column')
+
+    def solve(self, deadline: float | None = None) -> Any:
+        raise self.error
+
+
+def test_a_fault_of_the_program_is_internal_and_has_its_traceback() -> None:
+    made, _ = request(Faulty, Adapter())
+    assert isinstance(made, Failure)
+    assert (made.code, made.reason) == ('INTERNAL', "KeyError: 'no such column'")
+    assert 'raise self.error' in made.trace
+    assert json.loads(made.to_json()) == {'code': made.code, 'reason': made.reason}
+
+
+def test_an_error_of_the_package_keeps_its_code_and_has_no_traceback() -> None:
+    for error in (Inactive('not active'), Busy('solving'), TrajectoryRefused('too far')):
+        made = Failure.of(error)
+        assert (made.code, made.reason, made.trace) == (error.code, str(error), '')
+    assert Inactive.code == 'INACTIVE'
 
 
 def test_a_plan_that_may_begin_meanwhile_is_waited_for() -> None:
@@ -134,7 +185,12 @@ def test_a_plan_that_is_replaced_before_it_begins_is_not() -> None:
 
 
 def test_a_clock_that_stands_still_is_not_waited_for_without_end() -> None:
-    values = {'start.source': 'measured', 'start.delay': 0.1, 'solver.deadline': 0.1}
+    values = {
+        'start.source': 'measured',
+        'start.delay': 0.1,
+        'start.max_age': 0.5,
+        'solver.deadline': 0.1,
+    }
     adapter = Adapter(begins=0.1)
     began = time.monotonic()
     made = make_plan(Problem, values, adapter, lambda: BEGIN)  # type: ignore[arg-type]

@@ -20,6 +20,8 @@ import json
 import math
 from typing import Any
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from ros_harness import Ros
@@ -44,6 +46,7 @@ class Rig:
         plant = {**WEAK, 'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05}
         tracker = {**WEAK, 'replan.on_deviation': True}
         planner = {**WEAK, 'replan.rate': 5.0, 'replan.delay': 0.3, 'start.delay': 1.5}
+        planner['start.max_age'] = 5.0  # the planner may meet the plant later than the test does
         self.plant = self.start('tdm_sim.pendulum_plant', {**plant, 'disturbance.impulse': 1e-3})
         self.tracker = self.start('tdm_planner.nodes.tracker', tracker)
         self.planner = self.start('tdm_planner.nodes.planner', planner)
@@ -75,7 +78,7 @@ def rig(ros: Ros) -> Rig:
 
 
 def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Ros, rig: Rig) -> None:
-    done, answer = ros.plan('/replanning/plan')
+    done, answer = ros.trigger('/replanning/plan')
     assert done, answer
     assert ros.spin_until(lambda: bool(rig.plans))
     begins = seconds_of(rig.plans[0].header.stamp)
@@ -140,3 +143,19 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(ros: Ros, r
     )
     ros.spin_for(2.0)
     assert rig.upright_for(2.0)
+
+
+def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Ros, rig: Rig) -> None:
+    assert ros.set_parameters('/replanning/planner', start__source='measured') == ['']
+    count = len(rig.plans)
+    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+    assert ros.call('/replanning/tracker/change_state', ChangeState, request).success
+    said = 'no replanning: no tracker is active for pendulum'
+    assert ros.spin_until(lambda: said in rig.planner.output), rig.planner.output
+    before = rig.planner.output.count('new plan')
+    # The pendulum falls, which would be a reason for a new plan.
+    assert ros.spin_until(lambda: not rig.upright_for(0.2), 30.0)
+    ros.spin_for(2.0)
+    assert len(rig.plans) <= count + 1  # one review may have been under way
+    assert rig.planner.output.count('new plan') <= before + 1
+    assert rig.planner.output.count(said) == 1

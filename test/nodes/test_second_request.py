@@ -27,7 +27,7 @@ from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS
 
 WEAK = {'limits.torque': 0.02}
 # Deadlines of up to half the delay do not change which start is waited for.
-PLANNING = {'solver.deadline': 1.0, 'start.delay': 2.0}
+PLANNING = {'solver.deadline': 1.0, 'start.delay': 2.0, 'start.max_age': 5.0}
 
 
 class Rig:
@@ -55,7 +55,7 @@ def test_the_last_of_several_requests_is_followed(ros: Ros, pauses: tuple[float,
     rig = Rig(ros, 'second_' + '_'.join(str(round(100 * pause)) for pause in pauses))
     assert ros.spin_until(lambda: bool(rig.states), 20.0)
     for pause in (*pauses, 0.0):
-        done, answer = ros.plan(f'/{rig.namespace}/plan')
+        done, answer = ros.trigger(f'/{rig.namespace}/plan')
         assert done, answer
         ros.spin_for(pause)
     assert ros.spin_until(lambda: rig.upright, 10.0), rig.tracker.output
@@ -71,7 +71,7 @@ def test_a_plan_that_is_refused_is_told_of_by_the_planner_too(ros: Ros) -> None:
     rig = Rig(ros, 'refusing')
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     assert ros.spin_until(lambda: bool(rig.states), 20.0)
-    assert ros.plan('/refusing/plan')[0]
+    assert ros.trigger('/refusing/plan')[0]
     assert ros.spin_until(lambda: len(rig.states) > 100 and rig.upright, 10.0), rig.tracker.output
     assert 'is not followed' not in rig.planner.output
     assert ros.set_parameters('/refusing/planner', start__source='parameters') == ['']

@@ -22,6 +22,7 @@ from rclpy.time import Time
 from ros_harness import Ros
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, pendulum_message
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory
@@ -82,6 +83,7 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ros
 def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Ros) -> None:
     """A state measured then is planned from as it is: nobody follows the plan before."""
     parameters = {'use_sim_time': True, 'limits.torque': 0.09, 'solver.deadline': 10.0}
+    parameters['start.max_age'] = 10.0
     planner = ros.start('tdm_planner.nodes.planner', parameters, namespace='anew')
     clock = ros.publisher('/clock', Clock)
     states = ros.publisher('/anew/joint_states', JointState)
@@ -96,8 +98,9 @@ def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Ros) -> None:
         states.publish(hanging)
         ros.spin_for(0.05)
 
-    done, answer = ros.plan('/anew/plan', 60.0, meanwhile=lambda: at(100.0))
-    assert done, answer
+    pending = ros.request('/anew/plan', Trigger)
+    assert ros.publish_until(lambda: at(100.0), pending.done, 60.0)
+    assert pending.result().success, pending.result().message
     # Half way up, by the plan, where the pendulum never was.
     at(100.98)
     at(99.9)

@@ -127,6 +127,37 @@ def says_meanwhile(
     return ros.publish_until(lambda: publish_state(states), lambda: bench.said(text, level=level))
 
 
+def test_the_first_second_without_a_state_is_no_error(ros: Ros) -> None:
+    """The middleware takes its time; the plant publishes before the tracker starts."""
+    states = ros.node.create_publisher(JointState, '/patient/joint_states', 10)
+    parameters = {'limits.torque': LIMIT, 'state_timeout': 10.0}
+    tracker = ros.start('tdm_planner.nodes.tracker', parameters, namespace='patient')
+    status = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+
+    def idle() -> bool:
+        found = [s for a in status for s in a.status if s.name == '/patient/tracker: tracking']
+        return bool(found) and found[-1].message == 'idle' and states.get_subscription_count() > 0
+
+    assert ros.publish_until(lambda: publish_state(states), idle)
+    assert 'waiting for the first state' in tracker.output
+    assert '[ERROR]' not in tracker.output
+    tracker.end_cleanly()
+
+
+def test_a_state_that_does_not_come_is_an_error_after_the_first_second(bench: Bench) -> None:
+    assert bench.says('no state has been received', level=2)
+    before, _, after = bench.tracker.output.partition('waiting for the first state')
+    assert '[ERROR]' not in before
+    assert after.count('[ERROR]') == 1
+
+
+def test_a_state_that_has_gone_stale_is_an_error_at_once(ros: Ros) -> None:
+    bench, states = Bench(ros, 'stale'), ros.publisher('/stale/joint_states', JointState)
+    keep_publishing(ros, states, 0.3)
+    assert bench.says('older than state_timeout', level=2)
+    bench.tracker.end_cleanly()
+
+
 def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
     assert bench.says('no state has been received', level=2)
     assert list(bench.commands[-1].name) == ['disk']

@@ -195,5 +195,5 @@ def test_a_state_without_thruster_is_not_used(ros: Ros, rig: Rig) -> None:
     for _ in range(20):
         publish()
     assert not any(command.effort[0] for command in commands)
-    assert 'no state has been received' in tracker.output
+    assert ros.spin_until(lambda: 'no state has been received' in tracker.output)
     tracker.end_cleanly()

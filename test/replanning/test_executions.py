@@ -54,10 +54,15 @@ def crossing() -> PlanInForce:
     return PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
 
 
-def pendulum_loop(plan: PlanInForce, away: np.ndarray) -> RecedingHorizon:
-    start = plan.solution.trajectory.states[0] + away
-    setup = PlantSetup(SWING.plant, start, np.array([-LIMIT]), np.array([LIMIT]), np.zeros(4))
-    tracker = PendulumTracker(build(PendulumTrackerParameters, {'limits.torque': LIMIT}))
+USUAL = build(PendulumTrackerParameters, {'limits.torque': LIMIT})
+
+
+def pendulum_loop(
+    plan: PlanInForce, away: np.ndarray, parameters: PendulumTrackerParameters = USUAL
+) -> RecedingHorizon:
+    start, limit = plan.solution.trajectory.states[0] + away, parameters.limits.torque
+    setup = PlantSetup(SWING.plant, start, np.array([-limit]), np.array([limit]), np.zeros(4))
+    tracker = PendulumTracker(parameters)
     loop = RecedingHorizon({VEHICLE: Vehicle(tracker, SimulatedPlant(setup))}, SWING, INTERVAL)
     loop.begin(plan)
     return loop
@@ -85,6 +90,48 @@ def test_the_pendulum_is_foreseen_where_its_tracker_takes_it(
         loop.tick()
     away = np.abs(foreseen.state - plant.state)
     assert (away < [5e-3, 5e-3, 0.1, 0.1]).all(), away
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_a_tuned_tracker_is_foreseen_with_its_own_weights_and_limits(
+    swing: PlanInForce, known: bool
+) -> None:
+    """With the defaults in its place the pendulum is foreseen elsewhere."""
+    tuned = build(
+        PendulumTrackerParameters,
+        {
+            'limits.torque': 1.2 * LIMIT,
+            'weights.psi': 30.0,
+            'weights.psi_dot': 10.0,
+            'weights.torque': 0.05,
+        },
+    )
+    loop = pendulum_loop(swing, np.array([0.1, 0.2, 0.3, 1.0]), tuned)
+    _, plant = loop.vehicles[VEHICLE]
+    while loop.time < 0.2:
+        loop.tick()
+    seen = {VEHICLE: Observation(plant.state, loop.time, Mode.FOLLOWING)}
+    execution = SwingUpExecution(SWING, tuned if known else None)
+    foreseen = execution.foresee(swing, seen, loop.time + 0.2)[VEHICLE]
+    for _ in range(40):
+        loop.tick()
+    away = np.abs(foreseen.state - plant.state)
+    assert (away < [5e-3, 5e-3, 0.1, 0.1]).all() == known, away
+
+
+def test_a_tuned_robot_is_foreseen_with_its_own_gains(crossing: PlanInForce) -> None:
+    problem = crossing.problem
+    assert isinstance(problem, RobotFormation)
+    at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
+    seen = {}
+    for name, trajectory in crossing.solution.trajectories.items():
+        turned = np.array([0.0, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0])
+        state = trajectory.sample(at).state + turned
+        seen[name] = Observation(state, at, Mode.FOLLOWING)
+    usual = FormationExecution(problem).foresee(crossing, seen, at + 0.5)
+    tuned = FormationExecution(problem, {'robot1': stiff}).foresee(crossing, seen, at + 0.5)
+    assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
+    np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
 
 
 def test_robots_are_foreseen_where_their_trackers_take_them(crossing: PlanInForce) -> None:

@@ -67,7 +67,7 @@ def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(
 
 def test_planner_and_tracker_follow_the_clock(ros: Ros, plant: str) -> None:
     tracking = {'use_sim_time': True, 'rate': 100.0, 'state_timeout': 1.0}
-    planning = {'use_sim_time': True, 'start.delay': 3.0, 'start.max_age': 2.0}
+    planning = {'use_sim_time': True, 'start.delay': 3.0, 'start.max_age': 5.0}
     ros.start('tdm_planner.nodes.tracker', tracking, namespace='slow')
     ros.start('tdm_planner.nodes.planner', planning, namespace='slow')
     clocks = ros.subscribe('/clock', Clock, 10)
@@ -77,7 +77,7 @@ def test_planner_and_tracker_follow_the_clock(ros: Ros, plant: str) -> None:
     assert ros.spin_until(lambda: len(commands) > 5, 60.0)
     assert not (nanoseconds_of(commands[-1].header.stamp) - nanoseconds_of(clocks[0].clock)) % STEP
     before = nanoseconds_of(clocks[-1].clock)
-    done, answer = ros.plan('/slow/plan', timeout=60.0)
+    done, answer = ros.trigger('/slow/plan', timeout=60.0)
     assert done, answer
     assert ros.spin_until(lambda: bool(plans))
     after = nanoseconds_of(clocks[-1].clock)

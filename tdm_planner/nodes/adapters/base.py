@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from rclpy.node import Node
+from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.replanning import Execution, Observation
 from tdm_planner.trajectory import Trajectory
@@ -52,12 +53,14 @@ class Adapter(ABC):
     """
     Gathers measured states for a kind of problem, and publishes its solutions.
 
+    `trackers` are listened to, by vehicle, where they are of a kind known.
     Made once by the planner node, with the values of its parameters. Methods are called in the
     executor's thread, but for those that say otherwise.
     """
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         self.node = node
+        self.trackers: dict[str, TrackerWatch] = {}
 
     @abstractmethod
     def values_changed(self, values: Mapping[str, Any]) -> None:
@@ -67,6 +70,10 @@ class Adapter(ABC):
     def measures(self) -> bool:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
         return True
+
+    def missing(self) -> list[str]:
+        """Return a sentence for every topic on which no state was received yet. Any thread."""
+        return []
 
     @abstractmethod
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
@@ -102,7 +109,8 @@ class Adapter(ABC):
 
         The plans in force go on. With None simulated time began anew: trackers have given them up.
         """
-        del step
+        for watch in self.trackers.values():
+            watch.clock_was_set(step)
 
     def accept_requests(self, request: PlanRequest) -> None:
         """Begin to ask for plans, where the adapter has topics that ask for them."""
@@ -114,8 +122,21 @@ class Adapter(ABC):
 
     def not_following(self, start: int) -> list[str]:
         """Return the vehicles whose trackers do not follow the plan of instant `start` [ns]."""
-        del start
-        return []
+        return [name for name, watch in self.trackers.items() if watch.rejects(start)]
+
+    @property
+    def inactive(self) -> list[str]:
+        """Vehicles whose trackers were heard, but execute nothing."""
+        return [name for name, watch in self.trackers.items() if watch.inactive]
+
+    @property
+    def tracker_parameters(self) -> dict[str, Any]:
+        """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
+        return {
+            name: watch.parameters
+            for name, watch in self.trackers.items()
+            if watch.parameters is not None
+        }
 
     def recognised(
         self,
@@ -141,17 +162,13 @@ class Adapter(ABC):
         """Return the start.* parameters with which trajectories, by vehicle, begin."""
         raise NotImplementedError
 
-    def watch_trackers(self, on: bool) -> None:
-        """Begin, or cease, to listen to what the trackers do; see `observations`."""
-        del on
-
     @property
     def replans(self) -> bool:
         """Whether `execution` and `observations` are there: plans are reviewed on the way."""
         return False
 
     def execution(self, problem: Problem) -> Execution:
-        """Return what the trackers make of plans. Called in the worker's thread."""
+        """Return what the trackers of these parameters make of plans. In the worker's thread."""
         raise NotImplementedError
 
     def observations(

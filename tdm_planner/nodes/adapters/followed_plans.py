@@ -42,18 +42,6 @@ class FollowedPlans:
             self._listen(node, robot, 'trajectory_in_force', MultiDOFJointTrajectory)
             self._listen(node, robot, 'controls_in_force', JointTrajectory)
 
-    def starts(self) -> dict[str, int]:
-        """Start [ns] of what the trackers that tell say they follow, by robot; 0: of none."""
-        return {
-            robot: nanoseconds_of(message.header.stamp)
-            for (robot, topic), message in self._newest.items()
-            if topic == 'trajectory_in_force'
-        }
-
-    def others(self, start: int) -> list[str]:
-        """Return the robots whose trackers say that they follow none, or one of another start."""
-        return [robot for robot, told in self.starts().items() if told != start]
-
     def _listen(self, node: Node, robot: str, topic: str, kind: Any) -> None:
         def on_message(message: Any) -> None:
             self._newest[robot, topic] = message

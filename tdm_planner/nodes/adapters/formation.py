@@ -27,12 +27,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters.base import Adapter, Found, PlanRequest
-from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
 from tdm_planner.nodes.adapters.robot_stand_in import RobotStandIn
+from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
 from tdm_planner.nodes.formation_markers import formation_markers
 from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.robot_messages import (
@@ -48,6 +48,7 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_parameters import Arena
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning import FormationExecution, Mode, Observation
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -57,9 +58,6 @@ Array = NDArray[np.float64]
 # Deviations of a robot that follows its plan; the thruster's angle may be anything.
 _TRACKED = np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
 _CARRIED = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
-# Of the tracker's `tracking_error`, and where the states are among positions and their rates.
-_ERRORS = ('x', 'y', 'yaw', 'thruster')
-_OF_THE_STATE = [0, 1, 4, 5, 2, 6, 3]
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,9 @@ class FormationAdapter(Adapter):
         super().__init__(node, values)
         self._robots = {name: self._connect(name) for name in values['robots']}
         self._in_force: dict[str, PlansInForce] = {}
-        self._watches: dict[str, CommandWatch] = {}
-        self._followed: FollowedPlans | None = None
+        self.trackers = {
+            name: TrackerWatch(node, f'{name}/', RobotTrackerParameters) for name in self._robots
+        }
         self._goal_tools: list[GoalTool] = []
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self.values_changed(values)
@@ -123,6 +122,15 @@ class FormationAdapter(Adapter):
             for name, robot in self._robots.items()
         ]
 
+    def missing(self) -> list[str]:
+        """Say where no state of a robot was received yet."""
+        return [
+            f"robot '{name}': {half.missing}"
+            for name, robot in self._robots.items()
+            for half in (robot.odometry, robot.joints)
+            if half.missing
+        ]
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Propagate every robot's newest state, drifting, to the instant the motion starts."""
         found: dict[str, Any] = {}
@@ -141,10 +149,11 @@ class FormationAdapter(Adapter):
 
     def _predicted(self, name: str, now: int, max_age: float, start: int) -> Array:
         robot, plans = self._robots[name], self._in_force.get(name)
+        followed = plans is not None and self.trackers[name].mode(now) is Mode.FOLLOWING
         newest = robot.odometry.fresh(now, max_age)
         alpha = thruster_angle(robot.joints.fresh(now, max_age).message)
         return predicted_start(
-            None if plans is None else plans.at(now),
+            plans.at(now) if plans is not None and followed else None,
             np.append(odometry_state(newest.message), alpha),
             newest.instant,
             start,
@@ -188,16 +197,13 @@ class FormationAdapter(Adapter):
 
     def clock_was_set(self, step: int | None) -> None:
         """Let the plans in force go on as the trackers have them go on."""
+        super().clock_was_set(step)
         for plans in self._in_force.values():
             plans.clock_was_set(step)
 
     def watch_plans_followed(self, found: Found) -> None:
         """Begin to listen to what the robots' trackers say they follow."""
-        self._followed = FollowedPlans(self.node, tuple(self._robots), found)
-
-    def not_following(self, start: int) -> list[str]:
-        """Return the robots whose trackers tell that they follow something else."""
-        return [] if self._followed is None else self._followed.others(start)
+        FollowedPlans(self.node, tuple(self._robots), found)
 
     def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
         """Return the first state of every robot as parameters."""
@@ -212,17 +218,10 @@ class FormationAdapter(Adapter):
         """Plans are reviewed on the way."""
         return True
 
-    def watch_trackers(self, on: bool) -> None:
-        """Begin, or cease, to listen to the robots' trackers."""
-        for watch in self._watches.values():
-            watch.close()
-        names = self._robots if on else ()
-        self._watches = {name: CommandWatch(self.node, f'{name}/') for name in names}
-
     def execution(self, problem: Problem) -> FormationExecution:
         """Return the trackers' feedback as a model."""
         assert isinstance(problem, RobotFormation)
-        return FormationExecution(problem)
+        return FormationExecution(problem, self.tracker_parameters)
 
     def observations(
         self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
@@ -230,7 +229,6 @@ class FormationAdapter(Adapter):
         """Return the newest state of every robot."""
         found: dict[str, Observation] = {}
         missing: list[str] = []
-        starts = {} if self._followed is None else self._followed.starts()
         for name, robot in self._robots.items():
             try:
                 newest = robot.odometry.fresh(now, values['start.max_age'])
@@ -239,15 +237,9 @@ class FormationAdapter(Adapter):
                 missing.append(f"robot '{name}': {error}")
                 continue
             state = np.append(odometry_state(newest.message), thruster_angle(joints.message))
-            watch = self._watches.get(name)
-            mode, away = Mode.FOLLOWING, None
-            if watch is not None:
-                mode = watch.mode(now)
-                told = watch.error(newest.instant, _ERRORS)
-                away = None if told is None else told[_OF_THE_STATE]
-            start = starts.get(name)
-            accepted = seconds(start) if start else None
-            found[name] = Observation(state, seconds(newest.instant), mode, away, accepted)
+            start, mode = self.trackers[name].followed(now), self.trackers[name].mode(now)
+            followed = None if start is None else seconds(start)
+            found[name] = Observation(state, seconds(newest.instant), mode, followed)
         if missing:
             raise NoState('; '.join(missing))
         return found

@@ -72,6 +72,10 @@ class GenericAdapter(Adapter):
         """Whether the problem has numbers `start.X`."""
         return bool(self._wanted)
 
+    def missing(self) -> list[str]:
+        """Say where no state was received yet."""
+        return [self._state.missing] if self._state.missing else []
+
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """Return the newest state."""
         newest = self._state.fresh(now, values['start.max_age'])

@@ -67,6 +67,15 @@ class NewestMeasurement:
         """Return the newest message that holds the state."""
         return self._newest
 
+    @property
+    def missing(self) -> str:
+        """Say that no state was received yet; '' once there is one."""
+        return '' if self._newest else f'no state was received on {self.topic}{self._last_fault}'
+
+    @property
+    def _last_fault(self) -> str:
+        return f'; the last message there does not hold it: {self._fault}' if self._fault else ''
+
     def age(self, now: int) -> float | None:
         """Age of the newest message [s]; None if there is none."""
         newest = self._newest
@@ -82,10 +91,9 @@ class NewestMeasurement:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        newest = self._newest
-        fault = f'; the last message there does not hold it: {self._fault}' if self._fault else ''
+        newest, fault = self._newest, self._last_fault
         if newest is None:
-            raise NoState(f'no state was received on {self.topic}{fault}')
+            raise NoState(self.missing)
         age = (now - newest.instant) * NANOSECOND
         if age > max_age:
             raise NoState(

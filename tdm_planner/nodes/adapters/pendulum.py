@@ -28,10 +28,10 @@ from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.adapters.base import Adapter, Found
-from tdm_planner.nodes.adapters.command_watch import CommandWatch
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement, Received
 from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
 from tdm_planner.nodes.adapters.stand_in import OLDEST_SHOWN, StandIn
+from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
 from tdm_planner.nodes.messages import (
     joint_motion,
     LATCHED,
@@ -49,6 +49,7 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import Mode, Observation, SwingUpExecution
+from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -71,8 +72,8 @@ class PendulumAdapter(Adapter):
         self._picture = PendulumPicture(RotaryPendulum(), math.pi, _TRAIL)
         self.values_changed(values)
         self._in_force = PlansInForce()
-        self._followed: int | None = None  # start [ns] of what the tracker follows; 0: of none
-        self._watch: CommandWatch | None = None
+        self._tracker = TrackerWatch(node, '', PendulumTrackerParameters)
+        self.trackers[VEHICLE] = self._tracker
         self._state = NewestMeasurement(node, JointState, 'joint_states', _motion, self._moved)
         self._stand_in = StandIn(node, 'plant_markers', self._draw)
 
@@ -81,6 +82,10 @@ class PendulumAdapter(Adapter):
         with suppress(InvalidProblem):
             plant = build(RotaryPendulum, values, 'plant.')
             self._picture.set_up(plant, values['limits.disk_angle'], _TRAIL)
+
+    def missing(self) -> list[str]:
+        """Say where no state of the pendulum was received yet."""
+        return [self._state.missing] if self._state.missing else []
 
     def measured_start(self, values: Mapping[str, Any], now: int, start: int) -> dict[str, Any]:
         """
@@ -100,7 +105,7 @@ class PendulumAdapter(Adapter):
                     f'[{-fastest:.3g}, {fastest:.3g}] rad/s to be planned from'
                 )
         state = predicted_start(
-            self._in_force.at(now),
+            self._in_force.at(now) if self._tracker.mode(now) is Mode.FOLLOWING else None,
             measured,
             newest.instant,
             start,
@@ -131,23 +136,19 @@ class PendulumAdapter(Adapter):
 
     def clock_was_set(self, step: int | None) -> None:
         """Let the plans in force go on as the tracker has them go on."""
+        super().clock_was_set(step)
         self._in_force.clock_was_set(step)
 
     def watch_plans_followed(self, found: Found) -> None:
         """Begin to listen to what the tracker says it follows."""
 
         def on_message(message: JointTrajectory) -> None:
-            self._followed = nanoseconds_of(message.header.stamp)
             trajectories = {}
             with suppress(InvalidProblem):
                 trajectories = {VEHICLE: pendulum_trajectory(message)}
             found(trajectories, nanoseconds_of(message.header.stamp))
 
         self.node.create_subscription(JointTrajectory, 'trajectory_in_force', on_message, LATCHED)
-
-    def not_following(self, start: int) -> list[str]:
-        """Return the pendulum, if its tracker tells that it follows something else."""
-        return [] if self._followed in (None, start) else [VEHICLE]
 
     def start_of(self, trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
         """Return the first state as parameters."""
@@ -159,29 +160,20 @@ class PendulumAdapter(Adapter):
         """Plans are reviewed on the way."""
         return True
 
-    def watch_trackers(self, on: bool) -> None:
-        """Begin, or cease, to listen to the tracker."""
-        if self._watch is not None:
-            self._watch.close()
-        self._watch = CommandWatch(self.node) if on else None
-
     def execution(self, problem: Problem) -> SwingUpExecution:
         """Return the tracker's feedback as a model."""
         assert isinstance(problem, PendulumSwingUp)
-        return SwingUpExecution(problem)
+        return SwingUpExecution(problem, self.tracker_parameters.get(VEHICLE))
 
     def observations(
         self, values: Mapping[str, Any], now: int, seconds: Callable[[int], float]
     ) -> dict[str, Observation]:
         """Return the newest state of the pendulum."""
         newest = self._state.fresh(now, values['start.max_age'])
-        mode, error = Mode.FOLLOWING, None
-        if self._watch is not None:
-            mode = self._watch.mode(now)
-            error = self._watch.error(newest.instant, PENDULUM_JOINTS)
-        accepted = seconds(self._followed) if self._followed else None
+        start, mode = self._tracker.followed(now), self._tracker.mode(now)
+        followed = None if start is None else seconds(start)
         stamp = seconds(newest.instant)
-        return {VEHICLE: Observation(_motion(newest.message), stamp, mode, error, accepted)}
+        return {VEHICLE: Observation(_motion(newest.message), stamp, mode, followed)}
 
     def ages(self, now: int) -> Mapping[str, float | None]:
         """Age of the newest state."""

@@ -1,0 +1,154 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What the planner knows of a tracker: from its `tracker_status`, and from its parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.task import Future
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.tracker_status import TOPIC
+from tdm_planner.parameters import build, specifications
+from tdm_planner.replanning import Mode
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
+
+_PERIOD = 0.2  # s between attempts to ask for the parameters
+_ATTEMPTS = 10  # periods that an answer may take: its client may have been met only just now
+_FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
+_ACTIVE = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
+
+
+class TrackerWatch:
+    """
+    Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
+
+    `parameters` are the tracker's, of the class `kind`, None until they are known; they are asked
+    for when a tracker becomes active, and when one of them has changed. May be read in any thread.
+    """
+
+    def __init__(self, node: Node, prefix: str, kind: type[TrackerParameters]) -> None:
+        self._node, self._kind = node, kind
+        self._statuses: dict[int, int] | None = None  # by start [ns] as published
+        self._moved: dict[int, int] = {}  # by how much the clock was set since [ns]
+        self.parameters: TrackerParameters | None = None
+        self._names = list(specifications(kind))
+        self._wanted = False
+        self._asked: Future | None = None
+        self._patience = 0
+        self._topic = node.create_subscription(
+            GoalStatusArray, f'{prefix}{TOPIC}', self._on_status, LATCHED
+        ).topic_name
+        self._client = node.create_client(GetParameters, f'{prefix}tracker/get_parameters')
+        self._name = self._client.service_name.removesuffix('/get_parameters')
+        node.create_subscription(
+            ParameterEvent, '/parameter_events', self._on_event, qos_profile_parameter_events
+        )
+        node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def heard(self) -> bool:
+        """Whether a tracker of this package has told what it does."""
+        return self._statuses is not None
+
+    @property
+    def inactive(self) -> bool:
+        """Whether the tracker that was heard is gone, or executes nothing and refuses nothing."""
+        if self._statuses is None:
+            return False
+        canceled = GoalStatus.STATUS_CANCELED
+        return (
+            all(status == canceled for status in self._statuses.values())
+            or self._node.count_publishers(self._topic) == 0
+        )
+
+    def followed(self, now: int) -> int | None:
+        """Return the start [ns] of the plan followed at the instant `now` [ns], None for none."""
+        begun = [
+            start + self._moved.get(start, 0)
+            for start, status in (self._statuses or {}).items()
+            if status in _FOLLOWED
+            or (status == GoalStatus.STATUS_ACCEPTED and start + self._moved.get(start, 0) <= now)
+        ]
+        return max(begun, default=None)
+
+    def mode(self, now: int) -> Mode:
+        """
+        Return what the tracker does at the instant `now` [ns].
+
+        Where none was heard, another controller is taken to follow the plan.
+        """
+        statuses = self._statuses
+        if statuses is None or self.followed(now) is not None:
+            return Mode.FOLLOWING
+        recovers = GoalStatus.STATUS_CANCELING in statuses.values()
+        return Mode.RECOVERING if recovers else Mode.IDLE
+
+    def rejects(self, start: int) -> bool:
+        """Whether the tracker neither follows nor awaits the plan of instant `start` [ns]."""
+        return self._statuses is not None and self._statuses.get(start) not in _ACTIVE
+
+    def clock_was_set(self, step: int | None) -> None:
+        """Let the plans told so far begin `step` [ns] later; None: forget them."""
+        if step is None:
+            self._statuses = None if self._statuses is None else {}
+        else:
+            self._moved = {s: self._moved.get(s, 0) + step for s in self._statuses or {}}
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        self._statuses = {
+            nanoseconds_of(item.goal_info.stamp): item.status for item in message.status_list
+        }
+        self._moved = {s: moved for s, moved in self._moved.items() if s in self._statuses}
+        if self.parameters is None or not self._statuses:
+            self._wanted, self._asked = True, None
+            self._ask()
+
+    def _on_event(self, event: ParameterEvent) -> None:
+        if event.node == self._name:
+            self._wanted = True
+
+    def _ask(self) -> None:
+        """Ask for the parameters where they are wanted, one request at a time."""
+        self._patience -= 1
+        pending = self._asked is not None
+        if (pending and self._patience > 0) or not (pending or self._wanted):
+            return
+        if not self.heard or not self._client.service_is_ready():
+            return
+        self._wanted, self._patience = False, _ATTEMPTS
+        self._asked = self._client.call_async(GetParameters.Request(names=self._names))
+        self._asked.add_done_callback(self._on_answer)
+
+    def _on_answer(self, answer: Future) -> None:
+        response: Any = answer.result()
+        if answer is not self._asked:
+            return
+        self._asked = None
+        values = [parameter_value_to_python(value) for value in response.values]
+        try:
+            found = build(self._kind, dict(zip(self._names, values, strict=True)))
+        except (InvalidProblem, ValueError) as error:
+            self._node.get_logger().warning(f'parameters of {self._name} cannot be read: {error}')
+        else:
+            self.parameters = found

@@ -1,0 +1,144 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What a tracker does with every plan, as action servers tell it: `tracker_status`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from rclpy.node import Node
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.tracking.tracker import Phase, TrajectoryTracker
+from tdm_planner.trajectory import Trajectory
+
+TOPIC = 'tracker_status'
+
+_ACTIVE: Mapping[Phase, int] = MappingProxyType(
+    {
+        Phase.WAITING: GoalStatus.STATUS_ACCEPTED,
+        Phase.TRACKING: GoalStatus.STATUS_EXECUTING,
+        Phase.HOLDING: GoalStatus.STATUS_SUCCEEDED,
+    }
+)
+_OVER = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED)
+
+
+def goal_id(start: int) -> list[int]:
+    """Return the id of the plan that starts at the instant [ns]: the bytes of that number."""
+    return list(start.to_bytes(16, 'big', signed=True))
+
+
+def goal_status(start: int, status: int) -> GoalStatus:
+    """Return the status of the plan that starts at the instant [ns]."""
+    info = GoalInfo(stamp=to_stamp(start))
+    info.goal_id.uuid = goal_id(start)
+    return GoalStatus(goal_info=info, status=status)
+
+
+@dataclass(eq=False)
+class _Plan:
+    trajectory: Trajectory | None  # of a rejected plan: none
+    start: int
+    status: int = GoalStatus.STATUS_UNKNOWN
+
+
+class TrackerStatus:
+    """
+    Publishes the status of every plan on `tracker_status`, whenever one changes.
+
+    ACCEPTED   to be executed from its start on
+    EXECUTING  being tracked
+    SUCCEEDED  its end was reached, and is held until another status or plan follows
+    CANCELING  given up; the plant is being brought to rest (`replan.on_deviation`)
+    ABORTED    rejected or given up: nothing is commanded on its account
+    CANCELED   superseded by a newer plan, or the tracker was deactivated
+
+    What is over is told once, and afterwards only while no other plan is active.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.create_publisher(GoalStatusArray, TOPIC, LATCHED)
+        self._plans: list[_Plan] = []
+        self._changed = False
+
+    def begin(self) -> None:
+        """Forget all plans, and tell so: the tracker has become active."""
+        self._plans = []
+        self._publish()
+
+    def accepted(self, trajectory: Trajectory, start: int) -> None:
+        """Take note of a plan that starts at the instant `start` [ns]."""
+        self._plans.append(_Plan(trajectory, start))
+
+    def rejected(self, start: int, tracker: TrajectoryTracker) -> None:
+        """Take note of a plan that the tracker did not accept."""
+        if any(plan.start == start for plan in self._plans):
+            return
+        canceling = GoalStatus.STATUS_CANCELING
+        begun = tracker.unquiet and all(plan.status != canceling for plan in self._plans)
+        self._plans.append(_Plan(None, start, canceling if begun else GoalStatus.STATUS_ABORTED))
+        self._changed = True
+
+    def update(self, tracker: TrajectoryTracker) -> None:
+        """Tell what has changed since the last call."""
+        active = {id(m.trajectory) for m in (tracker.current, tracker.following) if m is not None}
+        newest = max(
+            (i for i, p in enumerate(self._plans) if id(p.trajectory) in active), default=-1
+        )
+        for number, plan in enumerate(self._plans):
+            status = self._status(plan, tracker, superseded=number < newest)
+            self._changed |= status != plan.status
+            plan.status = status
+        if self._changed:
+            self._publish()
+            self._plans = [
+                plan
+                for plan in self._plans
+                if plan.status not in _OVER
+                or id(plan.trajectory) in active
+                or (not active and plan is self._plans[-1])
+            ]
+
+    def cancel(self) -> None:
+        """Tell that the tracker executes nothing any more."""
+        for plan in self._plans:
+            if plan.status != GoalStatus.STATUS_ABORTED:
+                plan.status = GoalStatus.STATUS_CANCELED
+        if self._plans:
+            self._publish()
+
+    @staticmethod
+    def _status(plan: _Plan, tracker: TrajectoryTracker, superseded: bool) -> int:
+        for motion, status in (
+            (tracker.following, GoalStatus.STATUS_ACCEPTED),
+            (tracker.current, _ACTIVE.get(tracker.phase, GoalStatus.STATUS_UNKNOWN)),
+        ):
+            if motion is not None and motion.trajectory is plan.trajectory:
+                return int(status)
+        if plan.status in (GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
+            return plan.status
+        if superseded and plan.status != GoalStatus.STATUS_CANCELING:
+            succeeded = plan.status == GoalStatus.STATUS_SUCCEEDED
+            return plan.status if succeeded else int(GoalStatus.STATUS_CANCELED)
+        gone = GoalStatus.STATUS_CANCELING if tracker.unquiet else GoalStatus.STATUS_ABORTED
+        return int(gone)
+
+    def _publish(self) -> None:
+        self._changed = False
+        told = [goal_status(plan.start, plan.status) for plan in self._plans]
+        self._publisher.publish(GoalStatusArray(status_list=told))
