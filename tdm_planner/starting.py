@@ -52,21 +52,31 @@ REQUIRED = {
 
 def begin() -> None:
     """
-    Prepare the process; called when the package is imported.
+    Prepare the process of a node or a command; called when the package is imported.
+
+    A missing package is one sentence, and code 1.
+    """
+    if not is_ours():
+        return
+    fault = _missing()
+    if fault:
+        sys.exit(fault)
+    limit_threads()
+    end_quietly_on_signals()
+
+
+def require_packages() -> None:
+    """
+    Have all required packages, in a process of the user's own.
 
     Raises
     ------
     ImportError
-        If a package is missing, with one sentence; nodes and commands say it and end with code 1.
+        If one is missing, with a sentence that says how to install it.
 
     """
     fault = _missing()
-    if is_ours():
-        if fault:
-            sys.exit(fault)
-        limit_threads()
-        end_quietly_on_signals()
-    elif fault:
+    if fault:
         raise ImportError(fault)
 
 

@@ -133,7 +133,7 @@ def needed(test: Path) -> dict[str, str]:
                 if name not in {*FOLDERS, *BESIDE, *asked}:
                     found.setdefault(name, f'{path.relative_to(SOURCE)}:{node.lineno}')
 
-    conftest = test.parent / 'conftest.py'
+    conftest = SOURCE / 'test' / 'conftest.py'
     if conftest.is_file():
         run(conftest)
     run(test)

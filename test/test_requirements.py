@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -79,8 +80,31 @@ def test_a_node_without_ros_says_how_to_get_it(tmp_path: Path) -> None:
 
 def test_users_of_the_library_get_the_same_as_an_error() -> None:
     blocked = f'import sys; sys.modules.update(dict.fromkeys({list(REQUIRED)}))\n'
-    done = python('-c', f'{blocked}\ntry: import tdm_planner\nexcept ImportError as e: print(e)')
+    tried = (
+        'try: from tdm_planner.problems import PendulumSwingUp\nexcept ImportError as e: print(e)'
+    )
+    done = python('-c', f'{blocked}\n{tried}')
     assert f"'pip install {' '.join(REQUIRED.values())}'" in done.stdout, done.stderr
+
+
+def test_setup_requires_the_same_packages() -> None:
+    setup = (SOURCE / 'setup.py').read_text(encoding='utf-8')
+    (listed,) = re.findall(r'install_requires=\[(.*?)\]', setup, re.DOTALL)
+    names = re.findall(r"'([\w-]+)[^']*'", listed)
+    assert sorted(names) == sorted(REQUIRED.values())
+
+
+def test_launch_files_need_only_what_ubuntu_has() -> None:
+    """`ros2 launch` runs them in the system's Python, not in the environment of the nodes."""
+    pytest.importorskip('rclpy')
+    missing = ['daqp', 'mcap', 'numba', 'plotly', 'rosbags', 'zstandard']
+    text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
+    text += (SOURCE / 'tdm_planner' / 'launching.py').read_text('utf-8')
+    modules = set(re.findall(r'from (tdm_\w+[\w.]+) import', text)) - {'tdm_planner.launching'}
+    assert 'tdm_planner.nodes.robot_nodes' in modules
+    program = f'import sys; sys.modules.update(dict.fromkeys({missing}))\n'
+    done = python('-c', program + ''.join(f'import {name}\n' for name in sorted(modules)))
+    assert done.returncode == 0, done.stderr
 
 
 def threads(*arguments: str, **environment: str) -> int:

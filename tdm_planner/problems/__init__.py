@@ -12,19 +12,31 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Problems: optimal control problems cast in the direct method."""
+"""
+Problems: optimal control problems cast in the direct method.
 
-from tdm_planner.plants import PendulumLimits, RobotLimits
-from tdm_planner.problems.base import Problem, Solution, SolverParameters
-from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
-from tdm_planner.problems.formation_parameters import RobotStart
-from tdm_planner.problems.pendulum_swing_up import (
-    PendulumGoal,
-    PendulumStart,
-    PendulumSwingUp,
-)
-from tdm_planner.problems.robot_formation import RobotFormation
-from tdm_planner.problems.search import Plan, Search
+Names are imported when they are first used: launch files read declared parameters in the system's
+Python, which has neither numba nor a QP solver.
+"""
+
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
+
+from tdm_planner.starting import require_packages
+
+if TYPE_CHECKING:
+    from tdm_planner.plants import PendulumLimits, RobotLimits
+    from tdm_planner.problems.base import Problem, Solution
+    from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
+    from tdm_planner.problems.formation_parameters import RobotStart
+    from tdm_planner.problems.pendulum_swing_up import (
+        PendulumGoal,
+        PendulumStart,
+        PendulumSwingUp,
+    )
+    from tdm_planner.problems.request import SolverParameters
+    from tdm_planner.problems.robot_formation import RobotFormation
+    from tdm_planner.problems.search import Plan, Search
 
 __all__ = [
     'DirectProblem',
@@ -42,3 +54,22 @@ __all__ = [
     'Solution',
     'SolverParameters',
 ]
+
+_MODULES = {
+    'tdm_planner.plants': ('PendulumLimits', 'RobotLimits'),
+    'tdm_planner.problems.base': ('Problem', 'Solution'),
+    'tdm_planner.problems.direct_problem': ('DirectProblem', 'DirectSolverParameters'),
+    'tdm_planner.problems.formation_parameters': ('RobotStart',),
+    'tdm_planner.problems.pendulum_swing_up': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
+    'tdm_planner.problems.request': ('SolverParameters',),
+    'tdm_planner.problems.robot_formation': ('RobotFormation',),
+    'tdm_planner.problems.search': ('Plan', 'Search'),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            require_packages()
+            return getattr(import_module(module), name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

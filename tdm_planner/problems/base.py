@@ -33,15 +33,13 @@ from tdm_planner.parameters import (
     build,
     flatten,
     NON_NEGATIVE,
-    parameter,
     ParameterSpec,
-    POSITIVE,
     SEED,
     shown,
     specifications,
     to_mapping,
-    Validated,
 )
+from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint, Verification
@@ -49,24 +47,6 @@ from tdm_planner.verification import Constraint, Verification
 Array = NDArray[np.float64]
 P = TypeVar('P', bound='Problem')
 _FEW = 30  # parameters that a message can list
-
-
-@dataclass(frozen=True)
-class SolverParameters(Validated):
-    """How long and how hard to search."""
-
-    deadline: float = parameter(
-        0.5,
-        'time allowed for a plan; the best verified one is returned',
-        unit='s',
-        allowed=POSITIVE,
-    )
-    seed: int = parameter(
-        0, 'seed of the random starts; the same seed gives the same plan', allowed=SEED
-    )
-    tolerance: float = parameter(
-        1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
-    )
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,10 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.parameters import parameter, POSITIVE
-from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.direct_search import DirectSearch
 from tdm_planner.problems.direct_statement import check_statement
+from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint

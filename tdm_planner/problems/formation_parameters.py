@@ -35,7 +35,7 @@ from tdm_planner.parameters import (
     Validated,
 )
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_planner.problems.base import SolverParameters
+from tdm_planner.problems.request import SolverParameters
 
 DEFAULT_ROBOTS = ('robot1', 'robot2', 'robot3')
 _DEFAULT_STARTS: Mapping[str, tuple[float, float, float]] = MappingProxyType(

@@ -39,7 +39,8 @@ from tdm_planner.plants.pendulum_feedback import compile_feedback
 from tdm_planner.plants.pendulum_replay import compile_replay
 from tdm_planner.plants.pendulum_rollout import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.problems.base import Problem, Solution, SolverParameters
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.smooth_method import SmoothMethod
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE

@@ -12,13 +12,31 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The parameters of a planning request that do not depend on the problem."""
+"""Parameters of a planning request that no problem has for itself. Needs no solver to import."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import group, parameter, POSITIVE, Range, SEED, Validated
+
+
+@dataclass(frozen=True)
+class SolverParameters(Validated):
+    """How long and how hard to search."""
+
+    deadline: float = parameter(
+        0.5,
+        'time allowed for a plan; the best verified one is returned',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    seed: int = parameter(
+        0, 'seed of the random starts; the same seed gives the same plan', allowed=SEED
+    )
+    tolerance: float = parameter(
+        1e-8, 'largest penalty that still counts as feasible, eps of (10)', allowed=POSITIVE
+    )
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import threading
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.plants import pendulum_rollout, RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_arcs
@@ -149,16 +150,13 @@ def test_sine_and_cosine(angle):
     assert abs(cosine - np.cos(angle)) < 3e-16
 
 
-@pytest.mark.skipif(not COMPILED, reason='needs numba')
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
-    from tdm_planner.plants import pendulum_steering
-
     one, many = random_batch(170), random_batch(170)  # four chunks
     monkeypatch.setattr(pendulum_rollout, '_cores', lambda: 1)
     count = steer(PLANT, START, one, 2.0, 12, NEVER)
     monkeypatch.setattr(pendulum_rollout, '_cores', lambda: cores)
-    steer_arcs, used, all_started = pendulum_steering.steer_arcs, set(), threading.Barrier(threads)
+    steer_arcs, used, all_started = pendulum_rollout.steer_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
         if threading.get_ident() not in used:
@@ -166,7 +164,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
             all_started.wait(60.0)
         return steer_arcs(*arguments)
 
-    monkeypatch.setattr(pendulum_steering, 'steer_arcs', noted)
+    monkeypatch.setattr(pendulum_rollout, 'steer_arcs', noted)
     assert steer(PLANT, START, many, 2.0, 12, NEVER) == count
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
