@@ -24,6 +24,7 @@ import signal
 import time
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
@@ -266,8 +267,13 @@ class Rig:
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
         self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
         self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
+        self.statuses = ros.subscribe(f'/{namespace}/tracker_status', GoalStatusArray, LATCHED)
         self.planner = Manager(ros, f'/{namespace}/planner')
         self.tracker = Manager(ros, f'/{namespace}/tracker')
+
+    def status(self) -> list[int]:
+        """Return what the tracker said last of its plans."""
+        return [item.status for told in self.statuses[-1:] for item in told.status_list]
 
     def tracked(self) -> None:
         """Wait until the tracker drives the disk."""
@@ -293,7 +299,11 @@ def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(
     assert done, answer
     for attempt in (1, 2):
         rig.tracked()
+        assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_EXECUTING])
+        start = rig.statuses[-1].status_list[0].goal_info.stamp
+        assert start == rig.plans[-1].header.stamp
         assert rig.tracker.change(Transition.TRANSITION_DEACTIVATE)
+        assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_CANCELED])
         ros.spin_for(0.2)
         count, last = len(rig.commands), rig.commands[-1]
         assert list(last.effort) == [0.0]
@@ -305,6 +315,7 @@ def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(
         rig.states.clear()
         # Nothing of the interrupted motion is taken up again.
         assert rig.tracker.change(Transition.TRANSITION_ACTIVATE)
+        assert ros.spin_until(lambda: rig.status() == [])
         rig.commands.clear()
         assert ros.spin_until(lambda: len(rig.commands) > 50)
         assert all(command.effort[0] == 0.0 for command in rig.commands)
