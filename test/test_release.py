@@ -173,7 +173,7 @@ def test_manifest_keeps_to_its_schema(manifest: ElementTree.Element):
 
 
 def test_manifest_depends_on_what_is_used_and_nothing_else(manifest: ElementTree.Element):
-    """RViz and rosbag2 are not listed: a rig without a screen is to get no window system."""
+    """Neither RViz nor rosbag2 is listed: a rig without a screen is to get no window system."""
     used = imported('tdm_planner', 'tdm_sim', 'launch') - WITHOUT_KEY
     wanted = {ROSDEP_KEYS.get(name, name) for name in used}
     beside = {'python3-venv', 'robot_state_publisher'}  # for `make setup`; what launch files start
