@@ -20,7 +20,8 @@ Both are measured in processor time, in turns, and come by the same plan.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 import math
 import time
 from typing import Any
@@ -43,11 +44,11 @@ def run(states: int = 20, repetitions: int = 3) -> dict[str, Any]:
     for made in counted(problems, 'overhead'):
         # The first arrivals of the search, to compare the minimiser alone.
         found = by_hand.arrivals(made, np.random.default_rng(0))[:3]
-        ways = (
-            lambda m=made: by_library(m),
-            lambda m=made: by_hand.solve(m),
-            lambda m=made, f=found: [_polish(m, *arcs) for arcs in f],
-            lambda m=made, f=found: [_polish_by_hand(m, *arcs) for arcs in f],
+        ways: tuple[Callable[[], object], ...] = (
+            partial(by_library, made),
+            partial(by_hand.solve, made),
+            partial(_polish, made, found),
+            partial(_polish_by_hand, made, found),
         )
         seconds = np.min([[_seconds(way) for way in ways] for _ in range(repetitions)], axis=0)
         whole.append(seconds[:2])
@@ -69,12 +70,15 @@ def by_library(made: PendulumSwingUp) -> Solution:
     return made.solve(_DEADLINE, seed=0)
 
 
-def _polish(made: PendulumSwingUp, durations: Any, torques: Any, turns: int) -> None:
-    polish(made.task, Candidate(durations, torques, turns), by_hand.COARSE, 1e-8, Budget(60.0))
+def _polish(made: PendulumSwingUp, found: Sequence[Any]) -> None:
+    for arcs in found:
+        polish(made.task, Candidate(*arcs), by_hand.COARSE, 1e-8, Budget(60.0))
 
 
-def _polish_by_hand(made: PendulumSwingUp, durations: Any, torques: Any, turns: int) -> None:
-    by_hand.polish(by_hand.numbers(made), durations, torques, turns, by_hand.COARSE, math.inf)
+def _polish_by_hand(made: PendulumSwingUp, found: Sequence[Any]) -> None:
+    for durations, torques, turns in found:
+        numbers = by_hand.numbers(made)
+        by_hand.polish(numbers, durations, torques, turns, by_hand.COARSE, math.inf)
 
 
 def _seconds(work: Callable[[], object]) -> float:

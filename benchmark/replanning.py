@@ -114,10 +114,9 @@ def pendulum_loop(
         upper=np.array([limit]),
         noise=PENDULUM_NOISE,
     )
-    tracker = PendulumTracker(build(PendulumTrackerParameters, values))
-    replanner = Replanner(
-        SwingUpExecution(problem, PENDULUM_INTERVAL), ReplanParameters(rate=RATE)
-    )
+    parameters = build(PendulumTrackerParameters, values)
+    tracker = PendulumTracker(parameters)
+    replanner = Replanner(SwingUpExecution(problem, parameters), ReplanParameters(rate=RATE))
     loop = RecedingHorizon(
         {VEHICLE: Vehicle(tracker, SimulatedPlant(setup, seed))},
         problem,

@@ -91,9 +91,9 @@ def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
         times.append(1e3 * (time.process_time() - began))
         if seed in known:
             ratios.append(solution.cost / known[seed])
-        error = solution.verification.terminal_error.reshape(n, 7)
-        ends.append(float(np.hypot(error[:, 0], error[:, 1]).max()))
-        turns.append(float(np.abs(error[:, 4]).max()))
+        missed = solution.verification.terminal_error.reshape(n, 7)
+        ends.append(float(np.hypot(missed[:, 0], missed[:, 1]).max()))
+        turns.append(float(np.abs(missed[:, 4]).max()))
     return {
         'robots': n,
         'scenarios': len(seeds),

@@ -26,7 +26,7 @@ one of them dies, the launch ends. With a real plant the tracker goes on to hold
 
 from typing import Any
 
-from launch import LaunchContext, LaunchDescription
+from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import common_arguments, Launch, SWITCH

@@ -30,7 +30,7 @@ one of them dies, the launch ends. With real robots the trackers go on to hold t
 
 from typing import Any
 
-from launch import LaunchContext, LaunchDescription
+from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.launching import common_arguments, Launch, SWITCH

@@ -41,7 +41,7 @@ from tdm_sim.record_command import record_command
 
 SWITCH = ['true', 'false', 'True', 'False', '1', '0']
 # A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
-RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 3}
+RESPAWN_DELAY, RESPAWN_RETRIES = 1.0, 3  # s
 USAGE = 2  # exit code of a node that was started with what cannot be
 
 
@@ -87,7 +87,6 @@ class Launch:
         """Describe a node of ours; `robot` is the namespace below that of all nodes."""
         executable_of('tdm_planner', executable)
         enclave = ['--enclave', '/' + joined(self.namespace, robot, executable)]
-        respawn = RESPAWN if executable == 'tracker' and self.on('respawn') else {}
         return Node(
             package='tdm_planner',
             executable=executable,
@@ -96,7 +95,9 @@ class Launch:
             ros_arguments=self._log_level + (enclave if self.on('enclaves') else []),
             output='screen',
             on_exit=self._on_exit(executable, needed=executable != 'tracker'),
-            **respawn,
+            respawn=executable == 'tracker' and self.on('respawn'),
+            respawn_delay=RESPAWN_DELAY,
+            respawn_max_retries=RESPAWN_RETRIES,
         )
 
     def foreign_node(

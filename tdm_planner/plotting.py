@@ -195,7 +195,7 @@ def _label_upright(axis: Axes, angles: Array) -> None:
     axis.annotate(
         'upright',
         (0.005, upright),
-        xycoords=('axes fraction', 'data'),
+        xycoords=axis.get_yaxis_transform(),
         xytext=(0, -3 if rising else 3),
         textcoords='offset points',
         va='top' if rising else 'bottom',

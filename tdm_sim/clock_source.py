@@ -28,6 +28,7 @@ from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.motion_clock import ros_clock
 from tdm_planner.nodes.qos import NEWEST
 
 _QUEUE = 10
@@ -68,7 +69,7 @@ class ClockSource:
     """
 
     def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
-        if node.get_clock().ros_time_is_active:
+        if ros_clock(node).ros_time_is_active:
             # The node is the one that tells the time: what it would hear is its own.
             off = Parameter('use_sim_time', value=False)
             Node.set_parameters_atomically(node, [off])

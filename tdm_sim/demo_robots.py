@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -138,25 +139,25 @@ class RobotsScene(Scene):
             node.create_subscription(
                 Odometry,
                 f'{name}/odom',
-                lambda message, robot=robot: self._moved(robot, message),
+                partial(self._moved, robot),
                 qos_profile_sensor_data,
             )
             node.create_subscription(
                 JointState,
                 f'{name}/joint_states',
-                lambda message, robot=robot: self._acted(robot, message),
+                partial(self._acted, robot),
                 qos_profile_sensor_data,
             )
             node.create_subscription(
                 MultiDOFJointTrajectory,
                 f'{name}/trajectory',
-                lambda message, robot=robot: self._planned(robot, motion=message),
+                partial(self._moves_planned, robot),
                 LATCHED,
             )
             node.create_subscription(
                 JointTrajectory,
                 f'{name}/controls',
-                lambda message, robot=robot: self._planned(robot, controls=message),
+                partial(self._controls_planned, robot),
                 LATCHED,
             )
 
@@ -185,14 +186,12 @@ class RobotsScene(Scene):
             ]
         )
 
-    def _planned(
-        self,
-        robot: _Robot,
-        motion: MultiDOFJointTrajectory | None = None,
-        controls: JointTrajectory | None = None,
-    ) -> None:
-        robot.motion = motion or robot.motion
-        robot.controls = controls or robot.controls
+    def _moves_planned(self, robot: _Robot, motion: MultiDOFJointTrajectory) -> None:
+        robot.motion = motion
+        robot.pair_up()
+
+    def _controls_planned(self, robot: _Robot, controls: JointTrajectory) -> None:
+        robot.controls = controls
         robot.pair_up()
 
     @property

@@ -72,7 +72,9 @@ class Keeper(Protocol):
 
 def make_keeper(storage: Any) -> Keeper:
     """Return what looks after a storage of `rosbags`."""
-    return _McapKeeper(storage) if hasattr(storage, 'bio') else _SqliteKeeper(storage)
+    if hasattr(storage, 'bio'):
+        return _McapKeeper(storage)
+    return _SqliteKeeper(storage)
 
 
 class _McapKeeper:

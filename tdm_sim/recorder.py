@@ -128,16 +128,21 @@ class Recorder(Node):
             self._skip(topic, str(error))
             return
         self._recorded.add(topic)
+
+        def write(data: bytes) -> None:
+            # EventsExecutor cannot pass the message's info: the instant is taken here.
+            self._writer.write(connection, time.time_ns(), data)
+
+        def count_lost(event: Any) -> None:
+            self._lost[topic] = event.total_count
+
         self.create_subscription(
             kind,
             topic,
-            # EventsExecutor cannot pass the message's info: the instant is taken here.
-            lambda data: self._writer.write(connection, time.time_ns(), data),
+            write,
             subscription_profile([item.qos_profile for item in publishers]),
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                message_lost=lambda event: self._lost.update({topic: event.total_count})
-            ),
+            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
         )
 
     def _skip(self, topic: str, reason: str) -> None:

@@ -35,7 +35,7 @@ SCALES = {
 def check_markers(array: MarkerArray, frame: str, lifetimes: dict[str, float] | float) -> None:
     """Assert that every marker can be drawn; `lifetimes` are in s, by namespace or for all."""
     assert array.markers
-    seen = set()
+    seen: set[tuple[str, int]] = set()
     for marker in array.markers:
         name = (marker.ns, marker.id)
         assert marker.header.frame_id == frame, name

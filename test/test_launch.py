@@ -311,10 +311,12 @@ def test_recording_on_request(name: str, monkeypatch: pytest.MonkeyPatch):
     (recorder,) = recorders(record='true', bag='my_bag', namespace='hall')
     assert recorder.cmd == record_command('hall', 'my_bag')
     asked: list[bool] = []
-    monkeypatch.setattr(
-        'tdm_planner.launching.record_command',
-        lambda namespace, bag, use_sim_time: asked.append(use_sim_time) or [],
-    )
+
+    def command(namespace: str, bag: str, use_sim_time: bool) -> list[str]:
+        asked.append(use_sim_time)
+        return []
+
+    monkeypatch.setattr('tdm_planner.launching.record_command', command)
     for switch in ('true', 'false'):
         recorders(record='true', use_sim_time=switch)
     assert asked == [True, False]

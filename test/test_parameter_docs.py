@@ -86,7 +86,7 @@ def test_values_replace_defaults_and_are_checked():
         parameter_file({'node': (SPECS, {'inner.gian': 1.0})})
 
 
-def test_lines_are_short_enough_to_read():
+def test_lines_are_short_enough_to_read() -> None:
     @dataclass(frozen=True)
     class Wordy(Validated):
         value: float = parameter(1.0, 'many words ' * 40)

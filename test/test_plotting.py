@@ -127,7 +127,7 @@ def test_upright_is_marked_for_the_pendulum_alone(swing_up, tmp_path, monkeypatc
     assert marked(Foreign(), other) == {}
 
 
-def test_margins_of_a_stated_problem_are_what_it_states():
+def test_margins_of_a_stated_problem_are_what_it_states() -> None:
     @dataclass(frozen=True)
     class Cart(DirectProblem, Validated):
         name: ClassVar[str] = 'cart'

@@ -151,7 +151,7 @@ def depends(manifest: ElementTree.Element, kind: str) -> set[str]:
     return set(found)
 
 
-def test_manifest_is_read_without_a_warning():
+def test_manifest_is_read_without_a_warning() -> None:
     package = pytest.importorskip('catkin_pkg.package')
     warnings: list[str] = []
     read = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)

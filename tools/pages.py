@@ -22,9 +22,11 @@ A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 import re
+from typing import Any
 
 from tdm_planner.nodes.planning import CODES
 from tools.endpoints import endpoints, SET_UPS
@@ -84,7 +86,7 @@ def fragment(name: str) -> str:
         return launch_arguments(ROOT / 'launch' / which)
     if kind == 'json':
         return key_table(json_keys()[which])
-    made = {
+    made: dict[str, Callable[[], str]] = {
         'executables': lambda: executables('nodes/'),
         'executables-here': executables,
         'all-topics': all_topics,
@@ -136,10 +138,11 @@ def check_texts() -> None:
     """Stop where texts and public names differ."""
     named = {(name.split()[0], end.name) for name in SET_UPS for end in endpoints(name)}
     keys = {key for found in json_keys().values() for key in found}
-    for what, described, there in (
+    compared: tuple[tuple[str, set[Any], set[Any]], ...] = (
         ('topic or service', set(TOPICS), named),
         ('JSON key', set(JSON_KEYS), keys),
         ('executable', set(EXECUTABLES), set(console_scripts())),
-    ):
+    )
+    for what, described, there in compared:
         for item in sorted(map(str, described ^ there)):
             raise SystemExit(f'tools/interface_texts.py and the code differ: {what} {item}')

@@ -24,6 +24,7 @@ instants of arrival [s], (n, 2), and for JointState the positions, under `TOPIC 
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 import signal
 import sys
@@ -52,9 +53,7 @@ class StreamProbe:
         self._positions: dict[str, list[list[float]]] = {name: [] for name in topics}
         self.node = rclpy.create_node('stream_probe')
         for name, message_type in topics.items():
-            self.node.create_subscription(
-                message_type, name, lambda message, name=name: self._hear(name, message), quality
-            )
+            self.node.create_subscription(message_type, name, partial(self._hear, name), quality)
 
     def _hear(self, name: str, message: Any) -> None:
         self._heard[name].append((seconds_of(message.header.stamp), time.time()))

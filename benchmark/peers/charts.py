@@ -61,9 +61,9 @@ def success(figures: Mapping[str, Any]) -> Figure:
     """Share of the cases solved near the best known cost within a time."""
     problems = figures['problems']
     picture = _figure(5.2)
-    axes = picture.subplots(1, len(problems), sharey=True)
+    picture.subplots(1, len(problems), sharey=True)
     handles: dict[str, Any] = {}
-    for axis, (title, problem) in zip(np.atleast_1d(axes), problems.items(), strict=True):
+    for axis, (title, problem) in zip(picture.axes, problems.items(), strict=True):
         near = _NEAR.get(title, 1.02)
         known = {int(case): cost for case, cost in problem['known'].items()}
         for name, colour in _COLOURS.items():
@@ -86,7 +86,7 @@ def success(figures: Mapping[str, Any]) -> Figure:
         axis.set(xscale='log', xlim=(1, 1e4), ylim=(0, 1.02), xlabel='processor time [ms]')
         axis.set_title(f'{title}\nsolved at {near:g} of the best known cost or less', fontsize=10)
         axis.grid(alpha=0.3)
-    np.atleast_1d(axes)[0].set_ylabel('share of the cases')
+    picture.axes[0].set_ylabel('share of the cases')
     picture.legend(
         list(handles.values()), list(handles), loc='outside lower center', ncols=4, frameon=False
     )
@@ -96,7 +96,8 @@ def success(figures: Mapping[str, Any]) -> Figure:
 def growth(figures: Mapping[str, Any]) -> Figure:
     """Time over intervals, cost over varied parameters, time over robots."""
     picture = _figure(4.4)
-    nodes, parameters, teams = picture.subplots(1, 3)
+    picture.subplots(1, 3)
+    nodes, parameters, teams = picture.axes
     for section in dict.fromkeys(row['section'] for row in figures['nodes']):
         _line(
             nodes,

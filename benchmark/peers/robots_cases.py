@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 import time
+from typing import Any
 
 from benchmark.peers.attempts import Attempt, Method
 from benchmark.peers.collocation import Outcome
@@ -34,7 +35,7 @@ INTERVALS = 30, 4  # to the first arrival, between two arrivals
 DEADLINE = 20.0
 _NEAR = 0.05  # m: how far the starts of a neighbouring crossing are, along either axis
 # The cost is flat at its optimum: a tighter tolerance only costs time.
-_IPOPT = {'tol': 1e-6, 'acceptable_tol': 1e-4}
+_IPOPT: dict[str, Any] = {'tol': 1e-6, 'acceptable_tol': 1e-4}
 
 OURS, OURS_WARM = 'tdm_planner', 'tdm_planner, warm'
 STRAIGHT, LEFT, RIGHT = (
@@ -57,7 +58,7 @@ class RobotsCases:
         self.collocation = FormationCollocation(task, *intervals, **_IPOPT | limit)
         self.neighbour = lru_cache(maxsize=1)(self._neighbour)
 
-    def problem(self, case: int, near: bool = False, **changes: object) -> RobotFormation:
+    def problem(self, case: int, near: bool = False, **changes: Any) -> RobotFormation:
         """Return the crossing of a case, or one with starts nearby."""
         scenario = crossing(case, self.n)
         values = scenario.parameters(**{'arena.tracking_margin': MARGIN, **changes})
@@ -79,7 +80,7 @@ class RobotsCases:
         found[COLLOCATION_WARM] = self.collocate_warm
         return found
 
-    def ours(self, case: int, earlier: Solution | None, **changes: object) -> Attempt:
+    def ours(self, case: int, earlier: Solution | None, **changes: Any) -> Attempt:
         """Solve by this package, from an earlier plan if given."""
         stated = self.problem(case, **changes)
         began = time.process_time()

@@ -111,5 +111,5 @@ def _separation(task: FormationTask, motions: list[ruckig.Trajectory], ways: Arr
         ]
         places.append(task.start[i] + np.array(share)[:, None] * (task.goal[i] - task.start[i]))
     place = np.array(places)
-    i, j = np.triu_indices(task.n, 1)
-    return float(np.linalg.norm(place[i] - place[j], axis=2).min())
+    one, other = np.triu_indices(task.n, 1)
+    return float(np.linalg.norm(place[one] - place[other], axis=2).min())

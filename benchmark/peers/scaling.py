@@ -128,7 +128,7 @@ def parameters(extent: Extent) -> Rows:
     robots, known = RobotsCases(3), references()
     for ends, order in extent.shapes:
         report(f'3 robots, order {order}, end accelerations {ends}')
-        changes = {'end_accelerations': ends, 'polynomial_order': order}
+        changes: dict[str, Any] = {'end_accelerations': ends, 'polynomial_order': order}
         size = robots.problem(0, **changes).solve(DEADLINE).parameters.size
         attempts = [robots.ours(case, None, **changes) for case in range(extent.cases)]
         rows.append(_row('3 robots', 'tdm_planner', order, size, known, attempts))

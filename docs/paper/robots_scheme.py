@@ -113,8 +113,8 @@ def open_loop_miss(motion: Move, controls: Controls) -> float:
     """Distance from the goal [m] where the thrust is applied over the times of `controls`."""
     t = np.linspace(0.0, controls.times[-1], 20001)
     forces = [
-        np.interp(t, controls.times, controls.thrust * trigonometric(controls.direction))
-        for trigonometric in (np.cos, np.sin)
+        np.interp(t, controls.times, controls.thrust * share)
+        for share in (np.cos(controls.direction), np.sin(controls.direction))
     ]
     step = t[1]
     end = []

@@ -66,7 +66,7 @@ def _inverse_factor(hessian: Array, inverse: Array) -> bool:
 
 @compiled
 def _most_violated(
-    x: Array, rows: Array, least: Array, lower: Array, upper: Array, active: Array
+    x: Array, rows: Array, least: Array, lower: Array, upper: Array, active: NDArray[np.bool_]
 ) -> tuple[int, float]:
     """
     Index of the constraint violated most, relative to its size, and its value; -1 if none.

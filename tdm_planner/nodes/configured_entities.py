@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from rclpy.lifecycle.node import LifecycleNodeMixin
@@ -67,7 +67,9 @@ class ConfiguredEntities(LifecycleNodeMixin, ParameterNode):
             publisher.on_activate(None)
         return publisher
 
-    def create_timer(self, period: float, callback: Any, *args: Any, **kwargs: Any) -> Any:
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
+    ) -> Any:
         """Create a timer that ends with the configuration."""
 
         def guarded() -> None:
@@ -76,11 +78,11 @@ class ConfiguredEntities(LifecycleNodeMixin, ParameterNode):
 
         configuration = self._configuration
         return super().create_timer(
-            period, callback if self._kept is None else guarded, *args, **kwargs
+            timer_period_sec, callback if self._kept is None else guarded, *args, **kwargs
         )
 
     def create_subscription(
-        self, kind: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
     ) -> Any:
         """Create a subscription that ends with the configuration."""
 
@@ -89,18 +91,19 @@ class ConfiguredEntities(LifecycleNodeMixin, ParameterNode):
                 callback(message)
 
         configuration = self._configuration
-        scoped = self._kept is not None and kind is not Clock
+        scoped = self._kept is not None and msg_type is not Clock
         return super().create_subscription(
-            kind, topic, guarded if scoped else callback, *args, **kwargs
+            msg_type, topic, guarded if scoped else callback, *args, **kwargs
         )
 
     def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
-        for items, destroy in (
+        kinds: tuple[tuple[Iterable[Any], Callable[[Any], Any]], ...] = (
             (self.timers, self.destroy_timer),
             (self.subscriptions, self.destroy_subscription),
             (self.services, self.destroy_service),
             (self.clients, self.destroy_client),
             (self.publishers, self.destroy_lifecycle_publisher),
-        ):
+        )
+        for items, destroy in kinds:
             for item in items:
                 yield item, destroy

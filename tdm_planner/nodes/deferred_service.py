@@ -50,7 +50,10 @@ class DeferredService:
         handler: Callable[[Any, Any, Answer], None],
     ) -> None:
         self._handler = handler
-        self._service = node.create_service(service_type, name, _Deferred, qos_profile=SERVICE)
+        # Any: rclpy declares that a callback returns the response itself.
+        self._service: Any = node.create_service(
+            service_type, name, _Deferred, qos_profile=SERVICE
+        )
         self._send = self._service.send_response
         self._service.send_response = self._hold_back
 

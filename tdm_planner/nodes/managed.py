@@ -31,6 +31,7 @@ import math
 import time
 from typing import Any
 
+from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
@@ -43,6 +44,8 @@ from tdm_planner.parameters import ParameterSpec, shown, specifications
 from tdm_planner.problems.request import RequestParameters
 
 AUTOSTART = specifications(RequestParameters)['autostart']
+
+_ACTIVE = LifecycleState('active', State.PRIMARY_STATE_ACTIVE)
 
 
 class Stage(str, Enum):
@@ -235,7 +238,7 @@ class ManagedNode(ConfiguredEntities):
         finally:
             self._rested_at = time.monotonic()
             self._stage = Stage.INACTIVE
-            super().on_deactivate(None)
+            super().on_deactivate(_ACTIVE)
 
     def _release(self) -> None:
         """Destroy what was created from `configure` on, when the last message is well away."""

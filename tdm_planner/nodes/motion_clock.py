@@ -18,8 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import time
+from typing import cast
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 from tdm_planner.trajectory import NANOSECOND
 
@@ -29,9 +30,14 @@ _SMALLEST_STEP = 1_000_000  # ns; less is the jitter of reading two clocks
 _QUICK = 500_000  # ns that reading them may take, lest a pause between looks like a step
 
 
+def ros_clock(node: Node) -> ROSClock:
+    """Return the node's clock, which is of more than the type that rclpy declares."""
+    return cast(ROSClock, node.get_clock())
+
+
 def pacing_clock(node: Node) -> Clock:
     """Return the clock for a node's timers: one that is set back would keep them from firing."""
-    clock: Clock = node.get_clock()
+    clock = ros_clock(node)
     if clock.ros_time_is_active:
         return clock
     return Clock(clock_type=ClockType.STEADY_TIME)
@@ -50,7 +56,7 @@ class MotionClock:
     """
 
     def __init__(self, node: Node, on_step: Callable[[float], None] | None = None) -> None:
-        self._clock = node.get_clock()
+        self._clock = ros_clock(node)
         self._on_step = on_step
         self._simulated = bool(self._clock.ros_time_is_active)
         self._begin = time.monotonic_ns()

@@ -34,7 +34,7 @@ from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.motion_clock import MotionClock
+from tdm_planner.nodes.motion_clock import MotionClock, ros_clock
 from tdm_planner.nodes.other_planners import OtherPlanners
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.planning import (
@@ -226,7 +226,7 @@ class Planner(ManagedNode):
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Forget the plan in force when simulated time is set back: trackers give it up."""
-        if not self.get_clock().ros_time_is_active or self._plan is None:
+        if not ros_clock(self).ros_time_is_active or self._plan is None:
             return
         self.get_logger().warning('simulated time was set back: the plan in force is given up')
         if self._adapter is not None:

@@ -89,12 +89,12 @@ class ParameterNode(Node):
         self.declare(specifications or {})
 
     def create_subscription(
-        self, kind: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
     ) -> Any:
         """As rclpy's; of the simulated clock, times that rclpy cannot hold are left out."""
-        if kind is Clock:
+        if msg_type is Clock:
             callback = self._with_possible_times(callback)
-        return super().create_subscription(kind, topic, callback, *args, **kwargs)
+        return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def create_service(self, *args: Any, **kwargs: Any) -> Any:
         """As rclpy's; answers reach a client that was met only just now."""

@@ -138,16 +138,12 @@ class TrackedPendulum(TrackedPlant):
                 {'trajectory_in_force': data},
             )
 
+        def on_state(message: JointState) -> None:
+            intake.on_state(message.header.stamp, lambda: joint_motion(message, PENDULUM_JOINTS))
+
         take = _stamped(intake, on_trajectory)
         node.create_subscription(JointTrajectory, 'trajectory', take, LATCHED, raw=True)
-        node.create_subscription(
-            JointState,
-            'joint_states',
-            lambda message: intake.on_state(
-                message.header.stamp, lambda: joint_motion(message, PENDULUM_JOINTS)
-            ),
-            NEWEST,
-        )
+        node.create_subscription(JointState, 'joint_states', on_state, NEWEST)
 
     def command_message(self, control: Array) -> JointState:
         """Return the torque of the disk."""

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tdm_planner.direct_method.nonlinear_program import NonlinearProgram
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems import (
     formation_search,
@@ -42,7 +43,11 @@ from tdm_planner.verification import Verification
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
-_PROGRAMS = (SmoothProgram, VirtualArcProgram, FormationProgram)
+_PROGRAMS: tuple[type[NonlinearProgram], ...] = (
+    SmoothProgram,
+    VirtualArcProgram,
+    FormationProgram,
+)
 _MINIMISERS = (switching_search, smooth_method, virtual_arc_method, formation_search)
 
 

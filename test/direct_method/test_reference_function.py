@@ -27,7 +27,7 @@ from tdm_planner.direct_method import (
 )
 
 START, END = {0: 1.0, 1: -0.5}, {0: 2.0, 1: 0.3}
-FAMILIES = {
+FAMILIES: dict[str, ReferenceFunction] = {
     'polynomial': PolynomialReference({**START, 2: 0.7}, {**END, 3: 1.0}, 3.0, 1.0),
     'sines': TaranenkoReference(SineSeries(5), START, END, 3.0, 1.0, [0.2, -0.1, 0.3]),
     'powers': TaranenkoReference(
@@ -40,7 +40,7 @@ FAMILIES = {
 }
 
 
-@pytest.fixture(params=FAMILIES.values(), ids=FAMILIES)
+@pytest.fixture(params=FAMILIES.values(), ids=list(FAMILIES))
 def x(request):
     return request.param
 

@@ -67,7 +67,10 @@ def test_sines_and_their_derivatives():
         (lambda: power_products([]), 'at least one pair'),
         (lambda: power_products([(0, 1)]), r'exponent of \(0, 1\) = 0 is not allowed'),
         (lambda: power_products([(1, 1), (1, 1)]), 'distinct'),
-        (lambda: PowerProducts([(1, 1)]), r'exponents = \[\(1, 1\)\] must be a tuple of pairs'),
+        (
+            lambda: PowerProducts([(1, 1)]),  # type: ignore[arg-type]
+            r'exponents = \[\(1, 1\)\] must be a tuple of pairs',
+        ),
         (lambda: SineSeries(2) + SineSeries(2), r'sin\(1 pi s\).* more than one'),
         (
             lambda: SineSeries(2) + symmetric_powers(2) + power_products([(3, 1), (2, 2)]),

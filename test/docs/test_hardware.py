@@ -22,7 +22,7 @@ joint_trajectory_controller: "validation of trajectories", its documentation and
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 import itertools
 import math
@@ -53,7 +53,7 @@ def nanoseconds(stamp: Any) -> int:
     return int(stamp.sec * SECOND + stamp.nanosec)
 
 
-def refusal(message: JointTrajectory, joints: list[str], effort: bool, now: int) -> str:
+def refusal(message: JointTrajectory, joints: Sequence[str], effort: bool, now: int) -> str:
     """Why a joint_trajectory_controller for `joints` refuses a message; '' if it takes it."""
     if not message.points:
         return 'no points'

@@ -143,7 +143,8 @@ def check_tdm(command: list[str]) -> None:
 
 def check_make(command: list[str]) -> None:
     makefile = (SOURCE / 'Makefile').read_text(encoding='utf-8')
-    for target in command[command.index('-C') + 2 if '-C' in command else 1 :]:
+    first = command.index('-C') + 2 if '-C' in command else 1
+    for target in command[first:]:
         if '=' not in target:
             assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
 

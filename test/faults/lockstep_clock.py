@@ -24,6 +24,7 @@ a mission longer, and changes nothing else. What is done to the clock comes as J
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 import json
 import sys
 import time
@@ -75,9 +76,7 @@ class LockstepClock(Node):
         self.create_subscription(String, 'clock_order', self._on_order, LATCHED)
         for topic in self.declare_parameter('followers', ['joint_states']).value:
             kind = Header if topic.endswith('passed') else JointState
-            self.create_subscription(
-                kind, topic, lambda message, topic=topic: self._on_follower(topic, message), 10
-            )
+            self.create_subscription(kind, topic, partial(self._on_follower, topic), 10)
         self.create_timer(
             STEP / SECOND, self._advance, clock=Timepiece(clock_type=ClockType.STEADY_TIME)
         )

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import copy
+from functools import partial
 import json
 import os
 import subprocess
@@ -32,7 +33,7 @@ from fault_figures import EVERYTHING, note
 import numpy as np
 from process_rig import COMMAND_TIMEOUT, ProcessRig, STATE_TIMEOUT
 import pytest
-from ros_harness import Ros
+from ros_harness import NodeProcess, Ros
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, seconds_of, to_stamp
@@ -97,6 +98,10 @@ def test_a_tracker_is_killed_and_restarted_in_mid_swing(rig: ProcessRig, repetit
     assert safe < COMMAND_TIMEOUT + ON_THE_WAY
 
 
+def told_of_another(process: NodeProcess) -> bool:
+    return '2 planners publish' in process.output
+
+
 def test_two_planners_run_by_mistake(ros: Ros, rig: ProcessRig) -> None:
     started = time.time()
     other = ros.start('tdm_planner.nodes.planner', rig.parameters['planner'], namespace='faults')
@@ -104,7 +109,7 @@ def test_two_planners_run_by_mistake(ros: Ros, rig: ProcessRig) -> None:
     detected = time.time() - started
     rig.wait(lambda: rig.says('planner', '2 planners publish /faults/plan_summary'))
     for process in (rig.processes['planner'], rig.processes['tracker'], other):
-        rig.wait(lambda process=process: '2 planners publish' in process.output)
+        rig.wait(partial(told_of_another, process))
     # A request reaches both: each plans, each publishes.
     rig.fall()
     ros.request('/faults/plan', Trigger)

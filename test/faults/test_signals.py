@@ -140,7 +140,7 @@ def begun(process: NodeProcess) -> bool:
 # Starting: from the first import on.
 
 DELAYS = [0.05 * k for k in range(40)] if EVERYTHING else [0.1, 0.5]
-STARTING = {
+STARTING: dict[str, tuple[str, dict[str, Any] | None, list[str] | None]] = {
     'planner': ('tdm_planner.nodes.planner', {}, None),
     'tracker': ('tdm_planner.nodes.tracker', {}, None),
     'pendulum_plant': ('tdm_sim.pendulum_plant', {}, None),
@@ -327,7 +327,9 @@ def test_while_it_runs(ros: Ros, scene: str, way: str) -> None:
 def test_a_recording_that_is_ended_can_be_read(ros: Ros) -> None:
     highlevel = pytest.importorskip('rosbags.highlevel')
     subject = busy_recorder(ros)
-    bag = Path(subject.process.process.args[-1])
+    arguments = subject.process.process.args
+    assert isinstance(arguments, list)
+    bag = Path(arguments[-1])
     subject.end('Ctrl-C while it ends')
     with highlevel.AnyReader([bag]) as reader:
         assert reader.message_count > 10

@@ -93,7 +93,8 @@ def read_plan(plant: str, message: Any) -> Any:
     """Read a plan as the node does."""
     if plant == 'pendulum':
         return pendulum_trajectory(plain(message))
-    return robot_trajectory(*map(plain, message), robot='robot1')
+    motion, controls = map(plain, message)
+    return robot_trajectory(motion, controls, 'robot1')
 
 
 def live_through(history: dict[str, Any]) -> str:

@@ -32,7 +32,10 @@ from tdm_planner.problems.base import Problem, Solution
 
 PENDULUM = PendulumSwingUp.parameter_specifications({})
 ROBOTS = RobotFormation.parameter_specifications({})
-PROBLEMS = {'pendulum_swing_up': PendulumSwingUp, 'robot_formation': RobotFormation}
+PROBLEMS: dict[str, type[Problem]] = {
+    'pendulum_swing_up': PendulumSwingUp,
+    'robot_formation': RobotFormation,
+}
 PATIENCE = 1.0  # s for problems that can be solved
 
 
@@ -184,5 +187,5 @@ def test_odd_values_of_python_are_refused_by_name(name: str, value: Any) -> None
 
 @pytest.mark.parametrize('case', corpus('parameters'))
 def test_what_once_escaped_does_so_no_more(case: dict[str, Any]) -> None:
-    problem: type[Problem] = PROBLEMS[case['problem']]
+    problem = PROBLEMS[case['problem']]
     assert isinstance(planned(problem, case['parameters']), (Solution, Infeasible, InvalidProblem))

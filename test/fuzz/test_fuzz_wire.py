@@ -49,7 +49,7 @@ PLANTS = {
     'robot': ('/robots/robot1/robot_plant', RobotPlantParameters),
 }
 # Commands that can be followed: what the plants are fuzzed with must not keep them from it.
-RIGHT = {
+RIGHT: dict[str, dict[str, Any]] = {
     'pendulum': {'name': ['disk'], 'effort': [0.0125]},
     'robot': {
         'name': ['thruster', 'reaction_wheel'],
@@ -57,7 +57,7 @@ RIGHT = {
         'effort': [0.25, 0.0125],
     },
 }
-NAMES = [
+NAMES: list[list[str]] = [
     [], ['disk'], ['thruster', 'reaction_wheel'], ['reaction_wheel', 'thruster', 'disk'],
     ['disk', 'disk'], ['thruster', 'thruster', 'reaction_wheel'], ['Disk', ' disk', 'disk '],
     [''], [FORGED], ['x' * 100_000, FORGED * 1000], ['disk', FORGED], ['é', '<script>', '%s%n'],

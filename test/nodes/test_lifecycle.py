@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import os
 from pathlib import Path
 import shutil
@@ -130,7 +131,11 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
     markers = ros.subscribe('/twice/markers', MarkerArray, 10)
     process = started(PLANNER, {**FROM_PARAMETERS, **WAITING}, 'twice')
     manager, node = Manager(ros, '/twice/planner'), '/twice/planner'
-    status = Status(ros, node)
+    status, ask = Status(ros, node), ros.node.get_publisher_names_and_types_by_node
+
+    def planned(count: int) -> bool:
+        return len(plans) == count and bool(markers)
+
     for cycle in (1, 2):
         assert manager.state() == 'unconfigured'
         assert status.says('unconfigured')
@@ -145,16 +150,15 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         done, answer = ros.trigger('/twice/plan')
         assert done, answer
         assert answer['plan_id'] == cycle
-        assert ros.spin_until(lambda count=count: len(plans) == count + 1 and bool(markers))
+        assert ros.spin_until(partial(planned, count + 1))
         manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
         assert status.says('inactive')
         assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
         assert silent(ros, plans)
         late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
-        assert ros.spin_until(lambda late=late: bool(late))  # the plan stays in force
+        assert ros.spin_until(partial(bool, late))  # the plan stays in force
         manager.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
-        ask = ros.node.get_publisher_names_and_types_by_node
-        assert ros.spin_until(lambda ask=ask: 'trajectory' not in endpoints(ros, ask, node))
+        assert ros.spin_until(lambda: 'trajectory' not in endpoints(ros, ask, node))
     services = ros.node.get_service_names_and_types_by_node
     assert 'plan' not in endpoints(ros, services, node)
     manager.become(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')

@@ -78,7 +78,8 @@ def taken_by_rcl(ros: Ros, file: Path, namespace: str) -> Mapping[str, Any]:
             start_parameter_services=False,
             enable_rosout=False,
         )
-        found = node.get_parameters_by_prefix('')
+        # rclpy declares that these are values.
+        found: dict[str, Any] = node.get_parameters_by_prefix('')
         node.destroy_node()
     finally:
         context.try_shutdown()

@@ -19,12 +19,13 @@ from __future__ import annotations
 from pathlib import Path
 import signal
 import time
+from typing import Any
 
 import pytest
 from ros_harness import NodeProcess, Ros
 from tdm_planner import starting
 
-MODULES = {
+MODULES: dict[str, dict[str, Any]] = {
     'tdm_planner.nodes.planner': {},
     'tdm_planner.nodes.tracker': {'kind': 'robot'},
     'tdm_sim.pendulum_plant': {},

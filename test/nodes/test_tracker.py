@@ -166,12 +166,9 @@ def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
 
 def test_states_that_cannot_be_read_are_left_out(ros: Ros, bench: Bench, states: Any) -> None:
     def publish() -> None:
-        for wrong in (
-            {'name': ['arm', 'pendulum']},
-            {'position': [0.0]},
-            {'velocity': [0.0, math.nan]},
-        ):
-            publish_state(states, **wrong)
+        publish_state(states, name=['arm', 'pendulum'])
+        publish_state(states, position=[0.0])
+        publish_state(states, velocity=[0.0, math.nan])
 
     assert ros.publish_until(publish, lambda: 'state left out' in bench.tracker.output)
     assert bench.says('no state has been received', level=2)

@@ -117,6 +117,11 @@ def test_halves_of_different_plans_are_not_put_together(
     assert rig.says('idle')
 
 
+def begin_elsewhere(motion: Any, controls: Any) -> None:
+    for point in motion.points:
+        point.transforms[0].translation.x = 3.0
+
+
 @pytest.mark.parametrize(
     ('spoil', 'reason'),
     [
@@ -124,12 +129,7 @@ def test_halves_of_different_plans_are_not_put_together(
         (lambda motion, controls: controls.points.pop(), 'points'),
         (lambda motion, controls: setattr(controls, 'joint_names', ['a', 'b']), 'thruster'),
         (lambda motion, controls: setattr(motion.points[5], 'velocities', []), 'point 5'),
-        (
-            lambda motion, controls: [
-                setattr(p.transforms[0].translation, 'x', 3.0) for p in motion.points
-            ],
-            'tolerance.start',
-        ),
+        (begin_elsewhere, 'tolerance.start'),
     ],
 )
 def test_plans_are_refused_with_a_reason(
@@ -191,7 +191,7 @@ def test_a_state_without_thruster_is_not_used(ros: Ros, rig: Rig) -> None:
         publisher.publish(odometry)
         ros.spin_for(0.01)
 
-    assert ros.spin_until(lambda: (publish(), bool(commands))[1])
+    assert ros.publish_until(publish, lambda: bool(commands))
     for _ in range(20):
         publish()
     assert not any(command.effort[0] for command in commands)

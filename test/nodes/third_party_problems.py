@@ -111,9 +111,9 @@ class TwoStrokes(Search[float]):
         x, half = self.cart.start.position, candidate
         f = -np.sign(x) * self.cart.force
         motion = Trajectory(
-            times=[0.0, half, 2 * half],
-            states=[[x, 0.0], [x / 2, f * half], [0.0, 0.0]],
-            controls=[[f], [-f], [-f]],
+            times=np.array([0.0, half, 2 * half]),
+            states=np.array([[x, 0.0], [x / 2, f * half], [0.0, 0.0]]),
+            controls=np.array([[f], [-f], [-f]]),
             state_names=('position', 'velocity'),
             control_names=('force',),
         )

@@ -20,7 +20,6 @@ That holds where the deadline does not cut the search short: the deadlines here 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import json
 import os
 from pathlib import Path
@@ -76,7 +75,7 @@ def plans(*names: str, **environment: str) -> dict[str, str]:
 
 
 @pytest.fixture(scope='module')
-def reference() -> Iterator[dict[str, str]]:
+def reference() -> dict[str, str]:
     return plans(OPENBLAS_NUM_THREADS='1', PYTHONHASHSEED='0')
 
 

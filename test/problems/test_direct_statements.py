@@ -81,7 +81,10 @@ def fails(self, *arguments):
         ({'outputs': fails}, 'outputs of Changed raises IndexError'),
         ({'duration': lambda self: 1 // 0}, 'duration of Changed raises ZeroDivisionError'),
         ({'outputs': lambda self: None}, 'outputs returns None'),
-        ({'outputs': lambda self: {'x': Output(free='3')}}, "free = '3' is not allowed"),
+        (
+            {'outputs': lambda self: {'x': Output(free='3')}},  # type: ignore[arg-type]
+            "free = '3' is not allowed",
+        ),
         ({'state_names': 'xv'}, "state_names = 'xv' must be a tuple of names"),
         ({'state_names': ('x', 'x')}, 'the same name twice'),
         ({'control_names': (), 'control_units': ()}, 'control_names = () must be a tuple'),

@@ -54,9 +54,8 @@ def replay_end(made: PendulumSwingUp, solution: Solution) -> np.ndarray:
     """Integrate what is written, switch by switch, without the package's own verification."""
     trajectory = solution.trajectory
     state = trajectory.states[0]
-    edges = np.flatnonzero(np.diff(trajectory.controls[:-1, 0])) + 1
-    edges = [0, *edges, trajectory.times.size - 1]
-    for first, last in itertools.pairwise(edges):
+    switches = np.flatnonzero(np.diff(trajectory.controls[:-1, 0])) + 1
+    for first, last in itertools.pairwise([0, *switches, trajectory.times.size - 1]):
         held = trajectory.controls[first]
         state = solve_ivp(
             lambda t, x, u=held: made.plant.derivative(x, u),

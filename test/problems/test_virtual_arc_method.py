@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,8 +31,8 @@ ENOUGH = 20.0  # [s], so that the deadline never decides on a busy machine
 
 
 def problem(start: PendulumStart, torque: float = 0.09, **others) -> PendulumSwingUp:
-    others = {'torque_reserve': 0.0, 'method': 'virtual_arc'} | others
-    return PendulumSwingUp(limits=PendulumLimits(torque=torque), start=start, **others)
+    given: dict[str, Any] = {'torque_reserve': 0.0, 'method': 'virtual_arc'} | others
+    return PendulumSwingUp(limits=PendulumLimits(torque=torque), start=start, **given)
 
 
 def replayed_end(made: PendulumSwingUp, trajectory) -> np.ndarray:

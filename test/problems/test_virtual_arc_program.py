@@ -74,7 +74,7 @@ def passage(start: tuple[float, ...], angles: np.ndarray, torques: np.ndarray) -
         def reached(t, x, angle=angle):
             return x[0] - angle
 
-        reached.terminal = True
+        reached.terminal = True  # type: ignore[attr-defined]
         piece = solve_ivp(
             lambda t, x, u=held: PLANT.derivative(x, u),
             (time, time + 3.0),

@@ -83,6 +83,11 @@ def plan() -> PlanInForce:
     return PlanInForce(problem, problem.solve(deadline=10.0), start=10.0)
 
 
+def cart(plan: PlanInForce) -> Cart:
+    assert isinstance(plan.problem, Cart)
+    return plan.problem
+
+
 def seen(plan: PlanInForce, at: float, away: Sequence[float] = (0.0, 0.0)) -> Any:
     """Return what is measured at an instant: velocity first, to show that names decide."""
     x, v = (plan.solution.trajectory.sample(plan.elapsed(at)).state + np.array(away)).tolist()
@@ -164,15 +169,15 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
 def test_another_start_or_solver_is_not_another_question(plan: PlanInForce) -> None:
     execution = GenericExecution(('x', 'v'), 0.05)
     other = replace(
-        plan.problem, start=Start(x=3.0), solver=DirectSolverParameters(deadline=1.0, seed=3)
+        cart(plan), start=Start(x=3.0), solver=DirectSolverParameters(deadline=1.0, seed=3)
     )
     assert execution.same_question(plan.problem, other)
-    assert not execution.same_question(plan.problem, replace(plan.problem, limit=2.0))
+    assert not execution.same_question(plan.problem, replace(cart(plan), limit=2.0))
 
 
 def test_after_its_end_a_plan_is_not_in_force(plan: PlanInForce) -> None:
     made, at = replanner(plan), plan.end + 0.1
-    asked = replace(plan.problem, limit=2.0)
+    asked = replace(cart(plan), limit=2.0)
     review = made.review(asked, seen(plan, at, (1.0, 0.0)), at)
     assert review.plan is None
     assert not review.necessary

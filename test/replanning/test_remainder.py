@@ -70,6 +70,7 @@ def test_the_rest_of_a_plan_is_the_same_motion_later(
 def test_switching_times_are_shifted_by_what_has_passed(swing: PlanInForce, share: float) -> None:
     whole = arcs_of(swing.solution.trajectory)
     rest = swing.remainder(swing.start + share * swing.solution.duration)
+    assert rest is not None
     left = arcs_of(rest.trajectory)
     assert whole is not None
     assert left is not None
@@ -117,7 +118,7 @@ def test_a_smooth_torque_goes_on_without_a_jump(share: float) -> None:
     now = plan.solution.trajectory.sample(at)
     torque = float(now.control[0])
     away = now.state + np.array([0.005, -0.005, 0.05, 0.05])
-    asked = replace(problem, start=PendulumStart(*away.tolist(), torque=torque))
+    asked = replace(problem, start=replace(PendulumStart(*away.tolist()), torque=torque))
     new = asked.solve(deadline=10.0, warm_start=plan.remainder(at))
     assert new.verification.ok
     first = float(new.trajectory.control('torque')[0])

@@ -117,7 +117,7 @@ def test_only_verified_plans_are_put_in_force_and_they_start_late_enough(
 
 def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
     # A plant as modelled and measured well, and feedback that does not give up meanwhile.
-    options = {'tolerance.path': 3.0}
+    options: dict[str, Any] = {'tolerance.path': 3.0}
     loop = closed_loop(plan, seed=5, mismatch=0.0, noise=0.01, **options)
     state = {}
     while loop.time < 3.0:
@@ -217,7 +217,7 @@ def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.Monke
     vehicles = {VEHICLE: Vehicle(tracker, SimulatedPlant(setup))}
     loop = RecedingHorizon(vehicles, problem, interval := 0.002, replanner)
     loop.begin(first)
-    torques = []
+    torques: list[float] = []
     while loop.time < first.end:
         if len(torques) == 20:
             # Another question, which is answered at once, on the way.

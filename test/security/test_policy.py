@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 import re
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -28,7 +29,7 @@ from tools.security_policy import OPERATOR, Rights
 
 POLICY = Path(__file__).resolve().parents[2] / 'config' / 'security' / 'policy.xml'
 # Elements, their attributes (a * may be left out) and children, as sros2's policy.xsd has them.
-SCHEMA = {
+SCHEMA: dict[str, tuple[set[str], set[str]]] = {
     'policy': ({'version'}, {'contexts'}),
     'contexts': (set(), {'context'}),
     'context': ({'path'}, {'profiles'}),
@@ -40,7 +41,7 @@ SCHEMA = {
     'service': (set(), set()),
 }
 # Every kind of node once; the other robots' differ in their names alone.
-STARTED = {
+STARTED: dict[str, dict[str, Any]] = {
     '/pendulum/planner': {'replan.rate': 1.0},
     '/pendulum/tracker': {},
     '/pendulum/pendulum_plant': {},
@@ -98,12 +99,12 @@ def test_every_enclave_is_that_of_its_node() -> None:
     assert len(set(paths)) == len(paths)
     for context in contexts:
         (profile,) = context.findall('profiles/profile')
-        name = f'{profile.get("ns").rstrip("/")}/{profile.get("node")}'
-        assert name == context.get('path')
+        name = f'{profile.attrib["ns"].rstrip("/")}/{profile.attrib["node"]}'
+        assert name == context.attrib['path']
 
 
 @pytest.fixture(scope='module')
-def used(ros: Ros) -> Iterator[dict[str, Rights]]:
+def used(ros: Ros) -> dict[str, Rights]:
     """Return what running nodes use, as the network sees them."""
     for path, parameters in STARTED.items():
         namespace, _, name = path.rpartition('/')
@@ -112,17 +113,13 @@ def used(ros: Ros) -> Iterator[dict[str, Rights]]:
     def seen(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
         node = ros.node
-        return Rights(
-            *(
-                frozenset(item for item, _ in ask(name, namespace))
-                for ask in (
-                    node.get_publisher_names_and_types_by_node,
-                    node.get_subscriber_names_and_types_by_node,
-                    node.get_service_names_and_types_by_node,
-                    node.get_client_names_and_types_by_node,
-                )
-            )
+        asks: tuple[Callable[..., Any], ...] = (
+            node.get_publisher_names_and_types_by_node,
+            node.get_subscriber_names_and_types_by_node,
+            node.get_service_names_and_types_by_node,
+            node.get_client_names_and_types_by_node,
         )
+        return Rights(*(frozenset(item for item, _ in ask(name, namespace)) for ask in asks))
 
     def all_there() -> bool:
         names = {f'{ns}/{name}' for name, ns in ros.node.get_node_names_and_namespaces()}
@@ -143,7 +140,7 @@ def test_a_node_is_allowed_what_it_uses_and_nothing_else(
 def test_no_node_may_command_anothers_actuators() -> None:
     """Torques come from the tracker of the plant, from nobody else."""
     for context in document().findall('contexts/context'):
-        path = context.get('path')
+        path = context.attrib['path']
         for topic in granted(path).publishes:
             if topic.endswith('/joint_command'):
                 assert path == topic.replace('joint_command', 'tracker')

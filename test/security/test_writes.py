@@ -20,6 +20,7 @@ from pathlib import Path
 import subprocess
 import sys
 import tempfile
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from ros_harness import ENOUGH, NodeProcess, Ros, ros_arguments
@@ -27,7 +28,7 @@ from sensor_msgs.msg import JointState
 
 UNHURRIED = {'solver.deadline': ENOUGH}
 ROBOTS = {'problem': 'robot_formation', **UNHURRIED}
-NODES = {
+NODES: dict[str, tuple[str, str, dict[str, Any]]] = {
     'planner': ('tdm_planner.nodes.planner', 'robots', ROBOTS),
     'tracker': ('tdm_planner.nodes.tracker', 'robots/robot1', {'kind': 'robot'}),
     'robot_plant': ('tdm_sim.robot_plant', 'robots/robot1', {}),

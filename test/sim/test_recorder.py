@@ -25,6 +25,7 @@ import re
 import signal
 import sqlite3
 import subprocess
+import sys
 import threading
 import time
 from typing import Any
@@ -396,8 +397,8 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(
         from mcap.stream_reader import StreamReader
 
         seen = 0
-        with (copy / 'bag.mcap').open('rb') as file, suppress(EndOfFile):
-            for item in StreamReader(file).records:
+        with (copy / 'bag.mcap').open('rb') as stream, suppress(EndOfFile):
+            for item in StreamReader(stream).records:
                 seen += isinstance(item, Message)
         assert seen == 50
 
@@ -465,7 +466,7 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
 
 def test_a_live_line_on_a_terminal(ros: Ros, tmp_path: Path) -> None:
     leader, follower = pty.openpty()
-    command = [os.sys.executable, '-m', 'tdm_planner.cli', 'record', '-o', str(tmp_path / 'bag')]
+    command = [sys.executable, '-m', 'tdm_planner.cli', 'record', '-o', str(tmp_path / 'bag')]
     process = subprocess.Popen(
         command, env=ros.environment, stdout=follower, stderr=follower, close_fds=True
     )

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -40,7 +41,7 @@ SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 SETTINGS = settings(deadline=None, max_examples=25, derandomize=True)
 
 
-def simulation(setup: PlantSetup = SETUP, **changes: object) -> SimulatedPlant:
+def simulation(setup: PlantSetup = SETUP, **changes: Any) -> SimulatedPlant:
     return SimulatedPlant(replace(setup, **changes))
 
 
@@ -178,6 +179,6 @@ def test_a_new_setup_acts_without_a_jump() -> None:
         ({'gains': np.ones(2)}, "'gains' must be 1 finite number"),
     ],
 )
-def test_wrong_setups_are_refused(changes: dict[str, object], words: str) -> None:
+def test_wrong_setups_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InvalidProblem, match=words):
         replace(SETUP, **changes)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -94,7 +95,7 @@ def test_theta_runs_on_when_the_sensor_wraps() -> None:
 def test_noise_is_filtered_and_old_samples_are_left_out() -> None:
     rng = np.random.default_rng(1)
     filter_ = estimator(CommandHistory(1))
-    state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
+    state: NDArray[np.float64] = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
     raw, filtered = [], []
     for k in range(400):
         seen = state + NOISE.measurement * rng.standard_normal(4)

@@ -81,7 +81,7 @@ def test_the_cost_to_go_is_the_cost_and_other_gains_cost_more() -> None:
     states = np.stack([np.pi * (1 - times), 0 * times, 0 * times - np.pi, 0 * times], axis=1)
     a, b = plant.jacobians(states, np.zeros((100, 1)))
     q, r, step = np.diag([1.0, 0.1, 0.01, 0.001]), np.array([[100.0]]), 0.01
-    along = time_varying_regulator(a, b, q, r, 10 * q, step)
+    along = time_varying_regulator(a, b, q, r, 10.0 * q, step)
     phi, gamma = discretise(a, b, step)
 
     def cost(gains: np.ndarray, x: np.ndarray) -> float:

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.repetition import RepetitionWatch
+from tdm_planner.tracking.tracker import Phase
 
 DT = 0.005
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
@@ -105,7 +106,7 @@ def test_a_gap_of_any_length_is_no_matter() -> None:
 
 def test_the_tracker_commands_nothing_then() -> None:
     tracker = PendulumTracker(PendulumTrackerParameters())
-    tracker.phase = tracker.phase.RECOVERING
+    tracker.phase = Phase.RECOVERING
     state, problems = np.array([math.pi, 0.8, 0.0, 0.0]), []
     for k in range(60):
         tracker.observe(state, DT * k)

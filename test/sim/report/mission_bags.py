@@ -83,7 +83,7 @@ def span(seconds: float) -> Any:
     )
 
 
-def joint_state(at: int, names: Sequence[str], **values: Sequence[float]) -> Any:
+def joint_state(at: int, names: Sequence[str], **values: Sequence[float] | np.ndarray) -> Any:
     arrays = {
         quantity: np.array(values.get(quantity, ()), dtype=float)
         for quantity in ('position', 'velocity', 'effort')
@@ -104,7 +104,7 @@ def rotation(yaw: float) -> Any:
     return made('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=z, w=w)
 
 
-def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
+def odometry(at: int, name: str, state: Sequence[float] | np.ndarray, frame: str = 'arena') -> Any:
     """State x, y, u, v, yaw, omega in the arena's frame, as an odometry says it."""
     x, y, u, v, yaw, omega = (float(value) for value in state[:6])
     c, s = np.cos(yaw), np.sin(yaw)

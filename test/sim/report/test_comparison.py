@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from typing import Any
 
 from mission_bags import robot_parameters
 import numpy as np
@@ -441,8 +442,8 @@ def test_missing_samples_are_no_margins():
 @pytest.mark.parametrize('part', ['states', 'applied', 'plans'])
 def test_every_part_may_be_missing(part: str):
     for mission in (swing_up(), formation()):
-        empty = () if part == 'plans' else None
-        vehicles = tuple(replace(v, **{part: empty}) for v in mission.vehicles)
+        empty: dict[str, Any] = {part: () if part == 'plans' else None}
+        vehicles = tuple(replace(v, **empty) for v in mission.vehicles)
         comparison = compare(replace(mission, vehicles=vehicles, figures=()))
         assert all(e.achieved is None or math.isfinite(e.achieved) for e in comparison.entries)
         assert comparison.verdict is None or part == 'applied'
