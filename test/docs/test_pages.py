@@ -51,7 +51,7 @@ import yaml
 
 LONG = 60.0  # s; results are tested here, not how soon they come on a busy machine
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
-OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', '.', 'source'}
+OF_OTHER_PROJECTS = {'cd', 'mkdir', 'git', 'sudo', 'rosdep', 'colcon', '.', 'source'}
 MODULES_OF_OTHER_PROJECTS = {'colcon', 'venv'}
 SERVICES = {'plan', 'reset', 'push'}
 VARIABLES = {
@@ -106,6 +106,17 @@ def test_commands_do_what_they_say(
         check_command(command)
 
 
+def test_readme_and_quick_start_install_over_a_sourced_ros_alike():
+    pages = [commands(SOURCE / name) for name in ('README.md', 'docs/quick_start.md')]
+    installed = []
+    for page in pages:
+        first = page.index(['source', '/opt/ros/jazzy/setup.bash'])
+        last = page.index(['source', 'install/setup.bash'])
+        installed.append(page[first:last])
+    assert installed[0] == installed[1]
+    assert ['make', '-C', 'src/tdm_planner', 'setup'] in installed[0]
+
+
 def check_command(command: list[str]) -> None:
     while '=' in command[0]:
         check_variable(command[0])
@@ -143,7 +154,8 @@ def check_tdm(command: list[str]) -> None:
 
 def check_make(command: list[str]) -> None:
     makefile = (SOURCE / 'Makefile').read_text(encoding='utf-8')
-    for target in command[command.index('-C') + 2 if '-C' in command else 1 :]:
+    first = command.index('-C') + 2 if '-C' in command else 1
+    for target in command[first:]:
         if '=' not in target:
             assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
 
