@@ -51,7 +51,7 @@ import yaml
 
 LONG = 60.0  # s; results are tested here, not how soon they come on a busy machine
 EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
-OF_OTHER_PROJECTS = {'cd', 'git', 'rosdep', 'colcon', '.', 'source'}
+OF_OTHER_PROJECTS = {'cd', 'mkdir', 'git', 'sudo', 'rosdep', 'colcon', '.', 'source'}
 MODULES_OF_OTHER_PROJECTS = {'colcon', 'venv'}
 SERVICES = {'plan', 'reset', 'push'}
 VARIABLES = {
@@ -104,6 +104,17 @@ def test_commands_do_what_they_say(
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
     for command in typed(page):
         check_command(command)
+
+
+def test_readme_and_quick_start_install_over_a_sourced_ros_alike():
+    pages = [commands(SOURCE / name) for name in ('README.md', 'docs/quick_start.md')]
+    installed = []
+    for page in pages:
+        first = page.index(['source', '/opt/ros/jazzy/setup.bash'])
+        last = page.index(['source', 'install/setup.bash'])
+        installed.append(page[first:last])
+    assert installed[0] == installed[1]
+    assert ['make', '-C', 'src/tdm_planner', 'setup'] in installed[0]
 
 
 def check_command(command: list[str]) -> None:
