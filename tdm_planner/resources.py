@@ -78,10 +78,11 @@ def executable_of(package: str, name: str) -> str:
         found = shutil.which(name, path=prefix / 'lib' / package)
         if found is not None:
             return found
-    raise InvalidProblem(
-        f"'{name}' of package '{package}' is not installed: "
-        f'sudo apt install ros-jazzy-{package.replace("_", "-")}'
-    )
+    distribution = os.environ.get('ROS_DISTRO', 'jazzy')
+    way = f'sudo apt install ros-{distribution}-{package.replace("_", "-")}'
+    if package == PACKAGE:
+        way = 'source the workspace in which colcon has built it'
+    raise InvalidProblem(f"'{name}' of package '{package}' is not installed: {way}")
 
 
 def config_file(name: str) -> Path:

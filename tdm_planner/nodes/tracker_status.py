@@ -117,10 +117,8 @@ class TrackerStatus:
     def cancel(self) -> None:
         """Tell that the tracker executes nothing any more."""
         for plan in self._plans:
-            if plan.status != GoalStatus.STATUS_ABORTED:
-                plan.status = GoalStatus.STATUS_CANCELED
-        if self._plans:
-            self._publish()
+            plan.status = GoalStatus.STATUS_CANCELED
+        self._publish()
 
     @staticmethod
     def _status(plan: _Plan, tracker: TrajectoryTracker, superseded: bool) -> int:

@@ -44,7 +44,7 @@ _FOLDER = Path(
     os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', _DIGEST
 )
 with suppress(OSError):  # then numba's own folder will do
-    _FOLDER.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _FOLDER.mkdir(mode=0o755, parents=True, exist_ok=True)
 
 COMPILING = (
     "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
@@ -73,12 +73,18 @@ def tell_of_compilation(tell: Callable[[str], object]) -> None:
     register('numba:compile', _Compilations(tell))
 
 
+def _keep_in_memory(signature: Any, data: Any) -> None:
+    """Save nothing: the folder can only be read."""
+
+
 def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
     made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
     cache = made._cache
-    folder = _FOLDER if os.access(_FOLDER, os.W_OK) else cache.cache_path
+    folder = _FOLDER if os.access(_FOLDER, os.R_OK | os.X_OK) else cache.cache_path
     index: Any = IndexDataCacheFile  # typed in some versions only
     cache._cache_file = index(str(folder), cache._impl.filename_base, _DIGEST)
+    if not os.access(folder, os.W_OK):  # another user has set the environment up
+        cache.save_overload = _keep_in_memory
     typed: _Function = made
     return typed

@@ -34,11 +34,20 @@ from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import PlanInForce, Plant
 from tdm_sim.report.plan_documents import PlannedVehicle
-from tdm_sim.report.recorded_topics import BODY_PLAN, JOINT_PLAN, Received, RecordedTopics
+from tdm_sim.report.recorded_topics import (
+    BODY_PLAN,
+    JOINT_PLAN,
+    Received,
+    RecordedTopics,
+    STATUSES,
+)
 
 Array = NDArray[np.float64]
 
 _UNKNOWN = PlannedVehicle(None, {})
+# Of action_msgs/GoalStatus: statuses of a plan that was begun, and those of one that is over.
+_BEGUN = {2, 3, 4}  # EXECUTING, CANCELING, SUCCEEDED
+_OVER = {5, 6}  # CANCELED, ABORTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +69,19 @@ def read_plans(
     Return the plans published in a vehicle's namespace, in the order of their starts.
 
     `said` is what summaries say of the vehicle, by the start of the motion [ns]. A plan that
-    cannot be read is told in `notes`.
+    cannot be read is told in `notes`, and so are those that the tracker never began: it rejected
+    them, or they were superseded while pending.
     """
     motions = _by_start(topics, f'{namespace}/trajectory')
     controls = _by_start(topics, f'{namespace}/controls')
     plans = []
-    for start in sorted(motions):
+    never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
+    if never_begun:
+        notes.append(
+            f'{len(never_begun)} of the plans on {namespace}/trajectory were rejected by the '
+            'tracker or superseded before they began.'
+        )
+    for start in sorted(set(motions) - never_begun):
         told = said.get(start, _UNKNOWN)
         try:
             trajectory = _read(plant, motions[start], controls.get(start), told)
@@ -97,6 +113,17 @@ def in_force(
         PlanInForce(plan_ids.get(plan.start, ''), start, plan.trajectory, until)
         for plan, start, until in zip(plans, starts, ends, strict=True)
     )
+
+
+def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
+    """Return the starts [ns] of plans that ended before they began, by what a tracker told."""
+    told: dict[int, set[int]] = {}
+    if topics.types.get(topic) == STATUSES:
+        for item in topics.messages.get(topic, ()):
+            for status in item.message.status_list:
+                start = nanoseconds_of(status.goal_info.stamp)
+                told.setdefault(start, set()).add(int(status.status))
+    return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}
 
 
 def _by_start(topics: RecordedTopics, topic: str) -> dict[int, Any]:

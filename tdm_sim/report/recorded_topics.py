@@ -35,6 +35,7 @@ JOINT_PLAN = 'trajectory_msgs/msg/JointTrajectory'
 BODY_PLAN = 'trajectory_msgs/msg/MultiDOFJointTrajectory'
 STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+STATUSES = 'action_msgs/msg/GoalStatusArray'
 LOG = 'rcl_interfaces/msg/Log'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 
@@ -42,7 +43,7 @@ QUANTITIES = ('position', 'velocity', 'effort')
 ODOMETRY_COLUMNS = ('x', 'y', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'omega')
 
 _STREAMS = (JOINT_STATE, ODOMETRY)
-_MESSAGES = (JOINT_PLAN, BODY_PLAN, DIAGNOSTICS, LOG, CLOCK)
+_MESSAGES = (JOINT_PLAN, BODY_PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
 _BATCH = 4096  # messages of a topic decoded at once
 _LATEST = 2**63 - 1  # ns
 _LARGEST = 1e100  # a number beyond it is damage; its square still is a number

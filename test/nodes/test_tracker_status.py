@@ -151,3 +151,12 @@ def test_a_tracker_that_was_restarted_recovers_from_a_plan_that_it_missed() -> N
     bench.status.rejected(5, bench.tracker(Phase.RECOVERING, None, None, True))
     assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}
     assert bench.tick(Phase.RECOVERING) == {5: 'ABORTED'}
+
+
+def test_a_tracker_that_is_deactivated_cancels_what_it_has_given_up_as_well() -> None:
+    bench = Bench()
+    bench.accept(5)
+    bench.tick(Phase.TRACKING, 5)
+    assert bench.tick(Phase.STOPPED) == {5: 'ABORTED'}
+    bench.status.cancel()
+    assert bench.told[-1] == {5: 'CANCELED'}

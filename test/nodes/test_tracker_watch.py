@@ -63,6 +63,13 @@ def test_where_no_tracker_was_heard_the_plan_is_taken_to_be_followed(told: Told)
     assert not told.watch.rejects(5)
 
 
+def test_a_tracker_that_was_never_activated_is_inactive(ros: Ros) -> None:
+    watch = TrackerWatch(ros.node, 'dormant/', PendulumTrackerParameters)
+    assert not watch.inactive  # nobody is there: another controller may follow
+    ros.start('tdm_planner.nodes.tracker', {'autostart': False}, namespace='dormant')
+    assert ros.spin_until(lambda: watch.inactive, 20.0)
+
+
 @pytest.mark.parametrize(
     ('statuses', 'mode', 'followed', 'inactive'),
     [

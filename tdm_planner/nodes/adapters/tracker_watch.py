@@ -73,9 +73,9 @@ class TrackerWatch:
 
     @property
     def inactive(self) -> bool:
-        """Whether the tracker that was heard is gone, or executes nothing and refuses nothing."""
-        if self._statuses is None:
-            return False
+        """Whether the tracker is not active yet, not any more, or gone after it was heard."""
+        if self._statuses is None:  # its node may be there; it tells nothing until it is active
+            return bool(self._client.service_is_ready())
         canceled = GoalStatus.STATUS_CANCELED
         return (
             all(status == canceled for status in self._statuses.values())

@@ -39,6 +39,7 @@ STANDARD = {
     'MultiDOFJointTrajectory': 'trajectory_msgs/msg/MultiDOFJointTrajectory',
     'String': 'std_msgs/msg/String',
     'DiagnosticArray': 'diagnostic_msgs/msg/DiagnosticArray',
+    'GoalStatusArray': 'action_msgs/msg/GoalStatusArray',
     'Log': 'rcl_interfaces/msg/Log',
 }
 
@@ -89,6 +90,14 @@ def joint_state(at: int, names: Sequence[str], **values: Sequence[float] | np.nd
         for quantity in ('position', 'velocity', 'effort')
     }
     return made('JointState', header=header(at), name=list(names), **arrays)
+
+
+def goal(start: int, status: int) -> Any:
+    """Return what a tracker tells of the plan that starts at the instant [ns]."""
+    identity = made('unique_identifier_msgs/msg/UUID', uuid=np.zeros(16, dtype=np.uint8))
+    info = made('action_msgs/msg/GoalInfo', goal_id=identity, stamp=stamp(start))
+    told = made('action_msgs/msg/GoalStatus', goal_info=info, status=status)
+    return made('GoalStatusArray', status_list=[told])
 
 
 def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0, kind: str = 'Vector3') -> Any:

@@ -22,6 +22,7 @@ from mission_bags import (
     DURATION,
     ERROR,
     filling,
+    goal,
     instants,
     Item,
     joint_state,
@@ -297,14 +298,20 @@ def test_requests_count_from_the_first_plan_on(tmp_path: Path):
     assert mission.counters == {'requests': 2, 'failures': 2}
 
 
-def test_replans_are_in_force_one_after_the_other(tmp_path: Path):
-    second = START + 5 * 10**8
+def replanned(second: int) -> list[Item]:
+    """Return the recording with the same motion planned once more, from `second` [ns] on."""
     items = pendulum_recording()
     for item in pendulum_recording()[:2]:
         if item.topic.endswith('trajectory'):
             item.message.header.stamp.sec = second // 10**9
             item.message.header.stamp.nanosec = second % 10**9
             items.append(item._replace(stamp=START + 10**8))
+    return items
+
+
+def test_replans_are_in_force_one_after_the_other(tmp_path: Path):
+    second = START + 5 * 10**8
+    items = replanned(second)
     items.append(
         Item('/pendulum/plan_summary', STANDARD['String'], START + 10**8,
              summary(second, 'pendulum_swing_up', {}, plan_id=2))
@@ -315,6 +322,24 @@ def test_replans_are_in_force_one_after_the_other(tmp_path: Path):
     assert (last.plan_id, last.start, last.until) == ('2', 0.5, None)
     assert [figures.time for figures in mission.figures] == [0.0, 0.5]
     assert mission.number('limits.torque') == 0.02  # of the plan that says it
+
+
+@pytest.mark.parametrize(
+    ('statuses', 'plans'),
+    [([1, 2, 4], 2), ([1, 2, 5], 2), ([1], 2), ([1, 5], 1), ([6], 1)],
+    ids=['succeeded', 'superseded', 'pending', 'superseded while pending', 'rejected'],
+)
+def test_plans_that_the_tracker_never_began_do_not_count(
+    tmp_path: Path, statuses: list[int], plans: int
+):
+    second = START + 5 * 10**8
+    told = [
+        Item('/pendulum/tracker_status', STANDARD['GoalStatusArray'], START + k, goal(second, one))
+        for k, one in enumerate(statuses)
+    ]
+    mission = read_mission(write(tmp_path / 'bag', [*replanned(second), *told]))
+    assert len(mission.vehicles[0].plans) == plans
+    assert any('rejected by the tracker' in text for text in mission.missing) == (plans == 1)
 
 
 def test_events_are_told_once_and_in_order(tmp_path: Path):
