@@ -97,7 +97,7 @@ fuzz: $(READY)-test
 	  test/problems/test_determinism.py
 
 faults: $(READY)-test
-	@TDM_FAULTS=all $(BIN)/python -m pytest --timeout 1800 -rP test/faults
+	@TDM_FAULTS=all TDM_LOAD=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/faults test/load
 
 lint: $(READY)-test $(READY)-dev
 	@echo 'ruff check' && $(BIN)/ruff check .
