@@ -122,4 +122,4 @@ config: $(READY)
 	@$(BIN)/python -m tools.generate
 
 clean:
-	rm -rf .venv .venv-* build install log docs/_build *.egg-info
+	rm -rf '$(VENV)' .venv-* build install log docs/_build *.egg-info

@@ -119,8 +119,9 @@ class Replanning:
         if not adapter.replans:
             return
         now = int(self._node.get_clock().now().nanoseconds)
-        if plan.start <= now and adapter.inactive:
-            self._rest(f'no replanning: no tracker is active for {", ".join(adapter.inactive)}')
+        inactive = adapter.inactive if plan.start <= now else []
+        if inactive:
+            self._rest(f'no replanning: no tracker is active for {", ".join(inactive)}')
             return
         try:
             observations = adapter.observations(values, now, self._seconds)

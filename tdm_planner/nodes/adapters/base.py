@@ -126,7 +126,7 @@ class Adapter(ABC):
 
     @property
     def inactive(self) -> list[str]:
-        """Vehicles whose trackers were heard, but execute nothing."""
+        """Vehicles whose trackers are there, or were, but execute nothing."""
         return [name for name, watch in self.trackers.items() if watch.inactive]
 
     @property
