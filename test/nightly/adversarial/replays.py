@@ -1,0 +1,233 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Plans replayed with nothing of the package: from the JSON alone, by equations written out here.
+
+The classical Runge-Kutta method with steps of at most 0.5 ms (pendulum) and 5 ms (robots) between
+all samples; limits are looked at after every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import math
+from typing import Any
+
+State = list[float]
+Controls = Callable[[float], list[float]]
+
+# What is promised of every plan. Ends: rad, rad/s; m, m/s, rad, rad/s. Controls: relative; disk
+# angle: rad; distances: m. The last two allow for what happens between the instants of the check.
+PENDULUM_END = {'theta': 1e-4, 'psi': 1e-4, 'theta_dot': 1e-3, 'psi_dot': 1e-3}
+ROBOT_END = {'x': 3.5e-3, 'y': 3.5e-3, 'u': 5e-3, 'v': 5e-3, 'yaw': 1e-2, 'omega': 1e-2}
+ROBOT_START = 1.001e-5
+RELATIVE = 2e-6
+ANGLE = 1e-5
+DISTANCE = 2e-5
+
+
+def pendulum_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
+    """
+    Equations of motion of the rotary pendulum, by its mass matrix.
+
+    [A, B; B, J] (theta'', psi'') = (r1, r2), as Cazzolato and Prime (2011) derive them.
+    """
+    mass, length = p['plant.mass'], p['plant.com_distance']
+    arm, gravity = p['plant.arm_length'], p['plant.gravity']
+    ix, iy, iz = (p[f'plant.inertia.{axis}'] for axis in 'xyz')
+    disk = p['plant.inertia.disk']
+
+    def rates(state: State, control: list[float]) -> State:
+        theta, _, w, q = state
+        s, c = math.sin(theta), math.cos(theta)
+        a = iz + mass * length**2
+        b = mass * length * arm * c
+        j = disk + mass * arm**2 + (ix + mass * length**2) * s * s + iy * c * c
+        k = ix - iy + mass * length**2
+        r1 = k * s * c * q * q + mass * gravity * length * s
+        r2 = control[0] - 2 * k * s * c * w * q + mass * length * arm * s * w * w
+        d = a * j - b * b
+        return [w, q, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
+
+    return rates
+
+
+def robot_rates(p: dict[str, float]) -> Callable[[State, list[float]], State]:
+    """Equation (17): thrust along yaw + alpha, torque of the wheel, turning of the thruster."""
+    mass, inertia = p['plant.mass'], p['plant.inertia']
+
+    def rates(state: State, control: list[float]) -> State:
+        _, _, u, v, yaw, omega, alpha = state
+        thrust, turning, torque = control
+        heading = yaw + alpha
+        push = thrust / mass
+        return [
+            u, v, push * math.cos(heading), push * math.sin(heading),
+            omega, torque / inertia, turning,
+        ]  # fmt: skip
+
+    return rates
+
+
+def replayed(
+    plan: dict[str, Any], rates: Callable[[State, list[float]], State], longest_step: float
+) -> Iterator[tuple[float, State, list[float]]]:
+    """Yield time, state and controls after every step, from the plan's first state."""
+    names, times = list(plan['states']), plan['times']
+    columns = list(plan['controls'].values())
+    state = [plan['states'][name][0] for name in names]
+    yield times[0], state, [column[0] for column in columns]
+    spline = _spline(times, columns) if plan['interpolation'] == 'cubic' else None
+    for k in range(len(times) - 1):
+        span = times[k + 1] - times[k]
+        assert span > 0
+        first, last = [c[k] for c in columns], [c[k + 1] for c in columns]
+        between = _between(plan['interpolation'], first, last, span, spline, times[k])
+        steps = math.ceil(span / longest_step)
+        h = span / steps
+        for i in range(steps):
+            t = i * h
+            u0, u1, u2 = between(t), between(t + h / 2), between(t + h)
+            k1 = rates(state, u0)
+            k2 = rates([x + h / 2 * d for x, d in zip(state, k1, strict=True)], u1)
+            k3 = rates([x + h / 2 * d for x, d in zip(state, k2, strict=True)], u1)
+            k4 = rates([x + h * d for x, d in zip(state, k3, strict=True)], u2)
+            state = [
+                x + h / 6 * (a + 2 * (b + c) + d)
+                for x, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
+            ]
+            yield times[k] + t + h, state, u2
+
+
+def _between(
+    kind: str, first: list[float], last: list[float], span: float, spline: Any, start: float
+) -> Controls:
+    if kind == 'zero_order_hold':
+        return lambda t: first
+    if kind == 'linear':
+        return lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)]
+    assert kind == 'cubic'
+    return lambda t: spline(start + t).tolist()
+
+
+def _spline(times: list[float], columns: list[list[float]]) -> Any:
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(times, list(zip(*columns, strict=True)))
+
+
+def pendulum_faults(document: dict[str, Any]) -> list[str]:
+    """Return what is wrong with a plan of the pendulum; empty if nothing is."""
+    p, faults = document['parameters'], []
+    torque, angle = p['limits.torque'], p['limits.disk_angle']
+    most_torque = most_angle = 0.0
+    for _, state, control in replayed(document, pendulum_rates(p), 5e-4):
+        most_torque = max(most_torque, abs(control[0]))
+        most_angle = max(most_angle, abs(state[1]))
+    if not most_torque <= torque * (1 + RELATIVE):
+        faults.append(f'torque {most_torque} of {torque}')
+    if not most_angle <= angle + ANGLE * max(1.0, angle):
+        faults.append(f'disk angle {most_angle} of {angle}')
+    turns = p['goal.turns']
+    if turns is None:
+        turns = round(state[0] / math.tau)
+    end = [state[0] - math.tau * turns, *state[1:]]
+    for (name, allowed), error in zip(PENDULUM_END.items(), end, strict=True):
+        if not abs(error) <= 1.001 * allowed:
+            faults.append(f'{name} ends {error} from the goal')
+    for name, allowed in PENDULUM_END.items():
+        away = document['states'][name][0] - p[f'start.{name}']
+        if not abs(away) <= 1.001 * allowed:
+            faults.append(f'{name} begins {away} elsewhere')
+    return faults
+
+
+def formation_faults(document: dict[str, Any]) -> list[str]:
+    """Return what is wrong with a plan of robots; empty if nothing is."""
+    p, faults = document['parameters'], list[str]()
+    names = p['robots']
+    if list(document['robots']) != names:
+        return [f'the robots are {list(document["robots"])}']
+    last = max(plan['times'][-1] for plan in document['robots'].values())
+    paths = {}
+    for name in names:
+        path, found = _robot_faults(name, document['robots'][name], p)
+        faults += found
+        paths[name] = _on_grid(path, last)
+    for i, one in enumerate(names):
+        for other in names[:i]:
+            nearest = min(
+                math.hypot(a[0] - b[0], a[1] - b[1])
+                for a, b in zip(paths[one], paths[other], strict=True)
+            )
+            if not nearest >= p['arena.minimum_separation'] - DISTANCE:
+                faults.append(f'{one} and {other} come within {nearest} m')
+    return faults
+
+
+def _robot_faults(
+    name: str, plan: dict[str, Any], p: dict[str, Any]
+) -> tuple[list[tuple[float, State]], list[str]]:
+    faults, path = [], []
+    half = p['arena.minimum_separation'] / 2
+    thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
+    flat = p['arena.obstacles']
+    zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))
+    worst = {'thrust': 0.0, 'rate': 0.0, 'torque': 0.0, 'walls': 0.0, 'zones': 0.0}
+    for time, state, (f, d, t) in replayed(plan, robot_rates(p), 5e-3):
+        x, y = state[:2]
+        path.append((time, state))
+        worst['thrust'] = max(worst['thrust'], f / thrust - 1, -f / thrust)
+        worst['rate'] = max(worst['rate'], abs(d) / rate - 1)
+        worst['torque'] = max(worst['torque'], abs(t) / torque - 1)
+        sides = (x, y, p['arena.length'] - x, p['arena.width'] - y)
+        worst['walls'] = max(worst['walls'], half - min(sides))
+        for zx, zy, radius in zones:
+            worst['zones'] = max(worst['zones'], half + radius - math.hypot(x - zx, y - zy))
+    for what, excess in worst.items():
+        if not excess <= (DISTANCE if what in ('walls', 'zones') else RELATIVE):
+            faults.append(f'{name}: {what} by {excess}')
+    goal = _goal(name, p)
+    for (state_name, allowed), error in zip(
+        ROBOT_END.items(), [a - b for a, b in zip(state[:6], goal, strict=True)], strict=True
+    ):
+        away = math.remainder(error, math.tau) if state_name == 'yaw' else error
+        if not abs(away) <= 1.001 * allowed:
+            faults.append(f'{name}: {state_name} ends {away} from the goal')
+    for state_name in ROBOT_END:
+        away = plan['states'][state_name][0] - p[f'{name}.start.{state_name}']
+        if not abs(away) <= ROBOT_START:
+            faults.append(f'{name}: {state_name} begins {away} elsewhere')
+    return path, faults
+
+
+def _goal(name: str, p: dict[str, Any]) -> State:
+    x, y, turn = p['formation.anchor']
+    dx, dy, dyaw = p[f'formation.{name}']
+    c, s = math.cos(turn), math.sin(turn)
+    return [x + c * dx - s * dy, y + s * dx + c * dy, 0.0, 0.0, turn + dyaw, 0.0]
+
+
+def _on_grid(path: list[tuple[float, State]], last: float) -> list[State]:
+    """Places at common instants 5 ms apart, linear between the steps; parked after the end."""
+    import numpy as np
+
+    times = np.array([time for time, _ in path])
+    places = np.array([state[:2] for _, state in path])
+    grid = np.linspace(0.0, last, math.ceil(last / 5e-3) + 1)
+    return np.stack([np.interp(grid, times, places[:, k]) for k in (0, 1)], axis=1).tolist()
+
+
+FAULTS = {'pendulum_swing_up': pendulum_faults, 'robot_formation': formation_faults}
+
+
+def faults(document: dict[str, Any]) -> list[str]:
+    """Return what is wrong with a plan as `tdm plan` writes it."""
+    return FAULTS[document['problem']](document)

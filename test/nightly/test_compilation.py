@@ -1,0 +1,71 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Kernels are compiled once; whoever must wait for it is told."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from ros_harness import Ros
+from tdm_planner.plants.compilation import COMPILING
+
+SOURCE = Path(__file__).resolve().parents[2]
+PROGRAM = """
+from tdm_planner.plants.compilation import tell_of_compilation
+from tdm_planner.plants.robot_replay import compile_robot_replay
+
+tell_of_compilation(print)
+for _ in range(2):
+    compile_robot_replay()
+"""
+
+
+def said(folder: Path, source: Path = SOURCE) -> str:
+    return subprocess.run(
+        [sys.executable, '-c', PROGRAM],
+        env=os.environ | {'NUMBA_CACHE_DIR': str(folder), 'PYTHONPATH': str(source)},
+        cwd=source,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        timeout=120,
+    ).stdout
+
+
+def test_the_first_process_tells_of_it_once_and_the_next_loads(tmp_path: Path) -> None:
+    assert said(tmp_path) == f'{COMPILING}\n'
+    assert said(tmp_path) == ''
+
+
+def test_a_copy_of_the_sources_loads_and_changed_ones_are_compiled(tmp_path: Path) -> None:
+    copy = tmp_path / 'copy'
+    for package in ('tdm_planner', 'tdm_sim'):
+        for path in (SOURCE / package).rglob('*.py'):
+            (copy / path.relative_to(SOURCE)).parent.mkdir(parents=True, exist_ok=True)
+            (copy / path.relative_to(SOURCE)).write_bytes(path.read_bytes())
+    assert COMPILING in said(tmp_path)
+    assert said(tmp_path, copy) == ''
+    with (copy / 'tdm_planner/plants/pendulum_lanes.py').open('a') as other:
+        other.write('# changed\n')
+    assert COMPILING in said(tmp_path, copy)
+
+
+def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> None:
+    planner = ros.start(
+        'tdm_planner.nodes.planner',
+        {'problem': 'robot_formation'},
+        environment={'NUMBA_CACHE_DIR': str(tmp_path)},
+    )
+    assert ros.spin_until(lambda: COMPILING in planner.output, 60.0), planner.output
+    assert planner.end() == 0
+    assert planner.output.count(COMPILING) == 1

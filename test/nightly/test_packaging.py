@@ -1,0 +1,276 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What is built and installed: by colcon for ROS 2, by pip as a wheel."""
+
+from __future__ import annotations
+
+import ast
+from configparser import ConfigParser
+import importlib.util
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from xml.etree import ElementTree
+import zipfile
+
+import pytest
+import tdm_planner
+
+SOURCE = Path(__file__).resolve().parents[2]
+EXECUTABLES = {'planner', 'tracker', 'pendulum_plant', 'robot_plant', 'tdm'}
+PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
+COLCON = 'import sys; from colcon_core.command import main; sys.exit(main())'
+NOT_SOURCES = ('.*', 'build', 'install', 'log', '__pycache__', '*.egg-info', 'pendulum', 'robots')
+
+
+def run(*command: str, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, f'{" ".join(command)}\n{done.stdout}\n{done.stderr}'
+    return done.stdout
+
+
+@pytest.fixture(scope='module')
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the sources, so that building leaves nothing behind in the tree."""
+    workspace = tmp_path_factory.mktemp('workspace')
+    target = workspace / 'src' / 'tdm_planner'
+    shutil.copytree(SOURCE, target, ignore=shutil.ignore_patterns(*NOT_SOURCES))
+    return target
+
+
+def shared_files() -> set[str]:
+    return {
+        str(path.relative_to(SOURCE))
+        for folder in ('config', 'launch')
+        for path in (SOURCE / folder).rglob('*.*')
+        if '__pycache__' not in path.parts
+    } | {'package.xml'}
+
+
+@pytest.fixture(scope='module', params=['plain', 'symlinks'])
+def installed(request: pytest.FixtureRequest, copy: Path) -> Path:
+    """Return the prefix that `colcon build` installs to."""
+    if importlib.util.find_spec('colcon_ros') is None:
+        pytest.skip('colcon is not installed (pip install colcon-core colcon-ros)')
+    workspace = copy.parents[1] / request.param
+    options = ['--symlink-install'] if request.param == 'symlinks' else []
+    workspace.mkdir()
+    said = colcon(workspace, 'build', '--base-paths', str(copy.parent), *options)
+    assert 'stderr' not in said, said  # which is where warnings go
+    return workspace / 'install' / 'tdm_planner'
+
+
+def colcon(workspace: Path, verb: str, *arguments: str) -> str:
+    log = ('--log-base', str(workspace / 'log'))
+    return run(sys.executable, '-c', COLCON, *log, verb, *arguments, cwd=workspace)
+
+
+def test_colcon_runs_the_tests(installed: Path, copy: Path):
+    """A few of them: `colcon test` runs the very suite that this test belongs to."""
+    workspace = installed.parents[1]
+    said = colcon(
+        *(workspace, 'test', '--base-paths', str(copy.parent)),
+        *('--pytest-args', 'test/test_trajectory.py', 'test/test_verification.py'),
+    )
+    assert 'stderr' not in said, said
+    result = colcon(workspace, 'test-result')
+    assert re.search(r'Summary: [1-9]\d* tests, 0 errors, 0 failures, 0 skipped', result), result
+
+
+def test_colcon_installs_executables_where_ros2_run_looks(installed: Path):
+    folder = installed / 'lib' / 'tdm_planner'
+    assert {path.name for path in folder.iterdir()} == EXECUTABLES
+    assert all(os.access(folder / name, os.X_OK) for name in EXECUTABLES)
+
+
+def test_colcon_installs_shared_files_and_index_marker(installed: Path):
+    share = installed / 'share'
+    assert (share / 'ament_index/resource_index/packages/tdm_planner').is_file()
+    missing = {name for name in shared_files() if not (share / 'tdm_planner' / name).is_file()}
+    assert not missing
+
+
+def run_sourced(installed: Path, command: str) -> str:
+    """Run a command in a shell that has sourced the workspace."""
+    prefix = installed.parent
+    script = f'export COLCON_CURRENT_PREFIX={prefix}; . {prefix}/local_setup.sh && {command}'
+    return run('sh', '-c', script, cwd=prefix)
+
+
+def test_executable_runs_from_the_sourced_workspace(installed: Path):
+    answer = run_sourced(installed, f'{installed}/lib/tdm_planner/tdm --version')
+    assert tdm_planner.__version__ in answer
+
+
+def test_configuration_is_found_in_the_sourced_workspace(installed: Path):
+    code = 'from tdm_planner.resources import config_file; print(config_file("pendulum.yaml"))'
+    found = run_sourced(installed, f"{sys.executable} -c '{code}'")
+    assert found.strip() == str(installed / 'share/tdm_planner/config/pendulum.yaml')
+
+
+def test_executables_run_in_the_environment_of_make_setup(
+    copy: Path, tmp_path: Path, installed: Path
+):
+    """Without being activated, whichever Python colcon itself runs in."""
+    source = tmp_path / 'src' / 'tdm_planner'
+    shutil.copytree(copy, source)
+    python = source / '.venv' / 'bin' / 'python'
+    python.parent.mkdir(parents=True)
+    python.symlink_to(sys.executable)
+    options = ['--symlink-install'] if installed.parents[1].name == 'symlinks' else []
+    workspace = tmp_path / 'workspace'
+    workspace.mkdir()
+    colcon(workspace, 'build', '--base-paths', str(source.parent), *options)
+    folder = workspace / 'install' / 'tdm_planner' / 'lib' / 'tdm_planner'
+    assert {path.read_text().splitlines()[0] for path in folder.iterdir()} == {f'#!{python}'}
+
+
+@pytest.fixture(scope='module')
+def wheel(copy: Path) -> zipfile.ZipFile:
+    folder = copy.parents[1] / 'wheel'
+    code = (
+        'import os, sys; from setuptools import build_meta; '
+        f'os.chdir({str(copy)!r}); build_meta.build_wheel({str(folder)!r})'
+    )
+    if importlib.util.find_spec('setuptools.command.bdist_wheel') is None:
+        pytest.skip('setuptools 70.1 or newer is not installed')
+    folder.mkdir()
+    run(sys.executable, '-c', code, cwd=copy)
+    (path,) = folder.glob('*.whl')
+    return zipfile.ZipFile(path)
+
+
+def test_wheel_holds_every_module(wheel: zipfile.ZipFile):
+    names = {name for name in wheel.namelist() if name.endswith('.py')}
+    modules = {
+        str(path.relative_to(SOURCE))
+        for package in ('tdm_planner', 'tdm_sim')
+        for path in (SOURCE / package).rglob('*.py')
+    }
+    assert modules <= names
+    assert not {name for name in names if name.startswith(('test/', 'benchmark/', 'tools/'))}
+
+
+def test_wheel_holds_what_reports_are_made_of(wheel: zipfile.ZipFile):
+    folder = Path('tdm_sim', 'report', 'assets')
+    assets = {str(folder / path.name) for path in (SOURCE / folder).iterdir()}
+    assert str(folder / 'page.html') in assets
+    assert assets <= set(wheel.namelist())
+
+
+def test_wheel_holds_shared_files_and_index_marker(wheel: zipfile.ZipFile):
+    prefix = f'tdm_planner-{tdm_planner.__version__}.data/data/share/'
+    names = {n.removeprefix(prefix) for n in wheel.namelist() if n.startswith(prefix)}
+    assert {f'tdm_planner/{name}' for name in shared_files()} <= names
+    assert 'ament_index/resource_index/packages/tdm_planner' in names
+
+
+def test_wheel_declares_executables_and_problems(wheel: zipfile.ZipFile):
+    info = f'tdm_planner-{tdm_planner.__version__}.dist-info'
+    entry_points = ConfigParser()
+    entry_points.read_string(wheel.read(f'{info}/entry_points.txt').decode())
+    assert set(entry_points['console_scripts']) == EXECUTABLES
+    assert set(entry_points['tdm_planner.problems']) == PROBLEMS
+    modules = set(wheel.namelist())
+    for section in ('console_scripts', 'tdm_planner.problems'):
+        for target in entry_points[section].values():
+            module, _, name = target.partition(':')
+            path = module.replace('.', '/') + '.py'
+            assert path in modules, target
+            pattern = rf'^(def|class) {name}\b'
+            assert re.search(pattern, wheel.read(path).decode(), re.MULTILINE), target
+
+
+@pytest.fixture(scope='module')
+def manifest() -> ElementTree.Element:
+    return ElementTree.parse(SOURCE / 'package.xml').getroot()
+
+
+def test_manifest_agrees_with_the_package(manifest: ElementTree.Element):
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == 'tdm_planner'
+    assert manifest.findtext('version') == tdm_planner.__version__
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert manifest.findtext('license') == 'Apache-2.0'
+
+
+def test_manifest_names_every_package_imported(manifest: ElementTree.Element):
+    depends = {element.text for element in manifest.findall('exec_depend')}
+    folders = (SOURCE / name for name in ('tdm_planner', 'tdm_sim', 'launch'))
+    imported = {
+        match
+        for folder in folders
+        for path in folder.rglob('*.py')
+        for match in re.findall(
+            r'^\s*(?:from|import) (\w+)', path.read_text(encoding='utf-8'), re.MULTILINE
+        )
+    }
+    ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))}
+    ros |= imported & {'rclpy', 'launch', 'launch_ros', 'ament_index_python'}
+    assert 'rclpy' in ros
+    assert ros <= depends
+    debian = {'yaml', 'numpy', 'scipy', 'matplotlib', 'rich'} & imported
+    assert {f'python3-{name}' for name in debian} <= depends
+
+
+def requirements() -> set[str]:
+    """Everything that setup.py asks for, extras included, as package names."""
+    tree = ast.parse((SOURCE / 'setup.py').read_text(encoding='utf-8'))
+    (call,) = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
+    )
+    arguments = {keyword.arg: keyword.value for keyword in call.keywords}
+    listed = ast.literal_eval(arguments['install_requires'])
+    for extra in ast.literal_eval(arguments['extras_require']).values():
+        listed += extra
+    return {package_name(requirement) for requirement in listed}
+
+
+def package_name(requirement: str) -> str:
+    name = re.split(r'[\[<>=; ]', requirement)[0]
+    return re.sub(r'[-_.]+', '-', name).lower()
+
+
+def test_every_requirement_is_pinned():
+    assert {'numpy', 'ros-jazzy-rclpy', 'ruff'} <= requirements()
+    assert requirements() <= set(pins('constraints.txt'))
+
+
+def test_oldest_versions_promised_are_those_of_ubuntu():
+    """`make test CONSTRAINTS=constraints-noble.txt` runs with the versions that setup.py names."""
+    text = (SOURCE / 'setup.py').read_text(encoding='utf-8')
+    oldest = dict(re.findall(r"'([\w-]+)>=([\d.]+)'", text))
+    noble = pins('constraints-noble.txt')
+    assert {'numpy', 'scipy', 'matplotlib', 'PyYAML', 'rich'} == set(oldest) - {'plotly'}
+    for name in set(oldest) - {'plotly'}:
+        assert noble[package_name(name)].startswith(oldest[name]), name
+
+
+def pins(name: str) -> dict[str, str]:
+    """Return the versions that a file of constraints pins; of several the first."""
+    found: dict[str, str] = {}
+    for line in (SOURCE / name).read_text(encoding='utf-8').splitlines():
+        if line and not line.startswith('#'):
+            package, version = line.split(';')[0].split('==')
+            found.setdefault(package_name(package), version.strip())
+    return found
+
+
+def test_changelog_tells_of_the_version_or_of_what_is_coming():
+    headings = re.findall(
+        r'^(.+)\n-+$', (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8'), re.MULTILINE
+    )
+    assert headings
+    assert headings[0] == 'Forthcoming' or headings[0].startswith(tdm_planner.__version__)

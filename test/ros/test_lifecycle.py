@@ -1,0 +1,392 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Planner and tracker as managed nodes, brought up and down by a lifecycle manager over DDS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+import os
+from pathlib import Path
+import shutil
+import signal
+import time
+from typing import Any
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition, TransitionEvent
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
+import pytest
+from ros_harness import NodeProcess, Ros
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import LATCHED, to_stamp
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+PLANNER, TRACKER = 'tdm_planner.nodes.planner', 'tdm_planner.nodes.tracker'
+STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 5.0}
+FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters'}
+WAITING = {'autostart': False}
+
+
+class Manager:
+    """What a lifecycle manager does with one node."""
+
+    def __init__(self, ros: Ros, node: str) -> None:
+        self.ros, self.node = ros, node
+
+    def state(self) -> str:
+        return str(self.ros.call(f'{self.node}/get_state', GetState).current_state.label)
+
+    def change(self, transition: int | str) -> bool:
+        wanted = (
+            Transition(label=transition)
+            if isinstance(transition, str)
+            else Transition(id=transition)
+        )
+        request = ChangeState.Request(transition=wanted)
+        return bool(self.ros.call(f'{self.node}/change_state', ChangeState, request).success)
+
+    def become(self, transition: int | str, state: str) -> None:
+        assert self.change(transition)
+        assert self.state() == state
+
+    def bring_up(self) -> None:
+        self.become(Transition.TRANSITION_CONFIGURE, 'inactive')
+        self.become(Transition.TRANSITION_ACTIVATE, 'active')
+
+    def bring_down(self) -> None:
+        self.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
+        self.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
+
+
+class Status:
+    """The newest diagnostics of a node."""
+
+    def __init__(self, ros: Ros, name: str) -> None:
+        self.ros, self.name = ros, name
+        self.received = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+
+    def says(self, text: str) -> bool:
+        def newest() -> bool:
+            found = [s for a in self.received for s in a.status if s.name.startswith(self.name)]
+            return bool(found) and text in found[-1].message
+
+        return self.ros.spin_until(newest)
+
+
+def endpoints(ros: Ros, ask: Callable[..., Any], node: str) -> set[str]:
+    namespace, _, name = node.rpartition('/')
+    return {topic.removeprefix(f'{namespace}/') for topic, _ in ask(name, namespace)}
+
+
+def silent(ros: Ros, received: list[Any], seconds: float = 0.5) -> bool:
+    """Whether nothing more comes, once what is under way has arrived."""
+    ros.spin_for(0.2)
+    count = len(received)
+    ros.spin_for(seconds)
+    return len(received) == count
+
+
+@pytest.fixture
+def started(ros: Ros) -> Any:
+    """Start nodes that end with the test."""
+    processes: list[NodeProcess] = []
+
+    def start(module: str, parameters: dict[str, Any], namespace: str, **more: Any) -> NodeProcess:
+        processes.append(ros.start(module, parameters, namespace=namespace, **more))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        if process.running:
+            process.end_cleanly()
+
+
+@pytest.mark.parametrize(('module', 'name'), [(PLANNER, 'planner'), (TRACKER, 'tracker')])
+def test_a_node_is_active_by_itself(ros: Ros, started: Any, module: str, name: str) -> None:
+    started(module, {}, 'alone')
+    assert Manager(ros, f'/alone/{name}').state() == 'active'
+
+
+def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
+    ros: Ros, started: Any
+) -> None:
+    events = ros.subscribe('/twice/planner/transition_event', TransitionEvent)
+    plans = ros.subscribe('/twice/trajectory', JointTrajectory, 10)
+    markers = ros.subscribe('/twice/markers', MarkerArray, 10)
+    process = started(PLANNER, {**FROM_PARAMETERS, **WAITING}, 'twice')
+    manager, node = Manager(ros, '/twice/planner'), '/twice/planner'
+    status, ask = Status(ros, node), ros.node.get_publisher_names_and_types_by_node
+
+    def planned(count: int) -> bool:
+        return len(plans) == count and bool(markers)
+
+    for cycle in (1, 2):
+        assert manager.state() == 'unconfigured'
+        assert status.says('unconfigured')
+        count = len(plans)
+        manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
+        done, answer = ros.trigger('/twice/plan')
+        assert not done
+        assert answer['code'] == 'INACTIVE'
+        assert 'inactive' in answer['reason']
+        assert len(plans) == count
+        manager.become('activate', 'active')
+        done, answer = ros.trigger('/twice/plan')
+        assert done, answer
+        assert answer['plan_id'] == cycle
+        assert ros.spin_until(partial(planned, count + 1))
+        manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
+        assert status.says('inactive')
+        assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
+        assert silent(ros, plans)
+        late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
+        assert ros.spin_until(partial(bool, late))  # the plan stays in force
+        manager.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
+        assert ros.spin_until(lambda: 'trajectory' not in endpoints(ros, ask, node))
+    services = ros.node.get_service_names_and_types_by_node
+    assert 'plan' not in endpoints(ros, services, node)
+    manager.become(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')
+    assert status.says('finalized')
+    assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
+    assert process.end() == 0
+
+
+def test_transitions_that_do_not_exist_are_refused(ros: Ros, started: Any) -> None:
+    process = started(TRACKER, WAITING, 'refusing')
+    manager = Manager(ros, '/refusing/tracker')
+    assert not manager.change(Transition.TRANSITION_ACTIVATE)
+    assert not manager.change('take off')
+    assert not manager.change(255)
+    assert manager.state() == 'unconfigured'
+    assert "no transition 'take off' from unconfigured: possible are configure" in process.output
+    possible = ros.call(
+        '/refusing/tracker/get_available_transitions', GetAvailableTransitions
+    ).available_transitions
+    assert {item.transition.label for item in possible} == {'configure', 'shutdown'}
+
+
+def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(
+    ros: Ros, started: Any
+) -> None:
+    process = started(PLANNER, {**FROM_PARAMETERS, **WAITING, 'method': 'magic'}, 'wrong')
+    manager, status = Manager(ros, '/wrong/planner'), Status(ros, '/wrong/planner')
+    assert not manager.change(Transition.TRANSITION_CONFIGURE)
+    assert manager.state() == 'unconfigured'
+    said = "cannot configure: parameter 'method' = 'magic' is not allowed"
+    assert said in process.output
+    assert status.says(said)
+    assert ros.set_parameters('/wrong/planner', method='switching') == ['']
+    manager.bring_up()
+    assert ros.trigger('/wrong/plan')[0]
+
+
+def test_by_itself_a_node_with_wrong_parameters_starts_when_they_are_corrected(
+    ros: Ros, started: Any
+) -> None:
+    started(TRACKER, {'plant.mass': 1e-300}, 'corrected')
+    manager, status = Manager(ros, '/corrected/tracker'), Status(ros, '/corrected/tracker')
+    assert manager.state() == 'unconfigured'
+    assert status.says("cannot configure: parameters 'plant.*' do not make a rig")
+    assert ros.set_parameters('/corrected/tracker', plant__mass=0.024) == ['']
+    assert manager.state() == 'active'
+    assert status.says('no state has been received')
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """Return a folder in which a slow problem is installed."""
+    shutil.copy(Path(__file__).with_name('third_party_problems.py'), tmp_path)
+    metadata = tmp_path / 'slow-1.0.dist-info'
+    metadata.mkdir()
+    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: slow\nVersion: 1.0\n')
+    (metadata / 'entry_points.txt').write_text(
+        '[tdm_planner.problems]\nslow_swing_up = third_party_problems:SlowSwingUp\n'
+    )
+    return tmp_path
+
+
+def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
+    ros: Ros, started: Any, site: Path
+) -> None:
+    plans = ros.subscribe('/undecided/trajectory', JointTrajectory, 10)
+    slow = {'problem': 'slow_swing_up', 'thinking': 3.0}
+    path = os.pathsep.join([str(site), ros.environment['PYTHONPATH']])
+    started(
+        PLANNER,
+        {**FROM_PARAMETERS, **slow, **WAITING},
+        'undecided',
+        environment={'PYTHONPATH': path},
+    )
+    manager, status = Manager(ros, '/undecided/planner'), Status(ros, '/undecided/planner')
+    manager.bring_up()
+    pending = ros.request('/undecided/plan', Trigger)
+    assert status.says('planning')
+    manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
+    assert ros.spin_until(pending.done)
+    assert not pending.result().success
+    assert 'deactivated before there was a plan' in pending.result().message
+    manager.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
+    manager.bring_up()
+    assert ros.set_parameters('/undecided/planner', thinking=0.01) == ['']
+
+    def planned() -> bool:
+        done, answer = ros.trigger('/undecided/plan')
+        assert done or answer['code'] == 'BUSY', answer
+        return done
+
+    assert ros.spin_until(planned, 15.0)
+    assert ros.spin_until(lambda: bool(plans))
+    assert len(plans) == 1
+
+
+class Rig:
+    """A pendulum with its tracker, and a planner that plans from what is measured."""
+
+    def __init__(self, ros: Ros, started: Any, namespace: str) -> None:
+        self.ros, self.namespace = ros, namespace
+        # Without the tracker's last command the plant would go on as commanded.
+        plant = {'limits.torque': 0.09, 'command_timeout': 1e6}
+        tracking = {'limits.torque': 0.09, 'tolerance.path': 1.5, **WAITING}
+        self.plant = started('tdm_sim.pendulum_plant', plant, namespace)
+        self.process = started(TRACKER, tracking, namespace)
+        # The planner may meet the plant later than the test does.
+        planning = {**STRONG, **WAITING, 'start.max_age': 5.0}
+        self.planning = started(PLANNER, planning, namespace)
+        self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
+        self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
+        self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
+        self.statuses = ros.subscribe(f'/{namespace}/tracker_status', GoalStatusArray, LATCHED)
+        self.planner = Manager(ros, f'/{namespace}/planner')
+        self.tracker = Manager(ros, f'/{namespace}/tracker')
+
+    def status(self) -> list[int]:
+        """Return what the tracker said last of its plans."""
+        return [item.status for told in self.statuses[-1:] for item in told.status_list]
+
+    def tracked(self) -> None:
+        """Wait until the tracker drives the disk."""
+        self.commands.clear()
+        assert self.ros.spin_until(
+            lambda: len(self.commands) > 2 and abs(self.commands[-1].effort[0]) > 1e-3
+        )
+
+
+@pytest.fixture
+def rig(ros: Ros, started: Any) -> Rig:
+    return Rig(ros, started, 'rig')
+
+
+def test_in_the_middle_of_a_swing_the_actuators_are_switched_off_at_once(
+    ros: Ros, rig: Rig
+) -> None:
+    assert silent(ros, rig.commands)
+    rig.tracker.bring_up()
+    rig.planner.bring_up()
+    assert ros.spin_until(lambda: bool(rig.states))
+    done, answer = ros.trigger('/rig/plan')
+    assert done, answer
+    for attempt in (1, 2):
+        rig.tracked()
+        assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_EXECUTING])
+        start = rig.statuses[-1].status_list[0].goal_info.stamp
+        assert start == rig.plans[-1].header.stamp
+        assert rig.tracker.change(Transition.TRANSITION_DEACTIVATE)
+        assert ros.spin_until(lambda: rig.status() == [GoalStatus.STATUS_CANCELED])
+        ros.spin_for(0.2)
+        count, last = len(rig.commands), rig.commands[-1]
+        assert list(last.effort) == [0.0]
+        assert any(command.effort[0] != 0.0 for command in rig.commands)
+        assert rig.states[-1].effort[1] == 0.0
+        ros.spin_for(0.3)
+        assert len(rig.commands) == count
+        assert rig.states[-1].effort[1] == 0.0
+        rig.states.clear()
+        # Nothing of the interrupted motion is taken up again.
+        assert rig.tracker.change(Transition.TRANSITION_ACTIVATE)
+        assert ros.spin_until(lambda: rig.status() == [])
+        rig.commands.clear()
+        assert ros.spin_until(lambda: len(rig.commands) > 50)
+        assert all(command.effort[0] == 0.0 for command in rig.commands)
+        assert ros.call('/rig/reset', Trigger).success
+        ros.spin_for(0.1)
+        if attempt == 1:
+            assert ros.trigger('/rig/plan')[0]
+    assert 'Traceback' not in rig.process.output
+
+
+def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(ros: Ros, rig: Rig) -> None:
+    rig.tracker.become(Transition.TRANSITION_CONFIGURE, 'inactive')
+    rig.planner.bring_up()
+    assert ros.set_parameters('/rig/planner', start__delay=4.0) == ['']
+    assert ros.spin_until(lambda: bool(rig.states))
+    done, answer = ros.trigger('/rig/plan')
+    assert done, answer
+    assert silent(ros, rig.commands, 0.3)
+    rig.tracker.become(Transition.TRANSITION_ACTIVATE, 'active')
+    rig.tracked()
+    rig.planner.bring_down()  # the tracker has the plan
+    rig.tracked()
+    for manager, transition in (
+        (rig.tracker, Transition.TRANSITION_ACTIVE_SHUTDOWN),
+        (rig.planner, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN),
+    ):
+        manager.become(transition, 'finalized')
+    ros.spin_for(0.2)
+    assert rig.commands[-1].effort[0] == 0.0
+    assert silent(ros, rig.commands, 0.3)
+
+
+def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
+    ros: Ros, started: Any
+) -> None:
+    path = os.pathsep.join([str(Path(__file__).parent), ros.environment['PYTHONPATH']])
+    process = started('fragile_tracker', WAITING, 'fragile', environment={'PYTHONPATH': path})
+    commands = ros.subscribe('/fragile/joint_command', JointState)
+    manager, status = Manager(ros, '/fragile/tracker'), Status(ros, '/fragile/tracker')
+    manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
+    assert not manager.change(Transition.TRANSITION_ACTIVATE)
+    assert manager.state() == 'unconfigured'
+    said = 'cannot activate: internal error: RuntimeError: something broke'
+    assert said in process.output
+    assert status.says(said)
+    manager.bring_up()
+    states = ros.publisher('/fragile/joint_states', JointState)
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        state = JointState(name=['pendulum', 'disk'], position=[3.0, 0.0], velocity=[0.0, 0.0])
+        state.header.stamp = to_stamp(time.time_ns())
+        states.publish(state)
+        ros.spin_for(0.01)
+    assert commands
+    assert not manager.change(Transition.TRANSITION_DEACTIVATE)
+    assert manager.state() == 'unconfigured'
+    assert 'cannot deactivate: internal error: RuntimeError: something else' in process.output
+    assert silent(ros, commands)
+    assert commands[-1].effort[0] == 0.0
+    manager.bring_up()
+    assert 'Traceback' not in process.output
+
+
+def test_a_tracker_whose_process_is_ended_switches_the_actuators_off(ros: Ros, rig: Rig) -> None:
+    rig.tracker.bring_up()
+    rig.planner.bring_up()
+    assert ros.spin_until(lambda: bool(rig.states))
+    done, answer = ros.trigger('/rig/plan')
+    assert done, answer
+    rig.tracked()
+    os.killpg(rig.process.process.pid, signal.SIGINT)
+    assert ros.spin_until(lambda: rig.process.process.poll() is not None)
+    ros.spin_for(0.2)
+    assert rig.commands[-1].effort[0] == 0.0
+    assert rig.states[-1].effort[1] == 0.0

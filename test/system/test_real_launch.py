@@ -1,0 +1,214 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The launch files under the real ``ros2 launch``, where it is installed: nothing is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from ros_harness import MODULES, reserved_domain, ros_environment, SOURCE
+
+pytest.importorskip('launch_ros')
+pytest.importorskip('ros2launch')
+
+FILES = ['pendulum', 'robots']
+
+
+class Launched:
+    """A ``ros2 launch`` in a session of its own, which all that it starts are in as well."""
+
+    def __init__(self, words: list[str], environment: dict[str, str], folder: Path) -> None:
+        self._log = folder / 'output.txt'
+        ros2 = shutil.which('ros2')
+        assert ros2 is not None
+        with self._log.open('w') as output:
+            self.process = subprocess.Popen(
+                [ros2, 'launch', *words],
+                env=environment,
+                cwd=folder,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        return self._log.read_text()
+
+    def running(self) -> dict[int, str]:
+        """Return the command of every process of the session, by its number."""
+        found = {}
+        for folder in Path('/proc').glob('[0-9]*'):
+            try:
+                state, _, _, session = (
+                    folder.joinpath('stat').read_text().split(')')[1].split()[:4]
+                )
+                if int(session) == self.process.pid and state != 'Z':
+                    found[int(folder.name)] = folder.joinpath('cmdline').read_text()
+            except OSError:  # it has ended
+                continue
+        return found
+
+    def of(self, name: str) -> list[int]:
+        """Return the processes of an executable of ours."""
+        return [number for number, words in self.running().items() if f'/{name}\0' in words]
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float = 60.0) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, self.output
+            time.sleep(0.05)
+
+    def interrupt(self) -> None:
+        """Ctrl-C, which reaches every process of the terminal."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def ended(self) -> int:
+        """Wait until launch ends; nothing of it may be left."""
+        code = self.process.wait(60.0)
+        assert not self.running(), self.output
+        assert 'Traceback' not in self.output, self.output
+        return code
+
+
+@pytest.fixture
+def prefix(tmp_path: Path) -> Path:
+    """Return where this source tree is installed as by colcon, and nothing else is."""
+    made = tmp_path / 'install'
+    marker = made / 'share/ament_index/resource_index/packages/tdm_planner'
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    (made / 'share/tdm_planner').symlink_to(SOURCE)
+    programs = made / 'lib/tdm_planner'
+    programs.mkdir(parents=True)
+    for name, module in {**MODULES, 'tdm': 'tdm_planner.cli'}.items():
+        program = programs / name
+        program.write_text(
+            f'#!{sys.executable}\nimport sys\nfrom {module} import main\nsys.exit(main())\n'
+        )
+        program.chmod(0o755)
+    return made
+
+
+@pytest.fixture
+def launch(prefix: Path, tmp_path: Path) -> Iterator[Callable[..., Launched]]:
+    started: list[Launched] = []
+    with reserved_domain() as domain:
+        environment = {
+            **os.environ,
+            **ros_environment(domain, tmp_path),
+            'AMENT_PREFIX_PATH': str(prefix),
+        }
+
+        def start(name: str, *arguments: str) -> Launched:
+            file = str(SOURCE / 'launch' / f'{name}.launch.py')
+            started.append(Launched([file, *arguments], environment, tmp_path))
+            return started[-1]
+
+        try:
+            yield start
+        finally:
+            for made in started:
+                if made.running():
+                    os.killpg(made.process.pid, signal.SIGKILL)
+                made.process.wait()
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_without_rviz_nothing_is_started(launch: Callable[..., Launched], name: str):
+    launched = launch(name, 'rviz:=true', *(['description:=false'] * (name == 'pendulum')))
+    assert launched.ended() == 1
+    assert "'rviz2' of package 'rviz2' is not installed" in launched.output
+    assert 'sudo apt install ros-jazzy-rviz2, or launch with rviz:=false' in launched.output
+    assert 'process started' not in launched.output
+
+
+def test_without_robot_state_publisher_nothing_is_started(launch: Callable[..., Launched]):
+    launched = launch('pendulum')
+    assert launched.ended() == 1
+    assert 'sudo apt install ros-jazzy-robot-state-publisher, or launch with' in launched.output
+    assert 'process started' not in launched.output
+
+
+@pytest.mark.parametrize('name', FILES)
+@pytest.mark.parametrize(
+    ('argument', 'says'),
+    [
+        ('params_file:=/nowhere.yaml', "the file '/nowhere.yaml' cannot be read: No such file"),
+        ('namespace:=a b', "namespace = 'a b': Invalid namespace: namespace must not contain"),
+        ('bag:=/tmp', "bag = '/tmp' is there already: name another folder"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(
+    launch: Callable[..., Launched], name: str, argument: str, says: str
+):
+    words = ['description:=false'] * (name == 'pendulum')
+    launched = launch(name, argument, 'record:=true', *words)
+    assert launched.ended() == 1
+    (line,) = (line for line in launched.output.splitlines() if 'ERROR' in line)
+    assert says in line
+    assert 'process started' not in launched.output
+
+
+def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
+    launch: Callable[..., Launched], tmp_path: Path
+):
+    launched = launch('robots', 'number_of_robots:=2', 'record:=True', 'bag:=bag')
+    launched.wait_for(lambda: 'planner]: active' in launched.output)
+    launched.wait_for(lambda: any((tmp_path / 'bag').glob('*.mcap')))
+    assert len(launched.running()) == 1 + 1 + 4 + 1
+    launched.interrupt()
+    assert launched.ended() == 0
+    assert (tmp_path / 'bag/metadata.yaml').is_file()
+
+
+@pytest.mark.parametrize('plant', ['True', 'False'])
+def test_a_problem_that_is_unknown_ends_the_launch(
+    launch: Callable[..., Launched], tmp_path: Path, plant: str
+):
+    file = tmp_path / 'wrong.yaml'
+    file.write_text('/**/planner: {ros__parameters: {problem: nonsense}}')
+    launched = launch('pendulum', f'params_file:={file}', 'description:=false', f'plant:={plant}')
+    assert launched.ended() == 1
+    assert "fatal: parameter 'problem' = 'nonsense' is not allowed" in launched.output
+    assert 'planner ended with code 2: the launch ends' in launched.output
+
+
+@pytest.mark.parametrize('dies', ['planner', 'pendulum_plant'])
+def test_a_launch_ends_with_its_planner_and_its_plant(launch: Callable[..., Launched], dies: str):
+    launched = launch('pendulum', 'description:=false')
+    launched.wait_for(lambda: bool(launched.of(dies)))
+    launched.wait_for(lambda: 'planner]: active' in launched.output)
+    os.kill(launched.of(dies)[0], signal.SIGKILL)
+    assert launched.ended() == 1
+    assert f'{dies} ended with code -9: the launch ends' in launched.output
+
+
+def test_the_tracker_of_a_real_plant_goes_on_without_planner(launch: Callable[..., Launched]):
+    launched = launch('pendulum', 'description:=false', 'plant:=false')
+    launched.wait_for(lambda: 'planner]: active' in launched.output)
+    (tracker,) = launched.of('tracker')
+    os.kill(launched.of('planner')[0], signal.SIGKILL)
+    launched.wait_for(lambda: 'process has died' in launched.output)
+    # launch has handled the end before it starts a tracker that has died anew
+    os.kill(tracker, signal.SIGKILL)
+    launched.wait_for(lambda: len(re.findall(r'tracker\]: active', launched.output)) == 2)
+    assert not launched.of('planner')
+    launched.interrupt()
+    assert launched.ended() == 0

@@ -1,0 +1,354 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What users get wrong when they state a problem: one sentence that names the function."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+import warnings
+
+import numpy as np
+import pytest
+from tdm_planner.direct_method import (
+    Duration,
+    Formulation,
+    Integrated,
+    Output,
+    SineSeries,
+    Transcription,
+)
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
+from tdm_planner.exceptions import InvalidProblem
+
+
+class Cart(Formulation):
+    """A cart with a swinging load: position prescribed, angle integrated."""
+
+    state_names: ClassVar = ('x', 'v', 'angle')
+    state_units: ClassVar = ('m', 'm/s', 'rad')
+    control_names: ClassVar = ('u',)
+    control_units: ClassVar = ('m/s^2',)
+
+    def outputs(self):
+        return {'x': Output((1.0, 0.0), (0.0, 0.0), free=2)}
+
+    def integrated(self):
+        return {'angle': Integrated(0.3)}
+
+    def duration(self):
+        return Duration(2.0)
+
+    def invert(self, y, z):
+        return (*y['x'][:2], z['angle']), y['x'][2:]
+
+    def derivative(self, x, u):
+        return x[1], u[0], -x[2] - u[0]
+
+    def margins(self, t, x, u):
+        return {'force': 1.0 - (u[0] / 5.0) ** 2}
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2
+
+    def final_cost(self, t, x):
+        return x[2] ** 2
+
+
+def begin(formulation: Formulation) -> Transcription:
+    program = Transcription(formulation, chebyshev_nodes(21))
+    program.begin(program.first_guess)
+    return program
+
+
+def refused(change: dict[str, Any]) -> str:
+    """Return the sentence that a cart changed in this way is refused with."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        with pytest.raises(InvalidProblem) as caught:
+            begin(type('Changed', (Cart,), change)())
+    message = str(caught.value)
+    assert '\n' not in message
+    assert len(message) < 300
+    return message
+
+
+def test_the_cart_itself_is_right():
+    begin(Cart())
+
+
+FUNCTIONS = (
+    'outputs',
+    'integrated',
+    'duration',
+    'invert',
+    'derivative',
+    'margins',
+    'running_cost',
+    'final_cost',
+    'end_conditions',
+)
+
+
+def raises(error: Exception) -> Callable[..., Any]:
+    def function(self: Any, *arguments: Any) -> Any:
+        raise error
+
+    return function
+
+
+def returns(value: Any) -> Callable[..., Any]:
+    return lambda self, *arguments: value
+
+
+@pytest.mark.parametrize('function', FUNCTIONS)
+@pytest.mark.parametrize(
+    'error',
+    [
+        ZeroDivisionError('division by zero'),
+        IndexError('out of range'),
+        AttributeError('no force'),
+    ],
+)
+def test_errors_of_the_user_are_the_cause(function, error):
+    with pytest.raises(InvalidProblem, match=f'{function} of Changed raises') as caught:
+        begin(type('Changed', (Cart,), {function: raises(error)})())
+    assert caught.value.__cause__ is error
+    assert type(error).__name__ in str(caught.value)
+
+
+def test_refusals_of_the_user_are_passed_on():
+    refusal = InvalidProblem('the cart is too heavy')
+    assert refused({'invert': raises(refusal)}) == 'the cart is too heavy'
+
+
+@pytest.mark.parametrize('function', FUNCTIONS)
+@pytest.mark.parametrize('value', [None, 'fast', object()])
+def test_results_of_another_kind(function, value):
+    assert function in refused({function: returns(value)})
+
+
+@pytest.mark.parametrize('function', ['outputs', 'integrated'])
+def test_mappings_of_something_else(function):
+    assert "gives 'x' = 3.0, expected an" in refused({function: returns({'x': 3.0})})
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        (((0.0, 0.0, 0.0),), 'expected a pair'),
+        (((0.0, 0.0, 0.0), (0.0,), (0.0,)), 'expected a pair'),
+        (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
+        (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
+        (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a number'),
+        (((0.0, '1', 0.0), (0.0,)), 'component 1'),
+        (((0.0, [1.0, [2.0]], 0.0), (0.0,)), 'expected a sequence of 3 components'),
+        (((0.0, np.zeros(7), 0.0), (0.0,)), 'components of shape (7,)'),
+        (((np.zeros(3), np.zeros(7), 0.0), (0.0,)), 'that differ'),
+        (((0.0, 1.0j, 0.0), (0.0,)), 'complex numbers, though the motion is real'),
+        ((3.0, (0.0,)), 'expected a sequence of 3 components'),
+    ],
+)
+def test_what_invert_returns(value, words):
+    assert words in refused({'invert': returns(value), 'integrated': returns({})})
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
+        ((0.0, 0.0, np.zeros(4)), 'what derivative returns has components of shape (4,)'),
+        ((0.0, 0.0, None), 'what derivative returns has component 2'),
+        ((0.0, 0.0, 1.0j), 'what derivative returns: complex numbers'),
+    ],
+)
+def test_what_derivative_returns(value, words):
+    assert words in refused({'derivative': returns(value)})
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (1, 21)"),
+        ({'force': None}, "margins gives 'force' = None, which is not a number"),
+        ({'force': 'much'}, "margins gives 'force' = 'much'"),
+        ({'force': 1.0j}, "margins gives 'force': complex numbers"),
+        ({3: 1.0}, 'must be strings'),
+        ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
+        ({'force': np.inf}, "margins gives 'force' = inf at node 0 of 21"),
+        ([1.0], 'expected a mapping from names to margins'),
+    ],
+)
+def test_what_margins_returns(value, words):
+    assert words in refused({'margins': returns(value)})
+
+
+def test_margins_that_change_their_names():
+    calls = []
+
+    def margins(self, t, x, u):
+        calls.append(t)
+        return {f'force {len(calls)}': 1.0 - u[0] ** 2}
+
+    assert 'must always be the same' in refused({'margins': margins})
+
+
+@pytest.mark.parametrize('function', ['final_cost', 'running_cost'])
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        (np.zeros(5), 'of shape (5,), expected'),
+        (np.nan, 'J = nan at node'),
+        (np.inf, 'J = inf'),
+        (1.0j, 'complex numbers'),
+        ([1.0, [2.0]], 'which is not a number'),
+    ],
+)
+def test_what_costs_return(function, value, words):
+    message = refused({function: returns(value)})
+    assert f'{function} gives J' in message
+    assert words in message
+
+
+def test_a_cost_for_every_state_is_none():
+    words = refused({'final_cost': lambda self, t, x: x**2})
+    assert 'final_cost gives J of shape (3, 1), expected (1,)' in words
+
+
+@pytest.mark.parametrize(
+    ('value', 'words'),
+    [
+        ((np.zeros(5),), 'end_conditions gives number 0 of shape (5,)'),
+        ((0.0, np.nan), 'end_conditions gives number 1 = nan'),
+        ({'x': 0.0}, 'expected a sequence'),
+        ((None,), 'not a number'),
+    ],
+)
+def test_what_end_conditions_returns(value, words):
+    assert words in refused({'end_conditions': returns(value)})
+
+
+@pytest.mark.parametrize('kind', ['state', 'control'])
+@pytest.mark.parametrize(
+    ('names', 'words'),
+    [
+        ('x', 'must be a tuple of names'),
+        (None, 'must be a tuple of names'),
+        ((), 'must be a tuple of names'),
+        (('x', 'v', 'x'), 'the same name twice'),
+        (('x', 3, 'v'), 'must be strings'),
+        (3, 'must be a tuple of names'),
+    ],
+)
+def test_names(kind, names, words):
+    message = refused({f'{kind}_names': names})
+    assert f'{kind}_names = ' in message
+    assert words in message
+
+
+def test_integrated_states_must_be_states():
+    words = refused({'integrated': returns({'speed': Integrated(0.0)})})
+    assert words == "integrated state 'speed' is not one of the states x, v, angle"
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (
+            {'derivative': lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))},
+            "derivative gives the rate of 'angle' = nan at node 11 of 21",
+        ),
+        (
+            {
+                'invert': lambda s, y, z: (
+                    (*y['x'][:2], z['angle']),
+                    (np.where(y['x'][0] == y['x'][0][0, 0], np.nan, 0.0),)
+                    if y['x'][0].ndim == 2
+                    else (0.0,),
+                )
+            },
+            "invert gives control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)",
+        ),
+        (
+            {'running_cost': lambda s, t, x, u: 1.0 / (t - t[:, :1])},
+            'running_cost gives J = inf at node 0 of 21',
+        ),
+        (
+            {'final_cost': lambda s, t, x: np.log(-t)},
+            'final_cost gives J = nan at node 20 of 21 (s = 1, t = 2 s)',
+        ),
+    ],
+)
+def test_numbers_that_are_not_finite_are_found_with_their_node(change, words):
+    assert words in refused(change)
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'final_cost': lambda s, t, x: np.sum(x[2] ** 2)}, 'J by running_cost or final_cost'),
+        ({'margins': lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}}, "margins 'force'"),
+        ({'end_conditions': lambda s, t, x: (np.sum(x[2]),)}, 'end condition 0'),
+    ],
+)
+def test_functions_that_mix_candidates(change, words):
+    message = refused(change)
+    assert words in message
+    assert 'when two candidates are computed at once' in message
+
+
+@pytest.mark.parametrize(
+    ('outputs', 'words'),
+    [
+        ({}, 'at least one output'),
+        ({'x': Output()}, "output 'x': a polynomial needs at least one boundary condition"),
+        ({'x': Output(end={1: 0.0})}, None),
+        ({'x': Output(start={1: 0.0}, end={1: 1.0})}, "output 'x': derivatives [1] at the start"),
+        ({'x': Output((0.0, 1.0), (0.0, 1.0), shapes=SineSeries(1))}, '1 shapes cannot meet'),
+        ({'x': Output(end=(0.0,), shapes=SineSeries(3))}, 'value at the start is missing'),
+    ],
+)
+def test_conditions_that_determine_no_function(outputs, words):
+    change = {'outputs': returns(outputs), 'invert': returns(((0.0, 0.0, 0.0), (0.0,)))}
+    change |= {'integrated': returns({})}
+    message = refused(change)
+    assert words is None or words in message
+
+
+@pytest.mark.parametrize(
+    'nodes',
+    [
+        np.linspace(0, 1, 2),
+        [0.0, 0.6, 0.5, 1.0],
+        [0.1, 0.5, 1.0],
+        [0.0, np.nan, 1.0],
+        'many',
+        None,
+    ],
+)
+def test_nodes(nodes):
+    with pytest.raises(InvalidProblem, match='nodes'):
+        Transcription(Cart(), nodes)
+
+
+@pytest.mark.parametrize('count', [2, 0, -1, 2.5, None, '41', 10**9])
+def test_numbers_of_nodes(count):
+    with pytest.raises(InvalidProblem, match='number of nodes'):
+        chebyshev_nodes(count)
+
+
+def test_what_is_not_finite_on_the_way_is_only_not_taken():
+    """Beyond the first guess a number that is not finite makes a point infinitely bad."""
+    short = type('Short', (Cart,), {'running_cost': lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2)})
+    program = begin(short())
+    far = program.first_guess * np.array([0.3, 1.0, 1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        point = program.evaluate(far)
+    assert point.cost == np.inf
+    assert point.violation == np.inf

@@ -1,0 +1,207 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The minimiser against problems with known answers."""
+
+from dataclasses import replace
+
+import numpy as np
+from tdm_planner.direct_method.nonlinear_program import (
+    Budget,
+    Linearisation,
+    NonlinearProgram,
+    Point,
+)
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+
+TIGHT = TrustRegionOptions(
+    penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
+)
+
+
+class Smooth(NonlinearProgram):
+    """J, c = 0, g >= 0 and their derivatives as functions; Hessian of the Lagrangian clipped."""
+
+    def __init__(self, cost, grad, hess, eq=None, eq_jac=None, ineq=None, ineq_jac=None,
+                 lower=-1e6, upper=1e6, size=2, curvature=None):  # fmt: skip
+        none = np.zeros(0)
+        self.functions = (cost, grad, hess)
+        self.eq = eq or (lambda x: none)
+        self.eq_jac = eq_jac or (lambda x: np.zeros((0, size)))
+        self.ineq = ineq or (lambda x: none)
+        self.ineq_jac = ineq_jac or (lambda x: np.zeros((0, size)))
+        self.lower, self.upper = np.full(size, float(lower)), np.full(size, float(upper))
+        self.curvature = curvature
+        self.evaluations = 0
+
+    def evaluate(self, xi):
+        self.evaluations += 1
+        worst = max(np.abs(self.eq(xi)).max(initial=0), (-self.ineq(xi)).max(initial=0))
+        return Point(xi, float(self.functions[0](xi)), np.array([worst]))
+
+    def linearise(self, point, multipliers):
+        x = point.xi
+        hessian = self.functions[2](x)
+        if self.curvature is not None and multipliers is not None:
+            hessian = hessian - self.curvature(x, multipliers)
+        values, vectors = np.linalg.eigh(hessian)
+        hessian = (vectors * np.maximum(np.abs(values), 1e-3)) @ vectors.T
+        g = self.ineq(x)
+        return Linearisation(
+            self.functions[1](x), hessian, self.eq(x), self.eq_jac(x), g, self.ineq_jac(x),
+            np.zeros(g.size, dtype=int),
+        )  # fmt: skip
+
+    def correction_rows(self, point, at, active):
+        g = self.ineq(point.xi)
+        return np.concatenate([self.eq(point.xi), np.minimum(g[active], 0.0)])
+
+
+def rosenbrock(**constraints):
+    return Smooth(
+        lambda x: (1 - x[0]) ** 2 + 100 * (x[1] - x[0] ** 2) ** 2,
+        lambda x: np.array(
+            [-2 * (1 - x[0]) - 400 * x[0] * (x[1] - x[0] ** 2), 200 * (x[1] - x[0] ** 2)]
+        ),
+        lambda x: np.array(
+            [[2 - 400 * (x[1] - 3 * x[0] ** 2), -400 * x[0]], [-400 * x[0], 200.0]]
+        ),
+        **constraints,
+    )
+
+
+def test_unconstrained_minimum():
+    found = minimise(rosenbrock(), np.array([-1.2, 1.0]), TIGHT)
+    assert found.converged
+    np.testing.assert_allclose(found.point.xi, [1, 1], atol=1e-5)
+
+
+def test_bounds_are_kept_at_every_evaluation():
+    program = rosenbrock(upper=0.5)
+    seen = []
+    evaluate = program.evaluate
+    program.evaluate = lambda xi: (seen.append(xi), evaluate(xi))[1]
+    found = minimise(program, np.array([-1.2, 1.0]), TIGHT)
+    assert all((xi <= 0.5).all() for xi in seen)
+    np.testing.assert_allclose(found.point.xi, [0.5, 0.25], atol=1e-5)
+
+
+def test_inequality_on_the_unit_disc():
+    """Rosenbrock's function on the unit disc, against scipy's SLSQP."""
+    program = rosenbrock(
+        ineq=lambda x: np.array([1 - x @ x]),
+        ineq_jac=lambda x: -2 * x[None, :],
+        curvature=lambda x, m: -2 * m.inequalities[0] * np.eye(2),
+    )
+    found = minimise(program, np.array([-0.5, 0.5]), TIGHT)
+    reference = scipy_reference(program, np.array([0.5, 0.5]))
+    assert found.converged
+    np.testing.assert_allclose(found.point.xi, reference, atol=1e-4)
+    assert found.point.violation <= 1e-9
+
+
+def scipy_reference(program, start):
+    from scipy.optimize import minimize
+
+    return minimize(
+        program.functions[0], start, jac=program.functions[1], method='SLSQP',
+        constraints=[{'type': 'ineq', 'fun': program.ineq, 'jac': program.ineq_jac}],
+        options={'ftol': 1e-12, 'maxiter': 200},
+    ).x  # fmt: skip
+
+
+def circle(corrections):
+    """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle: the case of the Maratos effect."""
+    program = Smooth(
+        lambda x: 2 * (x @ x - 1) - x[0],
+        lambda x: 4 * x - np.array([1.0, 0.0]),
+        lambda x: 4 * np.eye(2),
+        eq=lambda x: np.array([x @ x - 1]),
+        eq_jac=lambda x: 2 * x[None, :],
+        curvature=lambda x, m: 2 * m.equalities[0] * np.eye(2),
+    )
+    options = TrustRegionOptions(**{**vars(TIGHT), 'corrections': corrections})
+    found = minimise(program, np.array([np.cos(1.5), np.sin(1.5)]), options)
+    return found, program
+
+
+def test_second_order_correction_overcomes_the_maratos_effect():
+    with_correction, _ = circle(4)
+    without, _ = circle(0)
+    assert with_correction.converged
+    np.testing.assert_allclose(with_correction.point.xi, [1, 0], atol=1e-5)
+    assert with_correction.iterations <= without.iterations
+
+
+def test_absolute_terms_are_minimised_exactly():
+    """J = x^2 / 2 + 3 |x - 1| has its kink at the minimum x = 1."""
+
+    class Kinked(NonlinearProgram):
+        lower, upper = np.full(1, -9.0), np.full(1, 9.0)
+
+        def evaluate(self, xi):
+            return Point(xi, float(xi[0] ** 2 / 2 + 3 * abs(xi[0] - 1)), np.zeros(1))
+
+        def linearise(self, point, multipliers):
+            empty = np.zeros((0, 1))
+            return Linearisation(
+                point.xi.copy(), np.eye(1), np.zeros(0), empty, np.zeros(0), empty,
+                np.zeros(0, dtype=int), point.xi - 1, np.eye(1), np.array([3.0]),
+            )  # fmt: skip
+
+    found = minimise(Kinked(), np.array([-5.0]), TIGHT)
+    assert found.converged
+    np.testing.assert_allclose(found.point.xi, [1.0], atol=1e-6)
+
+
+def test_contradictory_constraints_end_without_convergence():
+    program = rosenbrock(eq=lambda x: np.array([x @ x + 1.0]), eq_jac=lambda x: 2 * x[None, :])
+    found = minimise(program, np.array([0.5, 0.5]), TIGHT)
+    assert not found.converged
+    assert found.point.violation >= 1.0
+
+
+def test_a_spent_budget_returns_the_start():
+    program = rosenbrock()
+    found = minimise(program, np.array([-1.2, 1.0]), TIGHT, Budget(0.0))
+    assert not found.converged
+    assert found.iterations == 0
+    assert program.evaluations == 1
+
+
+def test_cutoff_gives_up_a_feasible_but_dear_search():
+    program = rosenbrock()
+    options = TrustRegionOptions(**{**vars(TIGHT), 'cutoff': -1.0})
+    found = minimise(program, np.array([-1.2, 1.0]), options)
+    assert not found.converged
+    assert found.iterations <= 6
+
+
+def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violated():
+    """The multiplier of x = 3 is 600 here; without steering the search first settles short."""
+    steep = Smooth(
+        lambda x: 100 * x @ x,
+        lambda x: 200 * x,
+        lambda x: 200 * np.eye(2),
+        eq=lambda x: x[:1] - 3.0,
+        eq_jac=lambda x: np.array([[1.0, 0.0]]),
+    )
+    options = TrustRegionOptions(
+        penalties=(1.0,),
+        largest_penalty=1e4,
+        iterations=60,
+        cost_tolerance=1e-10,
+        feasibility=(1e-9,),
+        radius=4.0,
+    )
+    plain = minimise(steep, np.ones(2), options)
+    steered = minimise(steep, np.ones(2), replace(options, steering=True))
+    assert steered.converged
+    np.testing.assert_allclose(steered.point.xi, [3, 0], atol=1e-6)
+    assert steered.iterations < plain.iterations

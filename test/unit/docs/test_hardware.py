@@ -1,0 +1,251 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Planned messages against the rules of ros2_control's controllers and hardware, as documented.
+
+joint_trajectory_controller: "validation of trajectories", its documentation and its parameter
+`allow_nonzero_velocity_at_trajectory_end`; joint_state_topic_hardware_interface: its two topics.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from pages import blocks
+import pytest
+from sensor_msgs.msg import JointState
+from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS, pendulum_message, to_stamp
+from tdm_planner.nodes.tracked_plants import TrackedPendulum
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import PendulumSwingUp
+from tdm_sim.commands import MalformedCommand
+from tdm_sim.integrator import integrate
+from tdm_sim.pendulum_plant import PendulumPlant
+from trajectory_msgs.msg import JointTrajectory
+import yaml
+
+PAGE = Path(__file__).resolve().parents[3] / 'docs' / 'hardware.md'
+SECOND = 1_000_000_000
+FLOAT_EPSILON = float(np.finfo(np.float32).eps)  # below it the controller takes a speed for zero
+
+
+def nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec * SECOND + stamp.nanosec)
+
+
+def refusal(message: JointTrajectory, joints: Sequence[str], effort: bool, now: int) -> str:
+    """Why a joint_trajectory_controller for `joints` refuses a message; '' if it takes it."""
+    if not message.points:
+        return 'no points'
+    if sorted(message.joint_names) != sorted(joints):
+        return 'joints'
+    start, last = nanoseconds(message.header.stamp), message.points[-1]
+    if start and start + nanoseconds(last.time_from_start) < now:
+        return 'in the past'
+    if any(abs(velocity) > FLOAT_EPSILON for velocity in last.velocities):
+        return 'moving at the end'
+    times = [nanoseconds(point.time_from_start) for point in message.points]
+    if any(after <= before for before, after in itertools.pairwise(times)):
+        return 'times'
+    for point in message.points:
+        if len(point.positions) != len(joints):
+            return 'positions'
+        for values in (point.velocities, point.accelerations):
+            if len(values) not in (0, len(joints)):
+                return 'velocities or accelerations'
+        if len(point.effort) not in ((0, len(joints)) if effort else (0,)):
+            return 'effort'
+    return ''
+
+
+@pytest.fixture(
+    scope='module', params=[(0.09, 'switching'), (0.02, 'switching'), (0.2, 'smooth')], ids=str
+)
+def planned(request: pytest.FixtureRequest) -> JointTrajectory:
+    torque, method = request.param
+    values = {'limits.torque': torque, 'method': method, 'solver.deadline': 10.0}
+    problem = PendulumSwingUp.from_parameters(values)
+    plan = problem.solve().trajectory
+    if plan.rates is None:
+        plan = plan.with_rates(problem.plant.derivative)
+    return pendulum_message(plan, to_stamp(100 * SECOND))
+
+
+def test_controller_takes_planned_trajectories(planned: JointTrajectory):
+    assert refusal(planned, ['pendulum', 'disk'], effort=True, now=99 * SECOND) == ''
+
+
+def test_every_field_is_as_the_page_says(planned: JointTrajectory):
+    for point in planned.points:
+        for values in (point.positions, point.velocities, point.accelerations, point.effort):
+            assert len(values) == 2
+            assert all(map(math.isfinite, values))
+        assert point.effort[0] == 0.0
+    assert list(planned.points[-1].velocities) == [0.0, 0.0]
+    assert planned.points[-1].positions[1] == pytest.approx(0.0, abs=1e-4)
+
+
+def reversed_times(message: JointTrajectory) -> None:
+    message.points[1].time_from_start = message.points[0].time_from_start
+
+
+def still_moving(message: JointTrajectory) -> None:
+    message.points[-1].velocities[0] = 1e-6
+
+
+def one_position(message: JointTrajectory) -> None:
+    message.points[0].positions = [0.0]
+
+
+def one_joint(message: JointTrajectory) -> None:
+    message.joint_names = ['pendulum']
+
+
+def no_points(message: JointTrajectory) -> None:
+    message.points = []
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'reason'),
+    [
+        (reversed_times, 'times'),
+        (still_moving, 'moving at the end'),
+        (one_position, 'positions'),
+        (one_joint, 'joints'),
+        (no_points, 'no points'),
+    ],
+)
+def test_the_rules_would_notice(
+    planned: JointTrajectory, spoil: Callable[[JointTrajectory], None], reason: str
+):
+    message = deepcopy(planned)
+    spoil(message)
+    assert refusal(message, PENDULUM_JOINTS, effort=True, now=0) == reason
+
+
+def carried_out(
+    message: JointTrajectory, limit: float, gains: dict[str, float], rate: int = 500
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Simulate the controller with `interpolation_method: none`; states at the start and at the end.
+
+    As documented it keeps the point it has until the first one is due, then takes the next one.
+    """
+    plant, state = RotaryPendulum(), np.array([math.pi, 0.0, 0.0, 0.0])
+    times = [nanoseconds(point.time_from_start) / SECOND for point in message.points]
+    wait, at_start = 1.0, None
+    for tick in range(math.ceil((wait + times[-1]) * rate)):
+        elapsed = tick / rate - wait
+        position = velocity = effort = 0.0
+        if elapsed >= 0.0:
+            at_start = state if at_start is None else at_start
+            point = message.points[min(bisect.bisect_right(times, elapsed), len(times) - 1)]
+            position, velocity, effort = (
+                point.positions[1],
+                point.velocities[1],
+                point.effort[1],
+            )
+        effort += gains['p'] * (position - state[1]) + gains['d'] * (velocity - state[3])
+        torque = np.array([np.clip(effort, -limit, limit)])
+        state = integrate(plant, state, torque, 1.0 / rate)
+    assert at_start is not None
+    return at_start, state
+
+
+def test_the_pages_controller_waits_for_the_start_and_comes_near_upright(
+    planned: JointTrajectory, request: pytest.FixtureRequest
+):
+    parameters = controller()
+    assert parameters['interpolation_method'] == 'none'
+    limit = request.node.callspec.params['planned'][0]
+    at_start, at_end = carried_out(planned, limit, parameters['gains']['disk'])
+    assert at_start == pytest.approx([math.pi, 0.0, 0.0, 0.0], abs=1e-9)
+    assert abs(math.remainder(at_end[0], math.tau)) < 0.25
+
+
+def test_a_controller_that_keeps_the_last_point_keeps_no_torque():
+    problem = PendulumSwingUp.from_parameters({'limits.torque': 0.09, 'solver.deadline': 10.0})
+    plan = problem.solve().trajectory.with_rates(problem.plant.derivative)
+    assert plan.control('torque')[-1] != 0.0
+    assert list(pendulum_message(plan, to_stamp(0)).points[-1].effort) == [0.0, 0.0]
+
+
+def test_controller_without_effort_interface_and_late_messages_are_refused(
+    planned: JointTrajectory,
+):
+    assert refusal(planned, PENDULUM_JOINTS, effort=False, now=0) == 'effort'
+    assert refusal(planned, PENDULUM_JOINTS, effort=True, now=200 * SECOND) == 'in the past'
+
+
+def controller() -> dict[str, Any]:
+    (text,) = blocks(PAGE, 'yaml')
+    return dict(yaml.safe_load(text)['swing_up']['ros__parameters'])
+
+
+def test_the_pages_controller_is_for_these_joints(planned: JointTrajectory):
+    parameters = controller()
+    assert sorted(parameters['joints']) == sorted(planned.joint_names)
+    assert parameters['command_joints'] == ['disk']
+    assert parameters['command_interfaces'] == ['effort']
+
+
+def hardware() -> list[dict[str, dict[str, list[str]]]]:
+    """Return the page's ros2_control components: interfaces of the joints of each."""
+    (text,) = blocks(PAGE, 'xml')
+    return [
+        {
+            str(joint.get('name')): {
+                kind: [str(item.get('name')) for item in joint.findall(f'{kind}_interface')]
+                for kind in ('command', 'state')
+            }
+            for joint in component.findall('joint')
+        }
+        for component in ElementTree.fromstring(text).findall('ros2_control')
+    ]
+
+
+def sent_by(component: dict[str, dict[str, list[str]]], effort: float) -> JointState:
+    """Return a command as topic hardware sends it: all names, values where there is a command."""
+    commanded = [name for name, found in component.items() if 'effort' in found['command']]
+    return JointState(name=list(component), effort=[effort for _ in commanded])
+
+
+def test_topic_hardware_understands_the_states_it_gets():
+    """Its state interfaces are fields of joint_states, joints found by name in any order."""
+    joints = [item for component in hardware() for item in component.items()]
+    assert sorted(name for name, _ in joints) == sorted(PENDULUM_JOINTS)
+    for _, interfaces in joints:
+        assert set(interfaces['state']) <= {'position', 'velocity', 'effort'}
+    state = JointState(
+        name=['disk', 'another', 'pendulum'], position=[1.0, 9.0, 2.0], velocity=[3.0, 9.0, 4.0]
+    )
+    assert joint_motion(state, PENDULUM_JOINTS).tolist() == [2.0, 1.0, 4.0, 3.0]
+
+
+def test_plant_obeys_the_commands_that_topic_hardware_sends():
+    motor, encoder = hardware()
+    read = PendulumPlant.read_command
+    assert read(None, sent_by(motor, 0.01)).tolist() == [0.01]  # type: ignore[arg-type]
+    # As one component the two joints would send a command that nobody can read for sure.
+    with pytest.raises(MalformedCommand, match='1 values for 2 named joints'):
+        read(None, sent_by({**motor, **encoder}, 0.01))  # type: ignore[arg-type]
+
+
+def test_the_tracker_commands_the_same_joint():
+    message = TrackedPendulum().command_message(np.array([0.012]))
+    assert (list(message.name), list(message.effort)) == (['disk'], [0.012])

@@ -1,0 +1,163 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plants import FloatingRobot
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import replay
+
+ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
+NUMBER = st.floats(-3.0, 3.0)
+
+
+def trajectory(times, controls, start, interpolation='linear'):
+    states = np.tile(np.asarray(start, dtype=float), (len(times), 1))
+    return Trajectory(
+        times=times,
+        states=states,
+        controls=controls,
+        state_names=ROBOT.state_names,
+        control_names=ROBOT.control_names,
+        interpolation=interpolation,
+    )
+
+
+def random_controls(seed, n=30, duration=6.0):
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0.0], np.sort(rng.uniform(0.1, duration, n - 2)), [duration + 0.1]])
+    controls = rng.uniform(-1, 1, (n, 3)) * [0.4, 1.0, 0.01] + [0.4, 0.0, 0.0]
+    return times, controls, rng.uniform(-1, 1, 7)
+
+
+def integrated(plan, at):
+    """Return an integration of its own, restarted at every sample."""
+    state, states = plan.states[0], [plan.states[0]]
+    for begin, end in zip(plan.times[:-1], plan.times[1:], strict=True):
+        inside = at[(at > begin) & (at <= end)]
+
+        def rate(t, x, begin=begin):
+            # Inside the interval, so that a held control is the one of its start.
+            control = plan.sample(min(max(t, begin + 1e-12), end - 1e-12)).control  # noqa: B023
+            return ROBOT.derivative(x, control)
+
+        result = solve_ivp(
+            rate, (begin, end), state, rtol=1e-10, atol=1e-12, t_eval=np.union1d(inside, [end])
+        )
+        states += list(result.y.T[: inside.size])
+        state = result.y[:, -1]
+    return np.array(states)
+
+
+def test_accelerates_along_the_thrust():
+    state = np.array([1.0, 2.0, 0.1, -0.2, 0.3, 0.4, 0.5])
+    rate = ROBOT.derivative(state, np.array([4.0, -0.6, 0.01]))
+    expected = [0.1, -0.2, 0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.4, 0.2, -0.6]
+    assert rate == pytest.approx(expected)
+
+
+@given(
+    state=st.lists(NUMBER, min_size=7, max_size=7),
+    control=st.lists(NUMBER, min_size=3, max_size=3),
+)
+@settings(deadline=None, max_examples=30, derandomize=True)
+def test_is_vectorised(state, control):
+    states, controls = np.tile(state, (2, 3, 1)), np.array(control)
+    rates = ROBOT.derivative(states, controls)
+    assert rates.shape == (2, 3, 7)
+    assert rates[1, 2] == pytest.approx(ROBOT.derivative(np.array(state), controls), abs=1e-15)
+
+
+@given(alpha=NUMBER, turns=st.integers(-3, 3))
+@settings(deadline=None, max_examples=30, derandomize=True)
+def test_whole_turns_of_the_thruster_change_nothing(alpha, turns):
+    state = np.array([0.0, 0.0, 0.0, 0.0, 0.2, 0.1, alpha])
+    turned = state + np.array([0, 0, 0, 0, 0, 0, 2 * math.pi * turns])
+    control = np.array([3.0, 0.1, 0.01])
+    assert ROBOT.derivative(turned, control) == pytest.approx(
+        ROBOT.derivative(state, control), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
+def test_replays_constant_thrust_in_closed_form(interpolation):
+    times = np.linspace(0.0, 4.0, 9)
+    heading = 0.7
+    start = [1.0, -1.0, 0.2, 0.1, heading, 0.0, 0.0]
+    plan = trajectory(times, np.tile([4.0, 0.0, 0.0], (9, 1)), start, interpolation)
+    t = np.linspace(0.0, 4.0, 33)
+    states = ROBOT.replay(plan, t)
+    assert states[:, 0] == pytest.approx(1.0 + 0.2 * t + 0.25 * t**2 * math.cos(heading))
+    assert states[:, 1] == pytest.approx(-1.0 + 0.1 * t + 0.25 * t**2 * math.sin(heading))
+    assert states[:, 2] == pytest.approx(0.2 + 0.5 * t * math.cos(heading))
+
+
+def test_replays_a_spin_in_closed_form():
+    """Constant thrust on a robot that spins at a constant rate: its velocity turns in a circle."""
+    omega, push = 1.5, 2.0 / ROBOT.mass
+    times = np.linspace(0.0, 5.0, 101)
+    plan = trajectory(
+        times, np.tile([2.0, 0.0, 0.0], (101, 1)), [0, 0, 0, -push / omega, 0, omega, 0]
+    )
+    states = ROBOT.replay(plan, times)
+    assert states[:, 2] == pytest.approx(push / omega * np.sin(omega * times), abs=1e-9)
+    assert states[:, 3] == pytest.approx(-push / omega * np.cos(omega * times), abs=1e-9)
+    radius = push / omega**2
+    assert states[:, 0] == pytest.approx(radius * (1 - np.cos(omega * times)), abs=1e-9)
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
+@pytest.mark.parametrize('seed', range(3))
+def test_replay_agrees_with_an_independent_integrator(interpolation, seed):
+    times, controls, start = random_controls(seed)
+    plan = trajectory(times, controls, start, interpolation)
+    at = np.linspace(0.0, times[-1], 57)
+    assert ROBOT.replay(plan, at) == pytest.approx(integrated(plan, at), abs=2e-7)
+
+
+def test_verification_replays_splines_by_integration():
+    times = np.linspace(0.0, 2.0, 9)
+    controls = np.stack([1 + np.sin(times), np.cos(times), 0.01 * times], axis=1)
+    plan = trajectory(times, controls, np.zeros(7), 'cubic')
+    assert ROBOT.replay(plan, times) is None
+    states = replay(ROBOT, plan, times)
+    fine = trajectory(
+        np.linspace(0.0, 2.0, 2001), plan.sample(np.linspace(0.0, 2.0, 2001)).control, np.zeros(7)
+    )
+    assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)
+
+
+@given(omega=st.lists(NUMBER, min_size=2, max_size=5), initial=NUMBER, initial_omega=NUMBER)
+@settings(deadline=None, max_examples=30, derandomize=True)
+def test_wheel_conserves_angular_momentum(omega, initial, initial_omega):
+    speed = ROBOT.wheel_speed(np.array(omega), initial, initial_omega)
+    momentum = ROBOT.angular_momentum(np.array(omega), speed)
+    before = ROBOT.angular_momentum(np.array(initial_omega), np.array(initial))
+    assert momentum == pytest.approx(np.full(len(omega), float(before)), abs=1e-12)
+
+
+def test_torque_on_the_robot_is_the_motors_on_the_wheel():
+    """The wheel's absolute acceleration is that of the opposite torque."""
+    torque, h = 0.01, 1e-3
+    omega = np.array([0.0, h * torque / ROBOT.inertia])
+    absolute = omega + ROBOT.wheel_speed(omega)
+    assert np.diff(absolute)[0] / h == pytest.approx(-torque / ROBOT.wheel_inertia)
+
+
+@pytest.mark.parametrize('name', ['mass', 'inertia', 'wheel_inertia'])
+@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, 'heavy'])
+def test_refuses_constants_that_are_not_positive(name, value):
+    with pytest.raises(InvalidProblem, match=name):
+        FloatingRobot(**{name: value})

@@ -1,0 +1,417 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Plans of robot formations, integrated by an integrator of the test's own."""
+
+from dataclasses import replace
+import itertools
+import math
+
+from benchmark.scenarios import crossing
+import numpy as np
+import pytest
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    InvalidProblem,
+    VerificationFailed,
+)
+from tdm_planner.problems import formation_verification, RobotFormation, RobotStart
+from tdm_planner.problems.formation_checks import least_time
+from tdm_planner.problems.formation_search import gas_used
+from tdm_planner.problems.formation_verification import verify_formation
+from tdm_planner.trajectory import Trajectory
+
+PATIENT = {'solver.deadline': 30.0}
+IN_PLACE = {'formation.anchor': [0.0, 0.0, 0.0]}
+
+
+def formation(**values):
+    return RobotFormation.from_parameters(PATIENT | values)
+
+
+def pose(name, start, goal, **more):
+    """Parameters of one robot from `start` to `goal`, both x, y, yaw in the arena's frame."""
+    values = dict(zip(('x', 'y', 'yaw'), start, strict=True)) | more
+    return {f'{name}.start.{key}': value for key, value in values.items()} | {
+        f'formation.{name}': list(goal)
+    }
+
+
+def integrate(robot, plan, step=0.005):
+    """Heun's rule on (17) with controls linear between samples; independent of the package."""
+    times, u = plan.times, plan.controls
+    state = plan.states[0].copy()
+    path = [np.concatenate([[0.0], state])]
+
+    def rate(x, control):
+        push = control[0] / robot.mass
+        heading = x[4] + x[6]
+        return np.array(
+            [x[2], x[3], push * math.cos(heading), push * math.sin(heading), x[5],
+             control[2] / robot.inertia, control[1]]
+        )  # fmt: skip
+
+    for k in range(times.size - 1):
+        count = max(1, math.ceil((times[k + 1] - times[k]) / step))
+        h = (times[k + 1] - times[k]) / count
+        for i in range(count):
+            before = u[k] + (u[k + 1] - u[k]) * i / count
+            after = u[k] + (u[k + 1] - u[k]) * (i + 1) / count
+            first = rate(state, before)
+            state = state + h / 2 * (first + rate(state + h * first, after))
+            path.append(np.concatenate([[times[k] + (i + 1) * h], state]))
+    return np.array(path)
+
+
+def assert_flies(problem, solution):
+    """Everything the plan promises, from the published controls alone."""
+    task = problem.task
+    assert solution.verification.ok
+    paths = []
+    for i, name in enumerate(problem.robots):
+        plan = solution.trajectories[name]
+        assert plan.interpolation == 'linear'
+        thrust, rate, torque = plan.controls.T
+        assert thrust.min() >= 0
+        assert thrust.max() <= problem.limits.thrust * (1 + 1e-9)
+        assert np.abs(rate).max() <= problem.limits.thruster_rate * (1 + 1e-9)
+        assert np.abs(torque).max() <= problem.limits.torque * (1 + 1e-9)
+        start = problem.starts.get(name)
+        if start is not None:
+            given = [start.x, start.y, start.u, start.v, start.yaw, start.omega]
+            assert plan.states[0, :6] == pytest.approx(given, abs=1e-12)
+            if start.alpha is not None:
+                assert plan.states[0, 6] == pytest.approx(start.alpha)
+        path = integrate(problem.plant, plan)
+        end = path[-1, 1:]
+        assert np.hypot(*(end[:2] - task.goal[i])) < 5e-3
+        assert np.hypot(end[2], end[3]) < 6e-3
+        turned = (end[4] - task.goal_yaw[i] + math.pi) % (2 * math.pi) - math.pi
+        assert abs(turned) < 1e-2
+        assert abs(end[5]) < 1e-2
+        half = task.separation / 2 - 1e-4
+        assert path[:, 1:3].min() >= half
+        assert (task.sides - path[:, 1:3]).min() >= half
+        for x, y, radius in task.obstacles:
+            assert np.hypot(path[:, 1] - x, path[:, 2] - y).min() >= radius + half
+        paths.append(path)
+    t = np.arange(0.0, solution.duration, 0.01)
+    places = [np.stack([np.interp(t, p[:, 0], p[:, k]) for k in (1, 2)], 1) for p in paths]
+    for a, b in itertools.combinations(places, 2):
+        assert np.linalg.norm(a - b, axis=1).min() >= task.separation - 1e-4
+
+
+def test_default_problem():
+    problem = RobotFormation.from_parameters({})
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    assert solution.duration < 30
+    assert solution.penalty == 0
+    assert solution.parameters.size == 27
+    assert set(solution.trajectories) == set(solution.verifications) == set(problem.robots)
+
+
+@pytest.mark.parametrize(('n', 'seed'), [(1, 0), (2, 1), (3, 2), (3, 3), (5, 4)])
+def test_random_crossings(n, seed):
+    problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**PATIENT))
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    arrivals = [solution.trajectories[name].duration for name in problem.robots]
+    if n > 1:
+        assert np.diff(arrivals) == pytest.approx(np.full(n - 1, 4.0), abs=2.0)
+
+
+def test_two_robots_swap_places():
+    problem = formation(
+        robots=['left', 'right'], **IN_PLACE,
+        **pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0)),
+        **pose('right', (3.0, 2.0, 0.0), (1.0, 2.0, 0.0)),
+    )  # fmt: skip
+    assert_flies(problem, problem.solve())
+
+
+@pytest.mark.parametrize('turn', [0.0, 2.0])
+def test_a_robot_at_its_goal_stays(turn):
+    problem = formation(
+        robots=['still', 'mover'], **IN_PLACE,
+        **pose('still', (2.0, 2.0, 0.0), (2.0, 2.0, turn)),
+        **pose('mover', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)),
+    )  # fmt: skip
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    still = solution.trajectories['still']
+    assert not still.control('thrust').any()
+    assert np.ptp(still.states[:, :2], axis=0) == pytest.approx([0.0, 0.0])
+
+
+def test_everybody_stays():
+    problem = formation(
+        robots=['only'], **IN_PLACE, **pose('only', (2.0, 2.0, 0.1), (2.0, 2.0, 0.1))
+    )
+    assert_flies(problem, problem.solve())
+
+
+def test_robots_in_motion_with_thrusters_elsewhere():
+    changes = {'robot1.start.u': 0.1, 'robot2.start.v': 0.05, 'robot2.start.omega': 0.3}
+    changes |= {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
+    problem = formation(**changes)
+    assert_flies(problem, problem.solve())
+
+
+def test_keep_out_zones():
+    zones = [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]
+    problem = formation(
+        robots=['only'], **IN_PLACE, **pose('only', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)),
+        **{'arena.obstacles': zones},
+    )  # fmt: skip
+    assert_flies(problem, problem.solve())
+
+
+@pytest.mark.parametrize(
+    ('changes', 'varied'),
+    [
+        ({'end_accelerations': 'given', 'yaw_order': 7}, 21),
+        ({'end_accelerations': 'given', 'speed_factor_order': 2}, 21),
+        ({'polynomial_order': 9}, 39),
+        ({'polynomial_order': 11, 'end_accelerations': 'given'}, 39),
+    ],
+)
+def test_variants_of_the_method(changes, varied):
+    problem = formation(**changes)
+    solution = problem.solve()
+    assert solution.parameters.size == varied
+    assert_flies(problem, solution)
+
+
+def test_given_end_accelerations_are_met():
+    problem = formation(
+        **{'end_accelerations': 'given', 'robot1.start.alpha': 0.3, 'robot1.start.thrust': 0.5}
+    )
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    assert solution.trajectories['robot1'].control('thrust')[0] == pytest.approx(0.5, abs=0.02)
+    assert solution.trajectories['robot2'].control('thrust')[0] == pytest.approx(0.0, abs=0.02)
+
+
+def test_cost_is_the_performance_index_of_what_is_published():
+    problem = formation()
+    solution = problem.solve()
+    plans = [solution.trajectories[name] for name in problem.robots]
+    arrivals = np.array([plan.duration for plan in plans])
+    gas = 0.0
+    for plan in plans:
+        thrust = plan.control('thrust')
+        gas += (np.diff(plan.times) * (thrust[1:] + thrust[:-1]) / 2).sum() / problem.plant.mass
+    w = problem.weights
+    late = np.abs(np.diff(arrivals) - problem.arrival_interval).sum()
+    expected = w.time * arrivals[0] + w.sequence * late + w.gas * gas
+    assert solution.cost == pytest.approx(expected)
+    assert sum(solution.cost_terms.values()) == pytest.approx(expected)
+
+
+def test_what_is_planned_cannot_be_changed():
+    solution = RobotFormation().solve(deadline=30.0)
+    for motion in solution.trajectories.values():
+        with pytest.raises(ValueError, match='read-only'):
+            motion.states[0] = 0.0
+
+
+def test_the_tolerance_is_what_the_minimiser_is_content_with():
+    """Robots that pass as near as allowed: the less of it is feasible, the longer it takes."""
+    evaluations = []
+    for tolerance in (1e-6, 1e-9, 1e-12):
+        changes = {'solver.tolerance': tolerance, 'arena.tracking_margin': 0.0}
+        solution = RobotFormation.from_parameters(changes).solve(deadline=30.0)
+        assert solution.penalty <= tolerance
+        evaluations.append(solution.evaluations)
+    assert evaluations[0] < evaluations[1] < evaluations[2]
+
+
+def test_a_penalty_above_the_tolerance_is_no_plan(monkeypatch):
+    problem = RobotFormation()
+    motions = problem.solve(deadline=30.0).trajectories
+    monkeypatch.setattr(formation_verification, 'penalty', lambda *values: 2e-7)
+    assert problem.recognised(motions).penalty == 2e-7
+    stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
+    with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
+        stricter.recognised(motions)
+
+
+def test_gas_under_held_thrust_is_what_the_thruster_gives():
+    plant = RobotFormation().plant
+    burn = Trajectory(
+        np.array([0.0, 2.0, 5.0, 6.0]),
+        np.zeros((4, 7)),
+        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        plant.state_names,
+        plant.control_names,
+        'zero_order_hold',
+    )
+    assert gas_used(plant, burn) == pytest.approx(2.5 / plant.mass, rel=1e-12)
+
+
+def test_weights_do_what_they_say():
+    quick = formation(**{'weights.gas': 0.0}).solve()
+    frugal = formation(**{'weights.time': 0.001, 'weights.sequence': 0.001}).solve()
+    gas = [sum(p.control('thrust').mean() * p.duration for p in s.trajectories.values())
+           for s in (quick, frugal)]  # fmt: skip
+    assert quick.duration < 0.7 * frugal.duration
+    assert gas[1] < 0.7 * gas[0]
+
+
+def test_same_seed_same_plan():
+    first, second = formation().solve(seed=3), formation().solve(seed=3)
+    for name, plan in first.trajectories.items():
+        assert (plan.states == second.trajectories[name].states).all()
+        assert (plan.controls == second.trajectories[name].controls).all()
+
+
+def test_warm_start_from_a_plan_in_force():
+    problem = formation()
+    plan = problem.solve()
+    now = 0.4 * plan.trajectories['robot1'].duration
+    names = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')
+    starts = {
+        name: RobotStart(**dict(zip(names, trajectory.sample(now).state.tolist(), strict=True)))
+        for name, trajectory in plan.trajectories.items()
+    }
+    later = replace(problem, starts=starts)
+    again = later.solve(warm_start=plan)
+    assert_flies(later, again)
+    assert again.duration == pytest.approx(plan.duration - now, rel=0.15)
+    cold = later.solve()
+    assert again.evaluations < cold.evaluations
+
+
+def test_verification_catches_perturbed_plans():
+    problem = formation()
+    plans = dict(problem.solve().trajectories)
+    weights = np.array(problem.weights.penalty)
+    assert verify_formation(problem.task, plans, weights).ok
+    pushed = replace(plans['robot1'], controls=plans['robot1'].controls * [1.05, 1.0, 1.0])
+    check = verify_formation(problem.task, plans | {'robot1': pushed}, weights)
+    assert not check.ok
+    assert any('robot1' in reason for reason in check.overall.reasons)
+    over = plans['robot2'].controls.copy()
+    over[5, 0] = 1.2 * problem.limits.thrust
+    check = verify_formation(
+        problem.task, plans | {'robot2': replace(plans['robot2'], controls=over)}, weights
+    )
+    assert any('thrust is violated' in reason for reason in check.overall.reasons)
+    assert check.penalty > 0
+
+
+def test_verification_catches_collisions_with_robots_that_have_arrived():
+    """Robot 2 passes over the goal of robot 1 after robot 1 has been parked there."""
+    apart = {'robots': ['first', 'second'], **IN_PLACE}
+    first = pose('first', (1.0, 2.0, 0.0), (2.0, 2.0, 0.0))
+    second = pose('second', (3.5, 1.0, 0.0), (0.5, 1.0, 0.0))
+    alone = formation(**apart, **first, **second).solve()
+    crossing_over = formation(
+        robots=['second'], **IN_PLACE, **pose('second', (3.5, 2.0, 0.0), (0.5, 2.0, 0.0))
+    ).solve()
+    task = formation(**apart, **first, **pose('second', (3.5, 2.0, 0.0), (0.5, 2.0, 0.0))).task
+    plans = {
+        'first': alone.trajectories['first'], 'second': crossing_over.trajectories['second']
+    }  # fmt: skip
+    check = verify_formation(task, plans, np.full(4, 0.25))
+    assert not check.ok
+    assert check.overall.worst['separation first-second'] < -0.3
+    assert check.penalty > 1e-3
+
+
+def test_a_deadline_too_short():
+    with pytest.raises(DeadlineExceeded, match='within 1e-06 s'):
+        formation().solve(deadline=1e-6)
+
+
+def test_names_the_binding_constraint_where_there_is_no_plan():
+    problem = formation(
+        robots=['only'], **IN_PLACE, **pose('only', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)),
+        **{'solver.longest': 11.0, 'solver.starts': 2},
+    )  # fmt: skip
+    with pytest.raises(Infeasible, match=r"limits\.thrust of 'only'"):
+        problem.solve()
+
+
+THREE = {'robots': ['robot1', 'robot2', 'robot3']}
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'robots': []}, "'robots'"),
+        ({'robots': ['a', 'a']}, "names 'a' twice"),
+        ({'robots': ['no dots.']}, 'letters, digits'),
+        ({'robots': ['plant']}, "'plant', which is the name of a group"),
+        ({'robots': ['newcomer']}, "state of robot 'newcomer' is missing"),
+        ({'formation.robot9': [0.0, 0.0, 0.0]}, "'formation.robot9' is unknown"),
+        ({'robot1.start.x': 0.1}, "start of 'robot1' has x = 0.1"),
+        ({'robot1.start.y': math.nan}, "'robot1.start.y' = nan"),
+        ({'formation.robot2': [5.0, 0.0, 0.0]}, "goal of 'robot2' has"),
+        ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, "starts of 'robot1' and 'robot2'"),
+        ({'formation.robot1': [-0.2, 0.39, 0.0]}, "goals of 'robot1' and 'robot2'"),
+        ({'arena.length': 0.3}, "'arena.length' = 0.3"),
+        ({'arena.obstacles': [1.0, 1.0]}, 'holds 2 numbers'),
+        ({'arena.obstacles': [1.0, 1.0, -0.1]}, 'radius -0.1'),
+        ({'arena.obstacles': [0.6, 0.9, 0.1]}, "start of 'robot1' is 0.2 m from the centre"),
+        ({'weights.time': -1.0}, "'weights.time' = -1"),
+        ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, 'are all 0'),
+        ({'weights.penalty': [1.0, 1.0]}, 'list of 4 numbers'),
+        ({'arrival_interval': -1.0}, "'arrival_interval' = -1"),
+        ({'polynomial_order': 8}, "'polynomial_order' = 8"),
+        ({'end_accelerations': 'maybe'}, 'one of varied, given'),
+        ({'solver.longest': 5.0}, 'solver.longest = 5 s'),
+        ({'limits.thrust': 0.0}, "'limits.thrust' = 0"),
+        ({'plant.mass': 'heavy'}, "'plant.mass' = 'heavy'"),
+    ],
+)
+def test_bad_input_gets_one_clear_sentence(changes, words):
+    with pytest.raises(InvalidProblem) as error:
+        RobotFormation.from_parameters(changes)
+    assert words in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+def test_unknown_robots_in_python_arguments():
+    with pytest.raises(InvalidProblem, match="robot 'stranger' is not among"):
+        RobotFormation(starts={'stranger': RobotStart(x=1.0, y=1.0)})
+
+
+def test_the_reserve_for_tracking_survives_a_slow_thruster():
+    slow = {'limits.thruster_rate': 0.5} | {f'robot{i}.start.alpha': 0.0 for i in (1, 2, 3)}
+    problem = formation(**slow)
+    solution = problem.solve()
+    assert_flies(problem, solution)
+    left = [value for name, value in solution.verification.worst.items() if 'separation' in name]
+    assert min(left) >= 0.5 * problem.arena.tracking_margin
+
+
+def test_least_time_is_that_of_the_bang_bang_motion():
+    """Flown: full thrust one way, then the other, ends at the goal at rest."""
+    rng = np.random.default_rng(3)
+    for way, rate, limit in rng.uniform([-3, -1, 0.1], [3, 1, 1.0], (200, 3)):
+        total = float(least_time(np.array([way]), np.array([rate]), limit)[0])
+        reached = []
+        for sign in (1.0, -1.0):
+            first = (total - sign * rate / limit) / 2  # so that the speed ends at zero
+            if not -1e-9 <= first <= total + 1e-9:
+                continue
+            second, middle = total - first, rate + sign * limit * first
+            end = rate * first + sign * limit * first**2 / 2
+            end += middle * second - sign * limit * second**2 / 2
+            reached.append(abs(end - way))
+        assert min(reached) < 1e-9
+
+
+def test_a_moving_robot_that_cannot_arrive_in_time_is_told_so():
+    values = {'solver.longest': 3.0, 'robot1.start.u': 0.01}
+    with pytest.raises(InvalidProblem, match=r'solver.longest = 3 s: at least'):
+        RobotFormation.from_parameters(values)

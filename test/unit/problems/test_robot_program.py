@@ -1,0 +1,268 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+from dataclasses import replace
+import itertools
+
+import numpy as np
+import pytest
+from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation_compiled import CompiledTerms
+from tdm_planner.problems.formation_program import FormationProgram
+from tdm_planner.problems.formation_seeds import BowSeeds
+from tdm_planner.problems.formation_terms import ArrayTerms
+from tdm_planner.problems.inverse_dynamics import clenshaw_curtis
+from tdm_planner.problems.reference_motion import ReferenceMotion
+
+FORMS = {
+    'default': (7, 5, 0, True),
+    'paper': (7, 7, 0, False),
+    'speed factor': (7, 5, 2, False),
+    'both': (9, 7, 1, True),
+}
+
+
+def crowded_task(moving):
+    task = RobotFormation().task
+    zones = np.array([[2.0, 1.5, 0.2]])
+    if not moving:
+        return replace(task, obstacles=zones, separation=0.8)
+    rng = np.random.default_rng(4)
+    return replace(
+        task,
+        obstacles=zones,
+        separation=0.8,
+        velocity=rng.normal(0, 0.05, (3, 2)),
+        acceleration=rng.normal(0, 0.02, (3, 2)),
+        yaw_rate=rng.normal(0, 0.05, 3),
+        coast=np.array([0.5, 0.0, 0.3]),
+    )
+
+
+def program_and_point(form, moving=False, task=None, seed=0):
+    model = ReferenceMotion(task or crowded_task(moving), *FORMS[form])
+    program = FormationProgram(model, limit_thruster_rate=True)
+    rng = np.random.default_rng(seed)
+    xi = program.reduce(next(iter(BowSeeds(model, rng))))
+    return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
+
+
+def central(function, xi, step=1e-6):
+    columns = []
+    for k in range(xi.size):
+        change = np.zeros(xi.size)
+        change[k] = step
+        columns.append((function(xi + change) - function(xi - change)) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_gradient_of_the_performance_index(form, moving):
+    program, xi = program_and_point(form, moving)
+    at = program.linearise(program.evaluate(xi), None)
+    gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
+    numeric = central(lambda x: np.array(program.evaluate(x).cost), xi)
+    assert gradient == pytest.approx(numeric, abs=1e-6)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
+    program, xi = program_and_point(form, moving)
+    point = program.evaluate(xi)
+    at = program.linearise(point, None)
+    values = point.cache.values
+    near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
+    assert all(mask.any() for mask in near[::2])
+
+    def margins(x):
+        here = program.values(x)
+        rows = (here.thrust, here.torque, here.walls)
+        return np.concatenate([row[mask] for row, mask in zip(rows, near, strict=True)])
+
+    count = margins(xi).size
+    assert at.inequalities[:count] == pytest.approx(margins(xi))
+    assert at.inequality_jacobian[:count] == pytest.approx(central(margins, xi), abs=1e-5)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_separations_at_fixed_instants(form, moving):
+    program, xi = program_and_point(form, moving)
+    pairs, circles = program.grid.pairs, program.grid.circles
+    pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
+    robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
+    motion = program.motion(xi)
+    slopes = pairs.rows(motion, pairs.at(motion, pair, t))
+    assert slopes[:3].any(axis=(1, 2)).all()
+    assert slopes[3] == pytest.approx(0.0, abs=1e-9), 'both have arrived'
+    numeric = central(lambda x: pairs.at(program.motion(x), pair, t).margins, xi)
+    assert slopes.reshape(4, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+    slopes = circles.rows(motion, circles.at(motion, robot, circle, s))
+    numeric = central(lambda x: circles.at(program.motion(x), robot, circle, s).margins, xi)
+    assert slopes.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_nearest_approaches_are_those_of_a_dense_sampling(form):
+    program, xi = program_and_point(form)
+    motion = program.motion(xi)
+    near = program.grid.pairs.nearest(motion)
+    dense = program.model.position_at(motion, np.linspace(0.0, 60.0, 6001))
+    for k, (i, j) in enumerate(itertools.combinations(range(3), 2)):
+        distance = np.linalg.norm(dense[i] - dense[j], axis=0).min()
+        margin = distance / program.grid.pairs.clearances[k] - 1.0
+        if margin < 0.5:
+            assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_derivatives_of_the_thruster_rows_at_fixed_arcs(form, moving):
+    program, xi = program_and_point(form, moving)
+    rows = program.thruster
+    robots = np.array([0, 0, 1, 2])
+    arcs = np.array([0.1, 0.4, 0.7, 0.95])
+
+    def margins(x):
+        return rows.margins(program.motion(x), robots, arcs, linearise=False)[0].ravel()
+
+    slopes = rows.margins(program.motion(xi), robots, arcs, linearise=True)[1]
+    jacobian = np.zeros((2, 4, 3, program.model.size))
+    jacobian[:, np.arange(4), robots] = slopes
+    jacobian = jacobian.reshape(8, -1)[:, program.free]
+    numeric = central(margins, xi)
+    assert jacobian == pytest.approx(numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max())
+
+
+def test_where_no_thruster_row_is_near_its_limit_there_is_none(monkeypatch):
+    program, point = program_and_point(next(iter(FORMS)))
+    rows = program.linearise(program.evaluate(point), None).inequality_jacobian.shape[0]
+    nothing = (np.zeros(0), np.zeros((0, program.model.task.n, program.model.size)))
+    monkeypatch.setattr(type(program.thruster), 'rows', lambda *_: nothing)
+    made = program.linearise(program.evaluate(point), None)
+    assert made.inequality_jacobian.shape == (made.inequalities.size, program.free.size)
+    assert made.inequalities.size <= rows
+
+
+@pytest.mark.parametrize('with_multipliers', [False, True])
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', FORMS)
+def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
+    """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
+    program, xi = program_and_point(form, moving)
+    point = program.evaluate(xi)
+    at = program.linearise(point, None)
+    robots, nodes = at.tags
+    dual = np.zeros(at.inequalities.size)
+    if with_multipliers:
+        dual[: robots.size] = np.random.default_rng(0).uniform(0, 1, robots.size)
+    multipliers = Multipliers(np.zeros(0), dual, at.tags)
+    hessian = program.linearise(point, multipliers).hessian
+
+    def gradient(x):
+        """Of the smooth part of J less the multipliers times the thrust rows."""
+        here = program.evaluate(x)
+        motion = program.motion(x)
+        values = program.grid.dynamics.at(motion)
+        slopes = program.grid.dynamics.slopes(motion, values)
+        own = program.grid.gas.margin_rows(values, slopes.y, robots, nodes)
+        rows = np.zeros((robots.size, 3, program.model.size))
+        rows[np.arange(robots.size), robots] = own
+        rows = rows.reshape(robots.size, -1)[:, program.free]
+        return program.linearise(here, None).gradient - dual[: robots.size] @ rows
+
+    numeric = central(gradient, xi, 1e-5)
+    blocks = np.zeros((3 * program.model.size,) * 2)
+    blocks[np.ix_(program.free, program.free)] = 0.5 * (numeric + numeric.T)
+    size = program.model.size
+    per_robot = np.stack(
+        [blocks[own, own] for own in (slice(i * size, (i + 1) * size) for i in range(3))]
+    )
+    expected = program.definite(per_robot)
+    assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('stays', [False, True])
+@pytest.mark.parametrize('moving', [False, True])
+@pytest.mark.parametrize('form', ['default', 'paper'])
+def test_compiled_terms_are_those_of_the_arrays(form, moving, stays):
+    task = crowded_task(moving)
+    if stays:
+        still = np.concatenate([np.zeros((1, 2)), task.velocity[1:]])
+        goal = np.concatenate([task.start[:1], task.goal[1:]])
+        task = replace(task, goal=goal, velocity=still)
+    program, xi = program_and_point(form, task=task)
+    arrays, compiled = ArrayTerms(program.grid), CompiledTerms(program.grid)
+    here, there = (terms.values(program.full(xi)) for terms in (arrays, compiled))
+    for name in ('durations', 'gas', 'thrust', 'torque', 'walls'):
+        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-9, abs=1e-9)
+    for one, other in ((here.pairs, there.pairs), (here.circles, there.circles)):
+        assert one.margins.size > 0
+        for expected, found in zip(one, other, strict=True):
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    dual = np.random.default_rng(0).uniform(0, 1, here.thrust.shape) * (here.thrust < 0.3)
+    for multipliers in (None, dual):
+        one = arrays.derivatives(here, 0.7, multipliers)
+        other = compiled.derivatives(there, 0.7, multipliers)
+        for expected, found in zip(one, other, strict=True):
+            assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    for expected, found in zip(arrays.rows(here), compiled.rows(there), strict=True):
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_quadrature_is_exact_for_polynomials():
+    nodes, weights = clenshaw_curtis(9)
+    for power in range(9):
+        assert weights @ nodes**power == pytest.approx(1 / (power + 1))
+
+
+def test_gas_is_that_of_a_dense_sum():
+    program, xi = program_and_point('speed factor', True)
+    dense = FormationProgram(program.model, nodes=401)
+    gas, exact = (p.values(xi).gas for p in (program, dense))
+    assert gas == pytest.approx(exact, rel=2e-2)
+
+
+def test_minimiser_reaches_a_feasible_minimum():
+    task = RobotFormation().task
+    program = FormationProgram(ReferenceMotion(task))
+    seeds = BowSeeds(program.model, np.random.default_rng(0))
+    options = TrustRegionOptions(radius=0.15)
+    costs = []
+    for guess in itertools.islice(seeds, 2):
+        minimum = minimise(program, program.reduce(guess), options)
+        assert minimum.converged
+        assert minimum.point.violation < 2e-3
+        costs.append(minimum.point.cost * program.scale)
+    assert min(costs) == pytest.approx(1.86, rel=0.05)
+
+
+def test_staying_robots_have_only_their_times_varied():
+    task = RobotFormation().task
+    task = replace(task, goal=np.concatenate([task.start[:1], task.goal[1:]]))
+    model = ReferenceMotion(task)
+    program = FormationProgram(model)
+    assert program.free.size == 1 + 2 * model.size
+    motion = program.motion(program.reduce(next(iter(BowSeeds(model, np.random.default_rng(0))))))
+    places = model.position_at(motion, np.linspace(0, 30, 50))
+    assert places[0] == pytest.approx(np.tile(task.start[0][:, None], (1, 50)))
+
+
+def test_names_the_constraint_that_is_violated_most():
+    task = replace(RobotFormation().task, torque=1e-5)
+    program, xi = program_and_point('default', task=task)
+    assert 'limits.torque' in program.binding(program.evaluate(xi))
+    task = replace(RobotFormation().task, separation=2.5)
+    program, xi = program_and_point('default', task=task)
+    words = program.binding(program.evaluate(xi))
+    assert 'arena.minimum_separation' in words or 'walls' in words
