@@ -29,6 +29,7 @@ from typing import Any
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 FAINT = 1e-12  # N or N m
+MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
 MODULES = {  # by executable
     'planner': 'tdm_planner.nodes.planner',
@@ -72,6 +73,8 @@ def ros_environment(domain: int, folder: Path) -> dict[str, str]:
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(folder / 'log'),
+        # Shared memory of killed processes would stay behind, and block those that come later.
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
         'PYTHONPATH': os.pathsep.join(
             p for p in (str(SOURCE), os.environ.get('PYTHONPATH', '')) if p
@@ -221,13 +224,21 @@ class Ros:
     def publisher(self, topic: str, message_type: Any, qos: Any = 10) -> Any:
         """Make a publisher and wait until somebody listens."""
         publisher = self.node.create_publisher(message_type, topic, qos)
-        assert self.spin_until(lambda: publisher.get_subscription_count() > 0), (
+        assert self.meet(lambda: publisher.get_subscription_count() > 0), (
             f'nobody listens to {topic}'
         )
-        # The other side may match a little later; until then it misses best-effort messages. On a
-        # busy machine this is not enough: what must be heard is sent with `publish_until`.
-        self.spin_for(0.3)
         return publisher
+
+    def meet(self, known: Callable[[], bool], timeout: float = 20.0) -> bool:
+        """
+        Wait until an endpoint of another process is known, and a little longer.
+
+        The other side may match later; until then it misses best-effort messages and answers. On a
+        busy machine this is not enough: what must be heard is sent with `publish_until`.
+        """
+        met = self.spin_until(known, timeout)
+        self.spin_for(MATCHING)
+        return met
 
     def publish_until(
         self,
@@ -260,9 +271,7 @@ class Ros:
         if client is None:
             client = self.node.create_client(service_type, service)
             self._clients[service] = client
-            assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
-            # The server may match a little later; until then its answers to us are lost.
-            self.spin_for(0.4)  # longer than between two announcements, see DISCOVERY_PROFILE
+            assert self.meet(client.service_is_ready), f'no service {service}'
         assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
         return client.call_async(request or service_type.Request())
 

@@ -81,8 +81,8 @@ class Planner(ManagedNode):
 
     decisive = frozenset({'problem'})
 
-    def __init__(self) -> None:
-        super().__init__('planner', 'planning', _REQUEST)
+    def __init__(self, **options: Any) -> None:
+        super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] | None = None
         self._adapter: Adapter | None = None
         self._replanning: Replanning | None = None

@@ -1,0 +1,314 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Nodes in the test's own process, under a clock that the test steps: as fast as it computes.
+
+Planner, trackers and plants are constructed as their `main` would, with command-line arguments, in
+one context and one executor; messages go through DDS, which hands them over within a process. All
+run with `use_sim_time`, and what they take from steady clocks (timers, time-outs, pauses) follows
+the same clock. `Stepped.spin_until` serves callbacks until there is none, waits for solves under
+way while time stands still, then steps to the next timer. So a busy machine changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import importlib
+from pathlib import Path
+import sys
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rclpy.clock import ClockType, ROSClock
+from rclpy.clock import Clock as RclpyClock
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
+from rclpy.impl import rcutils_logger
+from rclpy.logging import LoggingSeverity
+from rclpy.time import Time
+from ros_harness import ENOUGH, MODULES, Ros, ros_arguments
+from rosgraph_msgs.msg import Clock
+
+BEGIN = 1_800_000_000_000_000_000  # ns
+LONGEST_STEP = 5_000_000  # ns
+SHORTEST_STEP = 10_000  # ns; a timer that is due but was not served yet cannot stop the clock
+STUCK = 120.0  # s of real time without progress, after which a test fails
+CLASSES = {  # by module
+    MODULES['planner']: 'Planner',
+    MODULES['tracker']: 'TrackerNode',
+    MODULES['pendulum_plant']: 'PendulumPlant',
+    MODULES['robot_plant']: 'RobotPlant',
+}
+
+
+class SteppedTime:
+    """The machine's clocks as the nodes see them; stands in for the module `time` there."""
+
+    def __init__(self) -> None:
+        self.now = BEGIN
+        self.steady: list[ROSClock] = []
+        self._moved = threading.Condition()
+        self._wakes: dict[int, int] = {}  # by thread that sleeps [ns]
+
+    def step_to(self, now: int) -> None:
+        """Set every steady clock, and wake who has slept long enough."""
+        with self._moved:
+            self.now = now
+            for clock in self.steady:
+                clock.set_ros_time_override(Time(nanoseconds=now, clock_type=ClockType.ROS_TIME))
+            for thread in [one for one, at in self._wakes.items() if at <= now]:
+                del self._wakes[thread]
+            self._moved.notify_all()
+
+    @property
+    def next_wake(self) -> int | None:
+        """Instant at which the next thread goes on [ns]."""
+        return min(self._wakes.values(), default=None)
+
+    def sleeps(self, thread: threading.Thread) -> bool:
+        """Whether a thread waits for a step."""
+        return thread.ident in self._wakes
+
+    def steady_clock(self, *, clock_type: ClockType = ClockType.STEADY_TIME) -> RclpyClock:
+        """Return a clock that shows this time, whatever its type would be."""
+        clock = ROSClock()
+        clock._set_ros_time_is_active(True)
+        clock.set_ros_time_override(Time(nanoseconds=self.now, clock_type=ClockType.ROS_TIME))
+        self.steady.append(clock)
+        return clock
+
+    def as_module(self) -> SimpleNamespace:
+        """Return what nodes use of `time`."""
+        return SimpleNamespace(
+            monotonic=lambda: self.now * 1e-9,
+            perf_counter=lambda: self.now * 1e-9,
+            monotonic_ns=lambda: self.now,
+            time_ns=lambda: self.now,
+            time=lambda: self.now * 1e-9,
+            sleep=self._sleep,
+        )
+
+    def _sleep(self, seconds: float) -> None:
+        if threading.current_thread() is threading.main_thread():
+            return  # a pause of the node itself, so that a message may arrive: it has
+        with self._moved:
+            me = threading.get_ident()
+            self._wakes[me] = self.now + max(round(seconds * 1e9), SHORTEST_STEP)
+            self._moved.wait_for(lambda: me not in self._wakes)
+
+
+class OrderedExecutor(SingleThreadedExecutor):
+    """Serves nodes in the order in which they were added, not in that of their addresses."""
+
+    def get_nodes(self) -> list[Any]:
+        """Return the nodes."""
+        return sorted(super().get_nodes(), key=self.numbers.__getitem__)
+
+    def add_node(self, node: Any) -> bool:
+        """Add a node."""
+        self.numbers[node] = len(self.numbers)
+        added: bool = super().add_node(node)
+        return added
+
+    def __init__(self, **options: Any) -> None:
+        self.numbers: dict[Any, int] = {}
+        super().__init__(**options)
+
+
+class NodeHere:
+    """A node in this process, with the interface of `ros_harness.NodeProcess`."""
+
+    def __init__(self, ros: Stepped, node: Any) -> None:
+        self.node, self._ros = node, ros
+        self.running = True
+
+    @property
+    def output(self) -> str:
+        """What the node has logged so far."""
+        name = self.node.get_logger().name
+        return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
+
+    def end(self) -> int:
+        """End the node, which leaves its plant safe."""
+        if self.running:
+            self.running = False
+            self._ros.remove(self.node)
+        return 0
+
+    def end_cleanly(self) -> None:
+        """End the node; nothing in its log may look like a crash."""
+        self.end()
+        assert 'Traceback' not in self.output, self.output
+
+
+class Stepped(Ros):
+    """A ROS domain of the test's own, whose time is the test's."""
+
+    def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
+        super().__init__(domain, folder, environment)
+        self._executor.shutdown()
+        self._executor = OrderedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.time = SteppedTime()
+        self.log: list[tuple[str, str]] = []
+        self._nodes: list[NodeHere] = []
+        self._worked = False
+        self._patch = pytest.MonkeyPatch()
+        self._clock = self.node.create_publisher(Clock, '/clock', 1)
+        self._source = self._follow(self.node)
+        send = rcutils_logger._rclpy.rclpy_logging_rcutils_log
+
+        def note(severity: Any, name: str, text: str, *place: Any) -> None:
+            self.log.append((name, f'[{LoggingSeverity(severity).name}] [{name}]: {text}'))
+            send(severity, name, text, *place)
+
+        stand_in = SimpleNamespace(**vars(rcutils_logger._rclpy))
+        stand_in.rclpy_logging_rcutils_log = note
+        self._patch.setattr(rcutils_logger, '_rclpy', stand_in)
+        for module in MODULES.values():
+            importlib.import_module(module)
+        self._lend_clock()
+
+    def start(
+        self,
+        module: str,
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        namespace: str = '',
+        arguments: list[str] | None = None,
+        **unused: Any,
+    ) -> NodeHere:
+        """Construct a node; it ends with the fixture if not before."""
+        given = {'use_sim_time': True, **(parameters or {})}
+        if module == MODULES['planner'] and '--params-file' not in (arguments or []):
+            given = {'solver.deadline': ENOUGH, **given}
+        made = getattr(importlib.import_module(module), CLASSES[module])
+        return self.add(made, ros_arguments(given, namespace) + (arguments or []))
+
+    def add(self, make: Callable[..., Any], arguments: list[str]) -> NodeHere:
+        """Construct a node of any class with command-line arguments."""
+        self._lend_clock()
+        node = make(context=self._context, cli_args=arguments)
+        self._executor.add_node(node)
+        here = NodeHere(self, node)
+        self._nodes.append(here)
+        self._tell_time()
+        self.settle()
+        return here
+
+    def remove(self, node: Any) -> None:
+        """Take a node away."""
+        self._executor.remove_node(node)
+        node.destroy_node()
+
+    # Time.
+
+    @property
+    def now(self) -> int:
+        """Present instant [ns]."""
+        return self.time.now
+
+    def spin_until(self, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+        """Serve and step until `condition` holds; False when `timeout` s of its time are over."""
+        end = self.now + round(timeout * 1e9)
+        patience = time.monotonic() + STUCK
+        while not condition():
+            computes = self._computes()  # before serving: its outcome is a task by then
+            if self._serve():
+                continue
+            if computes:
+                assert time.monotonic() < patience, 'a computation does not end'
+                time.sleep(0.0005)
+                continue
+            if self.now >= end:
+                return False
+            self.step_to(min(self._next(), end))
+            patience = time.monotonic() + STUCK
+        return True
+
+    def meet(self, known: Callable[[], bool], timeout: float = 20.0) -> bool:
+        """Wait, while time stands still, until an endpoint of this process is known."""
+        patience = time.monotonic() + STUCK
+        while not known() and time.monotonic() < patience:
+            time.sleep(0.0005)
+        return known()
+
+    def settle(self) -> None:
+        """Serve all there is, and wait for solves under way, while time stands still."""
+        self.spin_until(lambda: False, 0.0)
+
+    def step_to(self, now: int) -> None:
+        """Let it be `now` [ns] for all."""
+        self.time.step_to(now)
+        self._tell_time()
+
+    def _tell_time(self) -> None:
+        self._clock.publish(Clock(clock=Time(nanoseconds=self.now).to_msg()))
+
+    def _serve(self) -> bool:
+        """Run one callback; False if there is none."""
+        worked, self._worked = self._worked, False
+        try:
+            handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
+        except TimeoutException:
+            # What was found before is done; it may have made more.
+            return worked and self._serve()
+        handler()
+        if handler.exception() is not None:
+            raise handler.exception()
+        self._worked = True
+        return True
+
+    def _computes(self) -> bool:
+        """Whether a solve is under way that does not wait for time to pass."""
+        return any(
+            thread.name == 'tdm_planner worker' and not self.time.sleeps(thread)
+            for thread in threading.enumerate()
+        )
+
+    def _next(self) -> int:
+        """Instant of the next timer or wake-up [ns]."""
+        waits = [
+            timer.time_until_next_call()
+            for here in self._nodes
+            if here.running
+            for timer in here.node.timers
+            if not timer.is_canceled()
+        ]
+        wake = self.time.next_wake
+        wait = min([LONGEST_STEP, *waits, *([] if wake is None else [wake - self.now])])
+        return self.now + max(wait, SHORTEST_STEP)
+
+    def _lend_clock(self) -> None:
+        """Give the modules of the nodes this time; those imported since are met here, too."""
+        stand_in = self.time.as_module()
+        for name, module in list(sys.modules.items()):
+            if name.startswith(('tdm_planner.nodes.', 'tdm_sim.')):
+                if getattr(module, 'time', None) is time:
+                    self._patch.setattr(module, 'time', stand_in)
+                if getattr(module, 'Clock', None) is RclpyClock:
+                    self._patch.setattr(module, 'Clock', self.time.steady_clock)
+
+    def _follow(self, node: Any) -> None:
+        from rclpy.parameter import Parameter
+
+        node.set_parameters([Parameter('use_sim_time', value=True)])
+
+    def close(self) -> None:
+        """End everything; a log that looks like a crash fails the module."""
+        try:
+            for here in self._nodes:
+                here.end()
+            super().close()
+        finally:
+            self._patch.undo()
+        assert not any('Traceback' in text for _, text in self.log)
