@@ -29,8 +29,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rclpy.clock import ClockType, ROSClock
 from rclpy.clock import Clock as RclpyClock
+from rclpy.clock import ClockType, ROSClock
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl import rcutils_logger
 from rclpy.logging import LoggingSeverity
