@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # make setup      virtual environment with everything that is needed to run
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
-# make test       run every test
-# make fuzz       over 10,000 cases of bad input, 1,000 plans of sabotaged solvers (15 minutes)
-# make faults     kill, starve and mislead the nodes, over and over (about 30 minutes)
+# make test       run every test that a change must pass (TESTS=test/ros picks some of them)
+# make nightly    run what takes longer: bad input, sabotaged solvers, faults of nodes, packages
 # make lint       check style and types
 # make docs       build the documentation's pages: docs/_build/index.html
 # make benchmark  measure everything and write docs/benchmarks.md (25 minutes); OPTIONS=--quick to try it
@@ -12,8 +11,7 @@
 # make clean      remove all that was made
 # Each sets up what is missing. Needed: python3 >= 3.10 with venv. A sourced ROS 2 is used as it is;
 # without one, the pinned ROS 2 Jazzy wheels go into the virtual environment. With
-# CONSTRAINTS=constraints-noble.txt these are Ubuntu 24.04's versions instead of the newest;
-# TESTS=test/nodes picks some of the tests.
+# CONSTRAINTS=constraints-noble.txt these are Ubuntu 24.04's versions instead of the newest.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -23,7 +21,7 @@ PYTHON ?= python3
 VENV ?= .venv
 PLANT ?= pendulum
 CONSTRAINTS ?= constraints.txt
-TESTS ?=
+TESTS ?= test/unit test/ros test/system
 
 # Two installations of ROS 2 must never meet in one process: the environment is made for one kind,
 # and made anew when the kind, or the versions, change.
@@ -48,10 +46,10 @@ READY := $(VENV)/.ready-$(KIND)
 PINS := $(VENV)/pins.txt
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check -c '$(PINS)'
 
-.PHONY: help setup demo test fuzz faults lint docs benchmark config clean
+.PHONY: help setup demo test nightly lint docs benchmark config clean
 
 help:
-	@sed -n '3,16s/^# //p' Makefile
+	@sed -n '3,14s/^# //p' Makefile
 
 setup: $(READY)
 
@@ -88,16 +86,16 @@ $(READY)-%: $(READY)
 demo: $(READY)
 	@$(BIN)/tdm demo '$(PLANT)'
 
+# Real processes come last, one test at a time: they need both cores.
+test: IN_TURN = $(filter test/system%,$(TESTS))
+test: IN_PARALLEL = $(filter-out test/system%,$(TESTS))
 test: $(READY)-test
-	@$(BIN)/python -m pytest $(TESTS)
+	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(IN_PARALLEL))
+	$(if $(IN_TURN),@$(BIN)/python -m pytest $(IN_TURN))
 
-# The nightly profile; what it finds is printed as JSON, to be kept in test/fuzz/corpus.
-fuzz: $(READY)-test
-	@TDM_FUZZ=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/fuzz test/adversarial \
-	  test/problems/test_determinism.py
-
-faults: $(READY)-test
-	@TDM_FAULTS=all TDM_LOAD=nightly $(BIN)/python -m pytest --timeout 1800 -rP test/faults test/load
+# What fuzzing finds is printed as JSON, to be kept in test/nightly/fuzz/corpus.
+nightly: $(READY)-test $(READY)-nightly
+	@$(BIN)/python -m pytest --timeout 1800 -rP test/nightly
 
 lint: $(READY)-test $(READY)-dev
 	@echo 'ruff check' && $(BIN)/ruff check .

@@ -89,6 +89,7 @@ setup(
             'mujoco',
             'pytest',
             'pytest-timeout',
+            'pytest-xdist',
             'selenium',
             'setuptools<80',
             'urdf-parser-py',
