@@ -7,6 +7,8 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Simulated plants: their integrator, what commands and pushes do, the robot's wheel and walls."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,110 +19,146 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.disturbances import pendulum_push
-from tdm_sim.integrator import integrate
+from tdm_sim.integrator import integrate, runge_kutta_step
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
-PLANT = RotaryPendulum()
-HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
-SETUP = PlantSetup(
-    plant=PLANT,
-    initial=HANGING,
-    lower=np.array([-0.02]),
-    upper=np.array([0.02]),
-    noise=np.zeros(4),
-)
-SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 SETTINGS = settings(deadline=None, max_examples=25, derandomize=True)
+PLANT, WHEELED = RotaryPendulum(), WheeledRobot(FloatingRobot())
+HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
+MOVING, TORQUE = np.array([2.0, 0.3, -4.0, 3.0]), np.array([0.01])
+LIMIT = np.array([0.02])
+SETUP = PlantSetup(PLANT, initial=HANGING, lower=-LIMIT, upper=LIMIT, noise=np.zeros(4))
+SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
 
 
 def simulation(setup: PlantSetup = SETUP, **changes: Any) -> SimulatedPlant:
     return SimulatedPlant(replace(setup, **changes))
 
 
-def test_energy_is_kept_without_torque() -> None:
+def test_the_integrator_agrees_with_an_independent_one_and_is_of_fourth_order() -> None:
+    exact = solve_ivp(
+        lambda _, x: PLANT.derivative(x, TORQUE),
+        (0.0, 0.4),
+        MOVING,
+        method='DOP853',
+        rtol=1e-13,
+        atol=1e-13,
+    ).y[:, -1]
+    np.testing.assert_allclose(integrate(PLANT, MOVING, TORQUE, 0.4), exact, atol=1e-8)
+    errors = [
+        np.abs(integrate(PLANT, MOVING, TORQUE, 0.4, step) - exact).max()
+        for step in (0.02, 0.01, 0.005)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 4.0) < 0.5).all(), orders
+
+
+def test_steps_are_equal_and_no_longer_than_allowed() -> None:
+    steps: list[np.ndarray] = []
+
+    def note(state: np.ndarray) -> np.ndarray:
+        steps.append(state)
+        return state
+
+    for duration, count in ((0.005, 5), (0.0051, 6)):
+        steps.clear()
+        integrate(PLANT, MOVING, TORQUE, duration, 1e-3, note)
+        assert len(steps) == count
+    np.testing.assert_array_equal(integrate(PLANT, MOVING, TORQUE, 0.0), MOVING)
+    with pytest.raises(ValueError, match='negative'):
+        integrate(PLANT, MOVING, TORQUE, -0.1)
+    # a contact replaces the state
+    held = integrate(PLANT, MOVING, TORQUE, 0.01, after_step=lambda state: state * [1, 0, 1, 0])
+    assert held[1] == held[3] == 0.0
+
+
+def test_many_states_at_once() -> None:
+    states = np.array([MOVING, -MOVING, 0.5 * MOVING])
+    together = runge_kutta_step(PLANT, states, TORQUE, 1e-3)
+    alone = [runge_kutta_step(PLANT, state, TORQUE, 1e-3) for state in states]
+    np.testing.assert_allclose(together, alone, rtol=1e-13)
+    robots, control = np.random.default_rng(0).normal(size=(5, 9)), np.array([1.0, -0.5, 0.01])
+    rates = [WHEELED.derivative(robot, control) for robot in robots]
+    np.testing.assert_allclose(WHEELED.derivative(robots, control), rates)
+
+
+def test_without_torque_energy_is_kept_and_rest_stays_rest() -> None:
     plant = simulation(SWINGING)
     energies = [PLANT.energy(plant.state)]
-    for _ in range(400):
+    for _ in range(200):
         plant.step(0.005)
         energies.append(PLANT.energy(plant.state))
     # what the Runge-Kutta steps of 1 ms leave
     assert np.ptp(energies) < 1e-7 * PLANT.coefficients.gravity
-    assert plant.time == pytest.approx(2.0)
-
-
-def test_rest_stays_rest() -> None:
-    plant = simulation()
-    plant.step(1.0)
-    np.testing.assert_allclose(plant.state, HANGING, atol=1e-12)
+    assert plant.time == pytest.approx(1.0)
+    resting = simulation()
+    resting.step(1.0)
+    np.testing.assert_allclose(resting.state, HANGING, atol=1e-12)
 
 
 @SETTINGS
-@given(command=st.floats(-1.0, 1.0))
-def test_commands_are_clipped_to_the_limits(command: float) -> None:
-    plant = simulation()
+@given(command=st.floats(-1.0, 1.0), gain=st.none() | st.floats(0.5, 1.5))
+def test_commands_are_clipped_to_the_limits_and_gains_act_on_what_saturates(
+    command: float, gain: float | None
+) -> None:
+    plant = simulation(gains=None if gain is None else np.array([gain]))
     plant.command(np.array([command]))
-    clipped = min(max(command, -0.02), 0.02)
-    assert plant.control[0] == clipped
+    acting = min(max(command, -0.02), 0.02) * (1.0 if gain is None else gain)
+    assert plant.control[0] == pytest.approx(acting, rel=1e-12)
     plant.step(0.02)
-    np.testing.assert_allclose(
-        plant.state, integrate(PLANT, HANGING, np.array([clipped]), 0.02), atol=1e-12
-    )
-
-
-def test_gains_act_on_what_saturates() -> None:
-    plant = simulation(gains=np.array([0.9]))
-    plant.command(np.array([5.0]))
-    assert plant.control[0] == pytest.approx(0.018)
+    expected = integrate(PLANT, HANGING, np.array([acting]), 0.02)
+    np.testing.assert_allclose(plant.state, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize('step', [0.002, 0.03, 0.5])
 def test_time_out_ends_the_command_at_its_instant_whatever_the_step(step: float) -> None:
     plant = simulation(command_timeout=0.1)
-    plant.command(np.array([0.01]))
+    plant.command(TORQUE)
     for _ in range(round(0.6 / step)):
         plant.step(step)
-    driven = integrate(PLANT, HANGING, np.array([0.01]), 0.1)
+    driven = integrate(PLANT, HANGING, TORQUE, 0.1)
     free = integrate(PLANT, driven, np.array([0.0]), plant.time - 0.1)
     np.testing.assert_allclose(plant.state, free, atol=1e-8)
-    assert plant.timeouts == 1
-    assert not plant.commanded
-    assert plant.control[0] == 0.0
+    assert (plant.timeouts, plant.commanded, plant.control[0]) == (1, False, 0.0)
 
 
 def test_repeated_commands_never_time_out() -> None:
     plant = simulation(command_timeout=0.1)
-    for _ in range(50):
-        plant.command(np.array([0.01]))
+    for _ in range(20):
+        plant.command(TORQUE)
         plant.step(0.05)
-    assert plant.timeouts == 0
-    assert plant.commanded
-
-
-def test_lost_commands_do_not_act() -> None:
-    plant = simulation(command_loss=1.0)
-    plant.command(np.array([0.01]))
-    assert not plant.commanded
+    assert (plant.timeouts, plant.commanded) == (0, True)
 
 
 @pytest.mark.parametrize('command', [[math.nan], [math.inf], [0.0, 0.0], []])
-def test_malformed_commands_are_refused_and_do_not_act(command: list[float]) -> None:
-    plant = simulation()
+def test_malformed_and_lost_commands_do_not_act(command: list[float]) -> None:
+    plant, lossy = simulation(), simulation(command_loss=1.0)
     with pytest.raises(ValueError, match='1 finite number'):
         plant.command(np.array(command))
+    lossy.command(TORQUE)
     assert not plant.commanded
+    assert not lossy.commanded
 
 
 def test_reset_goes_back_and_forgets_the_command() -> None:
     plant = simulation(SWINGING)
-    plant.command(np.array([0.02]))
+    plant.command(LIMIT)
     plant.step(0.05)
     assert not np.allclose(plant.state, SWINGING.initial)
+    # a new setup acts without a jump
+    before = plant.state
+    plant.setup = replace(SWINGING, plant=RotaryPendulum(mass=0.05))
+    np.testing.assert_array_equal(plant.state, before)
     plant.reset()
     np.testing.assert_array_equal(plant.state, SWINGING.initial)
-    assert not plant.commanded
+    assert (plant.timeouts, plant.commanded) == (0, False)
+    plant.step(0.2)
     assert plant.timeouts == 0
 
 
@@ -137,11 +175,10 @@ def test_noise_is_in_the_measurement_and_not_in_the_motion() -> None:
     deviation = np.array([0.0015, 0.0015, 0.1, 0.1])
     plant, quiet = simulation(SWINGING, noise=deviation), simulation(SWINGING)
     errors = []
-    for _ in range(2000):
+    for _ in range(1000):
         plant.step(0.001)
-        errors.append(plant.measure() - plant.state)
-    for _ in range(2000):
         quiet.step(0.001)
+        errors.append(plant.measure() - plant.state)
     np.testing.assert_array_equal(plant.state, quiet.state)
     np.testing.assert_array_equal(quiet.measure(), quiet.state)
     np.testing.assert_allclose(np.std(errors, axis=0), deviation, rtol=0.1)
@@ -154,14 +191,6 @@ def test_a_motion_too_violent_to_integrate_resets_the_plant() -> None:
         plant.step(0.01)
     assert plant.breakdowns == 1
     assert np.isfinite(plant.state).all()
-
-
-def test_a_new_setup_acts_without_a_jump() -> None:
-    plant = simulation(SWINGING)
-    plant.step(0.1)
-    before = plant.state
-    plant.setup = replace(SWINGING, plant=RotaryPendulum(mass=0.05))
-    np.testing.assert_array_equal(plant.state, before)
 
 
 @pytest.mark.parametrize(
@@ -177,3 +206,43 @@ def test_a_new_setup_acts_without_a_jump() -> None:
 def test_wrong_setups_are_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InvalidProblem, match=words):
         replace(SETUP, **changes)
+
+
+@SETTINGS
+@given(torque=st.floats(-0.02, 0.02), omega=st.floats(-2.0, 2.0), wheel=st.floats(-50.0, 50.0))
+def test_the_wheel_takes_up_the_angular_momentum(
+    torque: float, omega: float, wheel: float
+) -> None:
+    start = np.array([1.0, 2.0, 0.1, -0.2, 0.3, omega, 0.5, 0.0, wheel])
+    control = np.array([0.5, 1.0, torque])
+    end = integrate(WHEELED, start, control, 1.0, 0.01)
+    before, after = (WHEELED.robot.angular_momentum(x[5], x[8]) for x in (start, end))
+    assert after == pytest.approx(before, abs=1e-9)
+    # Constant torque: the wheel's angle grows with the mean of its speeds.
+    assert end[7] == pytest.approx(0.5 * (start[8] + end[8]), abs=1e-9)
+    # The robot itself moves as without a wheel.
+    alone = integrate(WHEELED.robot, start[:7], control, 1.0, 0.01)
+    np.testing.assert_allclose(end[:7], alone, atol=1e-12)
+
+
+def test_bounces_are_elastic_reported_and_stay_inside() -> None:
+    hits: list[tuple[str, float]] = []
+    walls = Walls(4.0, 2.0, 0.15, lambda axis, speed: hits.append((axis, speed)))
+    state = np.array([2.0, 1.0, 1.3, -0.7, *np.zeros(5)])
+    positions = []
+    for _ in range(1000):
+        state = integrate(WHEELED, state, np.zeros(3), 0.01, after_step=walls)
+        positions.append(state[:2])
+    inside = np.array(positions)
+    assert inside.min() >= 0.15
+    assert (inside.max(axis=0) <= [3.85, 1.85]).all()
+    np.testing.assert_allclose(np.abs(state[2:4]), [1.3, 0.7])
+    # 10 s at constant speed between walls 3.7 and 1.7 m apart, from the middle.
+    assert sum(axis == 'x' for axis, _ in hits) == int(1.3 * 10.0 / 3.7 + 0.5)
+    assert sum(axis == 'y' for axis, _ in hits) == int(0.7 * 10.0 / 1.7 + 0.5)
+    assert {round(speed, 9) for _, speed in hits} == {1.3, 0.7}
+    # neither in the middle nor when leaving a wall
+    hits.clear()
+    for away in ([2.0, 1.0, 1.0, 1.0, *np.zeros(5)], [0.1, 1.0, 1.0, 0.0, *np.zeros(5)]):
+        np.testing.assert_array_equal(walls(np.array(away)), away)
+    assert not hits
