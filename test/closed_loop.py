@@ -10,7 +10,7 @@
 """
 What tests of trackers and of the replanner share: plans, and closed loops stepped by a clock.
 
-`swing_up`, `strong_swing_up` and `crossing` are solved once a process. `pendulum` and `robot` make
+`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make
 a tracker with its simulated plant, a `Vehicle`; `Loop` steps one of them, `RecedingHorizon` of
 `tdm_sim.receding` several with a replanner. Nothing here looks at the computer's clock.
 """
@@ -62,9 +62,21 @@ def strong_swing_up() -> Trajectory:
 
 
 @functools.cache
+def smooth_swing_up() -> PlanInForce:
+    """Return a strong motor's swing-up by a torque without jumps, from 0 s on."""
+    problem = build(PendulumSwingUp, {'limits.torque': STRONG, 'method': 'smooth'})
+    return PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
+
+
+@functools.cache
 def crossing() -> PlanInForce:
     """Return a plan of three robots, from 0 s on."""
     return PlanInForce(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+
+
+def moved(state: np.ndarray, *change: float) -> np.ndarray:
+    """Return states (..., nx) with `change` added."""
+    return np.asarray(state + np.array(change))
 
 
 def dotted(values: dict[str, Any]) -> dict[str, Any]:
@@ -161,4 +173,4 @@ class Loop:
 
     def push(self, *change: float) -> None:
         """Add to the state at once."""
-        self.plant.push(lambda state: state + np.array(change))
+        self.plant.push(lambda state: moved(state, *change))

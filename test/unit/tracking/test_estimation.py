@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from closed_loop import HANGING, pendulum_tracker
+from closed_loop import HANGING, moved, pendulum_tracker
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -112,7 +112,7 @@ def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(
 ) -> None:
     for k in range(50):
         estimator.observe(HANGING, TICK * k)
-    pushed = HANGING + [0.0, 0.0, 8.0, 0.0]
+    pushed = moved(HANGING, 0.0, 0.0, 8.0, 0.0)
     estimator.observe(pushed, 0.25)
     assert estimator.predict(0.25) == pytest.approx(pushed)
     elsewhere = np.array([1.0, 0.5, 0.0, 0.0])

@@ -7,14 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The pendulum's tracker: laws in closed loop, and what every tracker does with what it is sent."""
+"""The pendulum's tracker in closed loop, and what every tracker does with what it is sent."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 import math
 
-from closed_loop import HANGING, Loop, pendulum, pendulum_tracker, STRONG, strong_swing_up
+from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, strong_swing_up
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -24,7 +24,7 @@ from tdm_planner.tracking import Phase, TrajectoryRefused
 from tdm_planner.tracking.tracker import wrapped
 from tdm_planner.trajectory import Trajectory
 
-STUCK = HANGING + [0.0, 0.8, 0.0, 0.0]
+STUCK = moved(HANGING, 0.0, 0.8, 0.0, 0.0)
 
 
 @pytest.fixture(scope='module')
@@ -41,7 +41,8 @@ def loop(plan: Trajectory) -> Loop:
 
 
 def held(loop: Loop, duration: float) -> bool:
-    states = np.array(loop.states)[-round(duration / loop.tick) :]
+    count = round(duration / loop.tick)
+    states = np.array(loop.states[-count:])
     upright = np.abs(wrapped(states[:, 0])).max() < 0.05
     return bool(upright and np.abs(states[:, 1]).max() < 2.0)
 
@@ -96,7 +97,7 @@ def test_theta_may_be_wrapped_or_turns_away(plan: Trajectory, wraps: bool, turns
     def wrap(state: np.ndarray) -> np.ndarray:
         return np.array([math.remainder(state[0], math.tau), *state[1:]]) if wraps else state
 
-    start = HANGING + [math.tau * turns, 0.0, 0.0, 0.0]
+    start = moved(HANGING, math.tau * turns, 0.0, 0.0, 0.0)
     loop = Loop(pendulum(pendulum_tracker(), start, noise=1.0), seen_as=wrap)
     loop.begin(plan)
     loop.run(1.4)
@@ -137,7 +138,7 @@ def test_refusals_name_what_is_wrong(plan: Trajectory) -> None:
         (replace(plan, times=1e4 * plan.times), 101.0, 'lasts .* more than 3600 s'),
         (other, 101.0, 'expected theta, psi'),
         (replace(plan, states=wild), 100.1, 'must not be beyond'),
-        (replace(plan, states=plan.states + [1.0, 0, 0, 0]), 105.0, r'tolerance\.start'),
+        (replace(plan, states=moved(plan.states, 1.0, 0, 0, 0)), 105.0, r'tolerance\.start'),
         (plan, 100.0 - 0.9 * plan.duration, r'tolerance\.path'),
     ):
         with np.errstate(all='ignore'), pytest.raises(TrajectoryRefused, match=words):
@@ -148,7 +149,7 @@ def test_refusals_name_what_is_wrong(plan: Trajectory) -> None:
 
 def test_the_start_is_compared_with_the_propagated_state(plan: Trajectory) -> None:
     tracker = pendulum_tracker(tolerance__start=0.02)
-    state = HANGING + [0.05, 0.0, 0.0, 0.0]
+    state = moved(HANGING, 0.05, 0.0, 0.0, 0.0)
     tracker.observe(state, 0.0)
     at_start = tracker.estimator.predict(0.3)
     assert abs(at_start[0] - state[0]) > 0.03  # it swings meanwhile
@@ -324,7 +325,7 @@ def test_a_restarted_tracker_goes_on_where_it_has_missed_a_plan_lately(
     tracker.prepare_hold()
     tracker.observe(HANGING, 100.0)
     if since < 0.0:
-        plan = replace(plan, states=plan.states + [1.0, 0.0, 0.0, 0.0])
+        plan = replace(plan, states=moved(plan.states, 1.0, 0.0, 0.0, 0.0))
     with pytest.raises(TrajectoryRefused):
         tracker.accept(plan, 100.0 - since, 100.0)
     assert tracker.phase is phase
