@@ -65,7 +65,7 @@ def strong_swing_up() -> Trajectory:
 def smooth_swing_up() -> PlanInForce:
     """Return a strong motor's swing-up by a torque without jumps, from 0 s on."""
     problem = build(PendulumSwingUp, {'limits.torque': STRONG, 'method': 'smooth'})
-    return PlanInForce(problem, problem.solve(deadline=10.0), start=0.0)
+    return PlanInForce(problem, problem.solve(deadline=60.0), start=0.0)
 
 
 @functools.cache
