@@ -41,6 +41,7 @@ from tdm_sim.receding import Vehicle
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m
+STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
 PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
 ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.005])
@@ -57,8 +58,7 @@ def swing_up() -> PlanInForce:
 @functools.cache
 def strong_swing_up() -> Trajectory:
     """Return a swing-up in less than half a second, with torque kept for the feedback."""
-    values = {'limits.torque': STRONG, 'torque_reserve': 0.2}
-    return build(PendulumSwingUp, values).solve(deadline=10.0).trajectory
+    return build(PendulumSwingUp, STRONGLY).solve(deadline=10.0).trajectory
 
 
 @functools.cache

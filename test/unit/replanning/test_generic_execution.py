@@ -26,7 +26,7 @@ from tdm_planner.replanning import GenericExecution, Mode, Observation, PlanInFo
 from tdm_planner.replanning.generic_execution import VEHICLE
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'docs/plants'))
-from double_integrator import CartStart, DoubleIntegrator  # noqa: E402, I100
+from double_integrator import CartStart, DoubleIntegrator  # noqa: E402, I100, RUF100
 
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.3)
 

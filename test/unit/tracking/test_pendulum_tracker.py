@@ -14,7 +14,16 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from closed_loop import HANGING, Loop, moved, pendulum, pendulum_tracker, STRONG, strong_swing_up
+from closed_loop import (
+    HANGING,
+    Loop,
+    moved,
+    pendulum,
+    pendulum_tracker,
+    STRONG,
+    strong_swing_up,
+    STRONGLY,
+)
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -227,13 +236,11 @@ def test_a_clock_that_is_set_stops_the_motion(plan: Trajectory, loop: Loop, to: 
     assert ('clock' in command.problem) == (to < 0.0)
     loop.tracker.accept(plan, to + 0.5, to + 0.01)
     assert loop.tracker.phase is Phase.WAITING
-
-
-def test_a_state_that_has_left_before_the_start_stops_the_motion(loop: Loop) -> None:
-    loop.push(0.0, 0.0, 10.0, 0.0)
-    loop.run(0.3)
-    assert loop.tracker.phase is Phase.STOPPED
-    assert 'tolerance.start' in loop.commands[-1].problem
+    # it has left before the start
+    loop.tracker.observe(moved(HANGING, 0.5, 0.0, 0.0, 0.0), to + 0.5)
+    command = loop.tracker.command(to + 0.5)
+    assert command.phase is Phase.STOPPED
+    assert 'tolerance.start' in command.problem
 
 
 def test_a_recovery_ends_when_it_is_not_wanted_any_more() -> None:
@@ -299,8 +306,7 @@ def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(
     start = tracker.estimator.predict(loop.now + 0.5)
     names = ('theta', 'psi', 'theta_dot', 'psi_dot')
     values = {f'start.{name}': x for name, x in zip(names, start.tolist(), strict=True)}
-    asked = {'limits.torque': STRONG, 'torque_reserve': 0.2, **values}
-    new = build(PendulumSwingUp, asked).solve(deadline=10.0)
+    new = build(PendulumSwingUp, {**STRONGLY, **values}).solve(deadline=10.0)
     tracker.accept(new.trajectory, loop.now + 0.5, loop.now)
     loop.run(2.0)
     assert tracker.phase is Phase.HOLDING
