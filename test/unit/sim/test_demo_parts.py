@@ -147,15 +147,16 @@ def test_the_parameter_file_is_heeded_and_ranges_are_kept(tmp_path: Path) -> Non
         assert speed_settings(node, file, 4.0, drives_clock=False)[name] == value
 
 
-@pytest.mark.parametrize(('quiet', 'shown'), [(False, ['[  0.0 s] first', '[b]']), (True, [])])
+@pytest.mark.parametrize('quiet', [False, True])
 def test_piped_there_are_plain_lines_and_when_quiet_none(
-    capsys: pytest.CaptureFixture[str], quiet: bool, shown: list[str]
+    capsys: pytest.CaptureFixture[str], quiet: bool
 ) -> None:
     with make_progress(quiet) as progress:
         progress.phase('first')
         progress.update('live only')
         progress.line('[b]')
-    assert capsys.readouterr().out.splitlines() == shown
+    lines = '' if quiet else r'\[ *\d+\.\d s\] first\n\[b\]\n'
+    assert re.fullmatch(lines, capsys.readouterr().out)
 
 
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
