@@ -185,6 +185,19 @@ def test_a_push_towards_another_robot_is_seen(flight: PlanInForce) -> None:
         assert bool(seen.trouble) == (speed > 0.0), seen
 
 
+@pytest.mark.parametrize(('name', 'axis'), [('robot2', 0), ('robot3', 1)])
+@pytest.mark.parametrize('away', [0.0, 0.1])
+def test_what_leads_near_a_wall_is_seen(
+    flight: PlanInForce, name: str, axis: int, away: float
+) -> None:
+    narrow = replace(FORMATION, arena=replace(FORMATION.arena, length=3.61, width=3.61))
+    states = states_at(flight, 0.0)
+    states[name][axis] += away
+    seen = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
+    assert (f"'{name}' would come" in seen.trouble) == (away > 0.0)
+    assert ('near a wall' in seen.trouble) == (away > 0.0)
+
+
 def test_robots_held_at_their_goals_stay_there(flight: PlanInForce) -> None:
     execution, at = FormationExecution(FORMATION), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
