@@ -24,8 +24,7 @@ from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tdm_planner.views.topics import absolute
 import yaml
 
-SOURCE = Path(__file__).resolve().parents[3]
-CONFIG = SOURCE / 'config'
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 PLANTS = ('pendulum', 'robots')
 ROBOTS = ('robot1', 'robot2', 'robot3')
 
@@ -48,10 +47,8 @@ TYPES = {  # of what a display or a tool of RViz handles
 }
 
 
-def rviz(plant: str) -> dict[str, Any]:
-    found = yaml.safe_load((CONFIG / f'{plant}.rviz').read_text(encoding='utf-8'))
-    assert isinstance(found, dict)
-    return found
+def rviz(plant: str) -> Any:
+    return yaml.safe_load((CONFIG / f'{plant}.rviz').read_text(encoding='utf-8'))
 
 
 def entries(items: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -75,10 +72,8 @@ def rviz_uses(plant: str) -> Iterator[Use]:
         yield Use(topic['Value'], (TYPES[kind],), latched, publishes=kind == 'SetGoal')
 
 
-def foxglove(plant: str) -> dict[str, Any]:
-    found = json.loads((CONFIG / 'foxglove' / f'{plant}.json').read_text(encoding='utf-8'))
-    assert isinstance(found, dict)
-    return found
+def foxglove(plant: str) -> Any:
+    return json.loads((CONFIG / 'foxglove' / f'{plant}.json').read_text(encoding='utf-8'))
 
 
 def panels(plant: str, kind: str) -> Iterator[dict[str, Any]]:
@@ -107,27 +102,18 @@ def foxglove_uses(plant: str) -> Iterator[Use]:
         yield Use(diagnostics['topicToRender'], ('diagnostic_msgs/msg/DiagnosticArray',))
 
 
-def uses(plant: str) -> list[Use]:
-    return [*rviz_uses(plant), *foxglove_uses(plant)]
-
-
 @pytest.fixture(scope='module')
 def running(ros: Any) -> Any:
     """Every node that the views are for; the topics of robot2 and robot3 are robot1's."""
-    nodes = [
+    for module, plant, namespace in (
         ('tdm_planner.nodes.planner', 'pendulum', '/pendulum'),
         ('tdm_planner.nodes.tracker', 'pendulum', '/pendulum'),
         ('tdm_sim.pendulum_plant', 'pendulum', '/pendulum'),
         ('tdm_planner.nodes.planner', 'robots', '/robots'),
         ('tdm_sim.robot_plant', 'robots', '/robots/robot1'),
-    ]
-    for module, plant, namespace in nodes:
+    ):
         file = str(CONFIG / f'{plant}.yaml')
         ros.start(module, namespace=namespace, arguments=['--params-file', file])
-    wanted = {(module.rsplit('.', 1)[1], namespace) for module, _, namespace in nodes}
-    assert ros.spin_until(
-        lambda: wanted <= set(ros.node.get_node_names_and_namespaces()), timeout=30.0
-    )
     return ros
 
 
@@ -136,28 +122,34 @@ def of_robot1(topic: str) -> str:
 
 
 @pytest.mark.parametrize('plant', PLANTS)
-def test_every_topic_is_there_with_its_type_and_quality_of_service(
+def test_every_topic_and_service_is_there_with_its_type_and_quality_of_service(
     running: Any, plant: str
 ) -> None:
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
     node = running.node
-    for use in uses(plant):
+    for use in (*rviz_uses(plant), *foxglove_uses(plant)):
         topic = of_robot1(use.topic)
-        ask = (
-            node.get_subscriptions_info_by_topic
-            if use.publishes
-            else (node.get_publishers_info_by_topic)
-        )
-        assert running.spin_until(lambda ask=ask, topic=topic: ask(topic), 20.0), topic
+        ask = node.get_subscriptions_info_by_topic
+        if not use.publishes:
+            ask = node.get_publishers_info_by_topic
+        assert running.spin_until(lambda ask=ask, topic=topic: ask(topic), 30.0), topic
         for end in ask(topic):
             assert end.topic_type in use.types, use
             assert end.qos_profile.reliability == ReliabilityPolicy.RELIABLE, use
             durable = end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            if use.latched is not None:
-                assert durable == use.latched, use
+            assert use.latched in (None, durable), use
         if use.field:
             check_field(ask(topic)[0].topic_type, use.field)
+    called = {of_robot1(panel['serviceName']) for panel in panels(plant, 'CallService')}
+    assert f'/{plant}/plan' in called
+    assert running.spin_until(lambda: called <= set(services(node)), 20.0)
+    assert all(services(node)[name] == ['std_srvs/srv/Trigger'] for name in called)
+    assert all(json.loads(panel['requestPayload']) == {} for panel in panels(plant, 'CallService'))
+
+
+def services(node: Any) -> dict[str, list[str]]:
+    return dict(node.get_service_names_and_types())
 
 
 def check_field(type_name: str, path: str) -> None:
@@ -195,36 +187,26 @@ def test_what_is_plotted_is_what_the_label_says(running: Any, plant: str) -> Non
     assert checked >= 5
 
 
-@pytest.mark.parametrize('plant', PLANTS)
-def test_every_service_is_there(running: Any, plant: str) -> None:
-    def services() -> dict[str, list[str]]:
-        return dict(running.node.get_service_names_and_types())
-
-    called = {of_robot1(panel['serviceName']) for panel in panels(plant, 'CallService')}
-    assert f'/{plant}/plan' in called
-    assert running.spin_until(lambda: called <= set(services()), 20.0)
-    assert all(services()[name] == ['std_srvs/srv/Trigger'] for name in called)
-    assert all(json.loads(panel['requestPayload']) == {} for panel in panels(plant, 'CallService'))
-
-
-@pytest.mark.parametrize('plant', PLANTS)
-def test_views_show_plan_and_plants_in_their_frame(plant: str) -> None:
-    frame = {'pendulum': 'world', 'robots': 'arena'}[plant]
-    assert rviz(plant)['Visualization Manager']['Global Options']['Fixed Frame'] == frame
+@pytest.mark.parametrize(
+    ('plant', 'frame', 'view', 'parts'),
+    [
+        ('pendulum', 'world', '/Orbit', ['/pendulum']),
+        ('robots', 'arena', '/TopDownOrtho', [f'/robots/{name}' for name in ROBOTS]),
+    ],
+)
+def test_views_show_plan_and_plants_in_their_frame(
+    plant: str, frame: str, view: str, parts: list[str]
+) -> None:
+    manager = rviz(plant)['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == frame
+    assert manager['Views']['Current']['Class'].endswith(view)
     (scene,) = panels(plant, '3D')
     assert scene['followTf'] == frame
-    live = {
-        'pendulum': {'/pendulum/plant_markers'},
-        'robots': {f'/robots/{name}/plant_markers' for name in ROBOTS},
-    }[plant]
-    assert live | {f'/{plant}/markers'} <= {t for t, s in scene['topics'].items() if s['visible']}
-    shown = {use.topic for use in rviz_uses(plant)}
-    assert live | {f'/{plant}/markers'} <= shown
-
-
-def test_every_robot_has_a_goal_tool_in_their_order() -> None:
-    goals = [use.topic for use in rviz_uses('robots') if use.publishes]
-    assert goals == [f'/robots/{name}/goal_pose' for name in ROBOTS]
+    wanted = {f'/{plant}/markers', *(f'{part}/plant_markers' for part in parts)}
+    assert wanted <= {topic for topic, shown in scene['topics'].items() if shown['visible']}
+    assert wanted <= {use.topic for use in rviz_uses(plant)}
+    goals = [use.topic for use in rviz_uses(plant) if use.publishes]
+    assert goals == ([f'{part}/goal_pose' for part in parts] if plant == 'robots' else [])
 
 
 @pytest.mark.parametrize('plant', PLANTS)
@@ -238,8 +220,6 @@ def test_rviz_gets_plain_yaml_with_classes_of_its_own(plant: str) -> None:
         assert re.fullmatch(r'rviz_(common|default_plugins)/[A-Z][A-Za-z ]+', item['Class'])
     names = [item['Name'] for item in manager['Displays']]
     assert len(set(names)) == len(names)
-    view = manager['Views']['Current']['Class']
-    assert view.endswith({'pendulum': '/Orbit', 'robots': '/TopDownOrtho'}[plant])
 
 
 @pytest.mark.parametrize('plant', PLANTS)

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -21,7 +20,6 @@ from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import PendulumInertia, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
-SOURCE = Path(__file__).resolve().parents[3]
 PLANTS = {
     'default': RotaryPendulum(),
     'other': RotaryPendulum(
@@ -42,11 +40,6 @@ def plant(request: pytest.FixtureRequest) -> RotaryPendulum:
 @pytest.fixture
 def mujoco() -> ModuleType:
     return pytest.importorskip('mujoco')
-
-
-def test_the_file_is_that_of_the_default_plant() -> None:
-    text = (SOURCE / 'config' / 'pendulum.urdf').read_text(encoding='utf-8')
-    assert text == pendulum_urdf(RotaryPendulum()), 'run: make config'
 
 
 def test_ros_reads_links_and_joints(plant: RotaryPendulum) -> None:
@@ -74,27 +67,21 @@ def load(mujoco: Any, plant: RotaryPendulum) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_the_tip_is_where_markers_have_it(mujoco: Any, plant: RotaryPendulum, seed: int) -> None:
+def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(
+    mujoco: Any, plant: RotaryPendulum, seed: int
+) -> None:
     model, data = load(mujoco, plant)
-    theta, psi = np.random.default_rng(seed).uniform(-4.0, 4.0, size=2)
-    data.qpos[:] = psi, theta
-    mujoco.mj_kinematics(model, data)
+    state = np.random.default_rng(seed).normal(scale=3.0, size=4)
+    theta, psi, theta_dot, psi_dot = state
+    torque = 0.1 * plant.coefficients.gravity
+    data.qpos[:], data.qvel[:] = (psi, theta), (psi_dot, theta_dot)
+    data.qfrc_applied[:] = torque, 0.0
+    mujoco.mj_forward(model, data)
     rod = data.body('rod')
     along = rod.xmat.reshape(3, 3) @ [0.0, 0.0, 2 * plant.com_distance]
     pivot, tip = pendulum_points(plant, theta, psi)
     np.testing.assert_allclose(rod.xpos, pivot, atol=1e-12)
     np.testing.assert_allclose(rod.xpos + along, tip, atol=1e-12)
-
-
-@pytest.mark.parametrize('seed', range(5))
-def test_it_moves_as_the_plant_does(mujoco: Any, plant: RotaryPendulum, seed: int) -> None:
-    model, data = load(mujoco, plant)
-    theta, psi, theta_dot, psi_dot = np.random.default_rng(seed).normal(scale=3.0, size=4)
-    torque = 0.1 * plant.coefficients.gravity
-    data.qpos[:], data.qvel[:] = (psi, theta), (psi_dot, theta_dot)
-    data.qfrc_applied[:] = torque, 0.0
-    mujoco.mj_forward(model, data)
-    state = np.array([theta, psi, theta_dot, psi_dot])
     rates = plant.derivative(state, np.array([torque]))
     np.testing.assert_allclose(data.qacc, [rates[3], rates[2]], rtol=1e-9)
     assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)
