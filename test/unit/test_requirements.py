@@ -18,16 +18,10 @@ import subprocess
 import sys
 
 import pytest
+from ros_harness import MODULES, SOURCE
 from tdm_planner.starting import REQUIRED
 
-SOURCE = Path(__file__).resolve().parents[2]
-EXECUTABLES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-    'tdm': 'tdm_planner.cli',
-}
+EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 COUNT = """
 import numpy as np
@@ -49,37 +43,39 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
     )
 
 
-@pytest.mark.parametrize('name', EXECUTABLES)
-def test_executables_say_which_package_is_missing(name: str, tmp_path: Path) -> None:
-    script = tmp_path / name
-    script.write_text(
-        "import sys; sys.modules['numba'] = None\n"
-        f'from {EXECUTABLES[name]} import main; sys.exit(main())\n'
-    )
+def refusal(script: Path, program: str) -> str:
+    """Return the one line that a program says where something is missing."""
+    script.write_text(program)
     done = python(str(script))
     assert done.returncode == 1
     assert done.stdout == ''
     (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_executables_say_which_package_is_missing(name: str, tmp_path: Path) -> None:
+    main = f'from {EXECUTABLES[name]} import main; sys.exit(main())\n'
+    line = refusal(tmp_path / name, f"import sys; sys.modules['numba'] = None\n{main}")
     assert 'not installed: numba;' in line
     assert "'pip install numba'" in line
 
 
 def test_a_node_without_ros_says_how_to_get_it(tmp_path: Path) -> None:
-    script = tmp_path / 'planner'
-    script.write_text("import sys; sys.modules['rclpy'] = None; import tdm_planner\n")
-    done = python(str(script))
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert "'rclpy', which is not installed" in line
+    program = "import sys; sys.modules['rclpy'] = None; import tdm_planner\n"
+    assert "'rclpy', which is not installed" in refusal(tmp_path / 'planner', program)
 
 
-def test_users_of_the_library_get_the_same_as_an_error() -> None:
+def test_users_of_the_library_get_the_same_as_an_error_and_no_environment() -> None:
     blocked = f'import sys; sys.modules.update(dict.fromkeys({list(REQUIRED)}))\n'
     tried = (
-        'try: from tdm_planner.problems import PendulumSwingUp\nexcept ImportError as e: print(e)'
+        'try: from tdm_planner.problems import PendulumSwingUp\n'
+        'except ImportError as e: print(e)\n'
+        f'import os; print([name in os.environ for name in {THREADS}])'
     )
     done = python('-c', f'{blocked}\n{tried}')
     assert f"'pip install {' '.join(REQUIRED.values())}'" in done.stdout, done.stderr
+    assert done.stdout.endswith('[False, False, False]\n')
 
 
 def test_setup_requires_the_same_packages() -> None:
@@ -109,28 +105,22 @@ def threads(*arguments: str, **environment: str) -> int:
     return int(done.stdout.split()[-1])
 
 
-@pytest.mark.parametrize('name', ['planner', 'pendulum_plant', 'tdm'])
-def test_executables_use_one_thread_for_blas(name: str, tmp_path: Path) -> None:
-    pytest.importorskip('rclpy')
-    script = tmp_path / name
-    script.write_text(f'import {EXECUTABLES[name]}\n{COUNT}')
-    assert threads(str(script)) == threads(str(script), **dict.fromkeys(THREADS, '1'))
-
-
-@pytest.mark.parametrize('module', ['tdm_planner.set_up', 'benchmark.pendulum', 'tools.load'])
-def test_modules_that_are_run_use_one_thread_for_blas(module: str) -> None:
-    pytest.importorskip('rclpy')
-    program = f'import sys; sys.orig_argv = ["python", "-m", "{module}"]; import {module}\n{COUNT}'
-    assert threads('-c', program) == threads('-c', program, **dict.fromkeys(THREADS, '1'))
-
-
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='one core')
-def test_threads_that_the_environment_asks_for_are_kept(tmp_path: Path) -> None:
+def test_an_executable_uses_one_thread_for_blas_unless_told_otherwise(tmp_path: Path) -> None:
     script = tmp_path / 'tdm'
     script.write_text(f'import tdm_planner\n{COUNT}')
-    assert threads(str(script)) < threads(str(script), **dict.fromkeys(THREADS, '2'))
+    one = threads(str(script), **dict.fromkeys(THREADS, '1'))
+    assert threads(str(script)) == one < threads(str(script), **dict.fromkeys(THREADS, '2'))
 
 
-def test_processes_of_others_are_left_alone() -> None:
-    done = python('-c', f'import os, tdm_planner; print([n in os.environ for n in {THREADS}])')
-    assert done.stdout == '[False, False, False]\n', done.stderr
+def test_nodes_and_modules_that_are_run_limit_threads_too(tmp_path: Path) -> None:
+    pytest.importorskip('rclpy')
+    tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
+    (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
+    as_module = 'import sys; sys.orig_argv = ["python", "-m", "{0}"]; import {0}\n'
+    for words in (
+        [str(tmp_path / 'planner')],
+        ['-c', as_module.format('tdm_planner.set_up') + tell],
+        ['-c', as_module.format('benchmark.pendulum') + tell],
+    ):
+        assert python(*words).stdout == "['1', '1', '1']\n"

@@ -7,13 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Where shared files are found, wherever the package is installed."""
+
 from pathlib import Path
 import sys
 
 import pytest
+from ros_harness import SOURCE
 from tdm_planner import resources
-
-SOURCE = Path(__file__).resolve().parents[2]
 
 
 def make_share(prefix: Path, indexed: bool) -> Path:
@@ -38,13 +39,11 @@ def test_source_tree_is_the_last_resort():
     assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
 
 
-def test_python_environment_comes_before_the_source_tree(tmp_path: Path):
+def test_a_sourced_workspace_comes_before_the_python_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     share = make_share(tmp_path / 'python', indexed=False)
     assert resources.share_directory() == share
-
-
-def test_sourced_workspace_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    make_share(tmp_path / 'python', indexed=False)
     not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
     make_share(not_indexed, indexed=False)
     share = make_share(workspace, indexed=True)

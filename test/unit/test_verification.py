@@ -108,11 +108,7 @@ def test_a_state_whose_end_is_free_is_checked_before(states, words):
 def test_a_violation_between_samples_is_caught():
     """Nothing is wrong at the samples: only the dense check sees the speed in between."""
     slow = Constraint('speed', lambda t, x, u: 0.9 - np.abs(x[:, 1]))
-    sparse = replace(
-        bang_bang(),
-        times=np.array([0.0, 1.0, 2.0]),
-    )
-    check = verify(PLANT, sparse, GOAL, TOLERANCE, [slow])
+    check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [slow])
     assert not check.ok
     assert 'speed is violated' in check.reasons[0]
 
