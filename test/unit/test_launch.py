@@ -18,12 +18,12 @@ from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
-from launch_stand_ins import (
+from launch_stand_ins import (  # noqa: F401
     described,
     ExecuteProcess,
     LaunchContext,
     Node,
-    stand_ins,  # noqa: F401
+    stand_ins,
 )
 import pytest
 from ros_harness import SOURCE
