@@ -9,13 +9,11 @@
 
 """A worked plant, installed from a folder of its own, in `tdm plan` and in the planner node."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
 import json
 import os
 from pathlib import Path
-import subprocess
-import sys
-import time
 from typing import Any
 
 import numpy as np
@@ -27,30 +25,21 @@ from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
 from trajectory_msgs.msg import JointTrajectory
 
-ROOT = Path(__file__).parents[3]
-
 
 @pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder that has the worked plant."""
+def installed(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Return the environment of a process that finds the worked plant."""
     folder = tmp_path_factory.mktemp('site')
     install_own_plant(folder)
-    return folder
+    return {'PYTHONPATH': os.pathsep.join([str(folder), ros.environment['PYTHONPATH']])}
 
 
-def test_tdm_plan(site: Path, tmp_path: Path):
-    path = os.pathsep.join([str(site), str(ROOT), os.environ.get('PYTHONPATH', '')])
-    command = [sys.executable, '-m', 'tdm_planner.cli', 'plan', 'double_integrator']
-    options = ['--set', 'start.x=3.0', '--set', 'solver.deadline=20.0', '-o', 'plan.json']
-    done = subprocess.run(
-        [*command, *options],
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': path},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    plan = json.loads((tmp_path / 'plan.json').read_text())
+def test_tdm_plan(ros: Ros, installed: dict[str, str], tmp_path: Path):
+    file = tmp_path / 'plan.json'
+    options = ['--set', 'start.x=3.0', '--set', 'solver.deadline=20.0', '-o', str(file)]
+    done = ros.run('tdm_planner.cli', ['plan', 'double_integrator', *options], installed)
+    assert done.process.wait(120.0) == 0, done.output
+    plan = json.loads(file.read_text())
     assert plan['problem'] == 'double_integrator'
     assert plan['verification']['ok']
     assert plan['states']['x'][0] == 3.0
@@ -58,40 +47,29 @@ def test_tdm_plan(site: Path, tmp_path: Path):
     assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5
 
 
-def start_planner(ros: Ros, site: Path, namespace: str, **parameters: Any) -> NodeProcess:
-    path = os.pathsep.join([str(site), ros.environment['PYTHONPATH']])
+def start_planner(
+    ros: Ros, installed: dict[str, str], namespace: str, **parameters: Any
+) -> NodeProcess:
+    default = {'problem': 'double_integrator', 'start.source': 'parameters', 'start.x': 3.0}
     return ros.start(
         'tdm_planner.nodes.planner',
-        {
-            'problem': 'double_integrator',
-            'start.source': 'parameters',
-            'start.x': 3.0,
-            'solver.deadline': 5.0,
-            **parameters,
-        },
+        {**default, 'solver.deadline': 5.0, **parameters},
         namespace=namespace,
-        environment={'PYTHONPATH': path},
+        environment=installed,
     )
 
 
-@pytest.fixture
-def planner(ros: Ros, site: Path) -> Iterator[NodeProcess]:
-    process = start_planner(ros, site, 'student')
-    yield process
-    if process.running:
-        process.end_cleanly()
-
-
-def test_planner_service(ros: Ros, planner: NodeProcess):
+def test_planner_service(ros: Ros, installed: dict[str, str]):
+    start_planner(ros, installed, 'student')
     success, answer = ros.trigger('/student/plan')
     assert success, answer
     assert 2 * 3.0**0.5 < answer['duration'] < 1.05 * 2 * 3.0**0.5
 
 
-def test_a_plan_is_reviewed_on_the_way(ros: Ros, site: Path) -> None:
+def test_a_plan_is_reviewed_on_the_way(ros: Ros, installed: dict[str, str]) -> None:
     """A plant that follows its plan is left alone; one that was pushed away is planned for."""
     parameters = {'start.x': 30.0, 'replan.rate': 5.0, 'replan.delay': 1.5, 'free': 3}
-    process = start_planner(ros, site, 'pushed', **parameters)
+    process = start_planner(ros, installed, 'pushed', **parameters)
     plans = ros.subscribe('/pushed/trajectory', JointTrajectory, LATCHED)
     states = ros.publisher('/pushed/joint_states', JointState)
     success, answer = ros.trigger('/pushed/plan')
@@ -104,7 +82,8 @@ def test_a_plan_is_reviewed_on_the_way(ros: Ros, site: Path) -> None:
 
     def follow(until: float) -> None:
         """Be where the plan leads, and further by `away` m, until `until` s after its start."""
-        while (now := time.time_ns()) < start + until * 1e9 and len(plans) == 1:
+        clock = ros.node.get_clock()
+        while (now := clock.now().nanoseconds) < start + until * 1e9 and len(plans) == 1:
             elapsed = (now - start) * 1e-9
             x, v = (float(np.interp(elapsed, times, column)) for column in planned.T)
             message = JointState(name=['x', 'v'], position=[x + away, v])
@@ -122,4 +101,3 @@ def test_a_plan_is_reviewed_on_the_way(ros: Ros, site: Path) -> None:
     first, last = plans[1].points[0].positions, plans[1].points[-1].positions
     assert first[0] == pytest.approx(expected, abs=0.3)
     assert last[0] == pytest.approx(0.0, abs=1e-6)
-    process.end_cleanly()

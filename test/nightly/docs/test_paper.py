@@ -9,18 +9,16 @@
 
 """What the pages on the paper claim."""
 
-from pathlib import Path
 import sys
 
 import numpy as np
 import pytest
-
-FOLDER = Path(__file__).parents[3] / 'docs' / 'paper'
+from ros_harness import SOURCE
 
 
 @pytest.fixture(autouse=True)
 def _pages(monkeypatch):
-    monkeypatch.setattr(sys, 'path', [str(FOLDER), *sys.path])
+    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'paper'), *sys.path])
 
 
 def test_figure_1(tmp_path):
