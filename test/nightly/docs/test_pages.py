@@ -16,9 +16,7 @@ Commands of this package are run. Those that need a ROS 2 installation, start pr
 
 from __future__ import annotations
 
-import argparse
 from configparser import ConfigParser
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 import re
@@ -26,12 +24,13 @@ import shutil
 from typing import Any
 from xml.etree import ElementTree
 
-from pages import blocks, name_of, PAGES, SHARE, typed
+from pages import blocks, name_of, PAGES, typed
 import pytest
 from ros_harness import SOURCE
 from tdm_planner import cli
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import problem_names
+from tools.node_parameters import parameters_by_node
 from tools.node_tables import declared_arguments
 import yaml
 
@@ -71,14 +70,39 @@ def test_examples_run_or_can_be_parsed(page: Path):
 
 
 @EVERY_PAGE
-def test_commands_do_what_they_say(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_commands_do_what_they_say(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """In order, in a folder that has the package's parameter files."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
     for command in typed(page):
         check_command(command)
+
+
+@EVERY_PAGE
+def test_targets_and_links_are_there(page: Path):
+    text = page.read_text(encoding='utf-8')
+    for target in re.findall(r'`make (\w+)', text):
+        check_make(['make', target])
+    for link in re.findall(r'\]\((?!https?:)([^)#\s]+)', text):
+        assert (page.parent / link).exists(), link
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'ros2 launch tdm_planner pendulum.launch.py plnat:=false',
+        'ros2 run tdm_planner planner --ros-args -r __ns:=/robots --enclave /pendulum/planner',
+        'ros2 run tdm_planner planner --ros-args --params-file my_rig.yaml',
+        'ros2 param set /pendulum/planner plant.mas 1.0',
+        'tdm plan pendulum --no-such-option',
+        'export ROS_SECURITY_STRATEGY=Enforced',
+        'python3 -m tdm_planner.setup',
+        'pip install rosbag2',
+    ],
+)
+def test_a_wrong_command_would_be_noticed(line: str):
+    with pytest.raises((AssertionError, KeyError, SystemExit)):
+        check_command(line.split())
 
 
 def check_command(command: list[str]) -> None:
@@ -96,23 +120,20 @@ def check_variable(assignment: str) -> None:
     name, _, value = assignment.partition('=')
     assert re.fullmatch(VARIABLES[name], value), assignment
     if name == 'ROS_SECURITY_ENCLAVE_OVERRIDE':
-        assert value in enclaves(), assignment
+        check_enclave(value)
 
 
-def check_export(command: list[str]) -> None:
-    assert len(command) == 2, command
-    check_variable(command[1])
+def check_enclave(path: str) -> None:
+    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml')
+    assert path in {context.get('path') for context in policy.iter('context')}
 
 
 def check_tdm(command: list[str]) -> None:
     options = cli._parser().parse_args(command[1:])  # exits for what is wrong
-    made = getattr(options, 'output', None)
-    installed = {*cli.SHORT_NAMES, *problem_names()}
-    runs = command[1] == 'plan' and options.problem in installed
-    runs = runs or (command[1] == 'report' and Path(command[2]).is_file())
-    if runs:
+    runs = command[1] == 'plan' and options.problem in {*cli.SHORT_NAMES, *problem_names()}
+    if runs or (command[1] == 'report' and Path(command[2]).is_file()):
         assert cli.main(command[1:]) == 0, command
-        for path in (made, getattr(options, 'plot', None)):
+        for path in (options.output, getattr(options, 'plot', None)):
             assert path is None or path.stat().st_size > 0
 
 
@@ -124,82 +145,31 @@ def check_make(command: list[str]) -> None:
             assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
 
 
-def check_copy(command: list[str]) -> None:
-    _, source, target = command
-    shutil.copy(source, target)
-
-
 def check_ros2(command: list[str]) -> None:
-    {
-        'launch': check_launch,
-        'run': check_run,
-        'service': check_service,
-        'param': check_param,
-        'lifecycle': check_lifecycle,
-        'bag': lambda _: None,
-        'security': check_security,
-    }[command[1]](command)
+    _, verb, *words = command
+    if verb == 'launch':
+        declared = declared_arguments(SOURCE / 'launch' / words[1])
+        assert {word.split(':=')[0] for word in words[2:]} <= set(declared), command
+    elif verb == 'run':
+        check_run(words[1:])
+    elif verb == 'service':
+        assert words[1].rpartition('/')[2] in SERVICES, command
+        assert words[2] == 'std_srvs/srv/Trigger', command
+    elif verb == 'param':
+        assert any(words[2] in names for names in parameters_of(words[1])), command
+    elif verb == 'lifecycle':
+        assert words[1].rpartition('/')[2] in ('planner', 'tracker'), command
+        assert words[2] in ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown'), command
+    else:
+        assert verb in ('bag', 'security'), command
 
 
-@cache
-def enclaves() -> frozenset[str]:
-    """Return the paths of the enclaves that the policy has."""
-    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml')
-    return frozenset(context.get('path', '') for context in policy.iter('context'))
-
-
-def check_security(command: list[str]) -> None:
-    """Check a command of SROS2 by its options, and that the files it is given are there."""
-    parser = argparse.ArgumentParser(allow_abbrev=False)
-    verbs = parser.add_subparsers(required=True, dest='verb')
-    verbs.add_parser('create_keystore').add_argument('keystore', type=Path)
-    artifacts = verbs.add_parser('generate_artifacts')
-    artifacts.add_argument('-k', dest='keystore', type=Path, required=True)
-    artifacts.add_argument('-e', dest='enclaves', nargs='*', default=[])
-    artifacts.add_argument('-p', dest='policies', nargs='*', type=Path, default=[])
-    verbs.add_parser('generate_policy').add_argument('policy', type=Path)
-    given = parser.parse_args(command[2:])  # exits for what is wrong
-    if given.verb == 'create_keystore':
-        given.keystore.mkdir()
-    elif given.verb == 'generate_artifacts':
-        assert given.keystore.is_dir(), command
-        assert given.policies or given.enclaves, command
-        assert all(path.is_file() for path in given.policies), command
-        assert set(given.enclaves) <= enclaves(), command
-
-
-def check_param(command: list[str]) -> None:
-    """Check that a node has the parameter that is set."""
-    pytest.importorskip('rclpy')
-    from tools.node_parameters import parameters_by_node
-
-    _, _, verb, node, name, _ = command
-    assert verb == 'set', command
-    kind = node.rsplit('/', 1)[-1]
-    assert any(
-        name in parameters
-        for found, parameters in parameters_by_node().items()
-        if found.split()[0] == kind
-    ), command
-
-
-def check_lifecycle(command: list[str]) -> None:
-    """Check that the node is a managed one, and the transition one that it has."""
-    pytest.importorskip('rclpy')
-    from tdm_planner.nodes.planner import Planner
-    from tdm_planner.nodes.tracker import TrackerNode
-
-    _, _, verb, node, transition = command
-    assert verb == 'set', command
-    kind = {'planner': Planner, 'tracker': TrackerNode}[node.rsplit('/', 1)[-1]]
-    assert callable(getattr(kind, f'trigger_{transition}', None)), command
-
-
-def check_launch(command: list[str]) -> None:
-    _, _, package, file, *arguments = command
-    assert package == 'tdm_planner'
-    declared = declared_arguments(SOURCE / 'launch' / file)
-    assert {argument.split(':=')[0] for argument in arguments} <= set(declared), command
+def parameters_of(node: str) -> list[Any]:
+    """Return the specifications of every kind of a node, of which it has several."""
+    name = node.rpartition('/')[2]
+    found = [specs for kind, specs in parameters_by_node().items() if kind.split()[0] == name]
+    assert found, node
+    return found
 
 
 def check_run(command: list[str]) -> None:
@@ -209,44 +179,24 @@ def check_run(command: list[str]) -> None:
     Parameter files must be there, or made by an earlier command of the page. An enclave must be
     in the policy, and be that of the node.
     """
-    _, _, package, executable, *arguments = command
-    assert package == 'tdm_planner'
+    executable, *arguments = command
     if executable == 'tdm':
-        check_tdm([executable, *arguments])
+        check_tdm(command)
         return
-    pytest.importorskip('rclpy')
-    from tools.node_parameters import parameters_by_node
-
-    found = {
-        node: parameters
-        for node, parameters in parameters_by_node().items()
-        if node.split()[0] == executable
-    }
-    assert found, command
+    found = parameters_of(executable)
     assert not arguments or arguments[0] == '--ros-args', command
     for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
-        assert option in ('-p', '-r', '--enclave', '--params-file'), command
+        name, _, value = assignment.partition(':=')
         if option == '--params-file':
             assert Path(assignment).is_file(), command
-            continue
-        if option == '--enclave':
-            assert assignment in enclaves(), command
+        elif option == '--enclave':
+            check_enclave(assignment)
             assert f'__ns:={assignment.removesuffix(f"/{executable}")}' in arguments, command
-            continue
-        name, value = assignment.split(':=')
-        if option == '-p' and name == 'use_sim_time':  # of every node, by rclpy
-            assert isinstance(yaml.safe_load(value), bool), command
-        elif option == '-p':
-            specifications = [specs[name] for specs in found.values() if name in specs]
-            assert specifications, command
-            specifications[0].check(yaml.safe_load(value))
-
-
-def check_service(command: list[str]) -> None:
-    _, _, verb, name, kind = command
-    assert verb == 'call', command
-    assert name.rpartition('/')[2] in SERVICES, command
-    assert kind == 'std_srvs/srv/Trigger'
+        elif option == '-p' and name != 'use_sim_time':  # of every node, by rclpy
+            (specification, *_) = [specs[name] for specs in found if name in specs]
+            specification.check(yaml.safe_load(value))
+        else:
+            assert option in ('-p', '-r'), command
 
 
 def check_python(command: list[str]) -> None:
@@ -257,59 +207,18 @@ def check_python(command: list[str]) -> None:
 
 def check_pip(command: list[str]) -> None:
     """Check that what is installed is what the tests run with."""
-    assert command[1] == 'install', command
     pinned = (SOURCE / 'constraints.txt').read_text(encoding='utf-8')
     for package in command[2:]:
         assert re.search(rf'^{re.escape(package)}==', pinned, re.MULTILINE), command
 
 
-def check_program(command: list[str]) -> None:
-    assert (SOURCE / command[0]).is_file(), command
-
-
 CHECKS = {
     'tdm': check_tdm,
     'make': check_make,
-    'cp': check_copy,
+    'cp': lambda command: shutil.copy(*command[1:]),
     'ros2': check_ros2,
-    'export': check_export,
+    'export': lambda command: check_variable(command[1]),
     'python3': check_python,
     'pip': check_pip,
-    '.ci/run': check_program,
+    '.ci/run': lambda command: (SOURCE / command[0]).read_text(encoding='utf-8'),
 }
-
-
-@pytest.mark.parametrize(
-    'line',
-    [
-        'ros2 launch tdm_planner pendulum.launch.py plnat:=false',
-        'ros2 security generate_artifacts -k keystore -p config/security/rules.xml',
-        'ros2 run tdm_planner planner --ros-args -r __ns:=/robots --enclave /pendulum/planner',
-        'ros2 run tdm_planner planner --ros-args --params-file my_rig.yaml',
-        'ros2 run tdm_planner tdm plan pendulum --no-such-option',
-        'export ROS_SECURITY_STRATEGY=Enforced',
-        'python3 -m tdm_planner.setup',
-        'pip install rosbag2',
-        f'cp "{SHARE}/config/pendulums.yaml" my_rig.yaml',
-    ],
-)
-def test_a_wrong_command_would_be_noticed(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    page = tmp_path / 'page.md'
-    page.write_text(f'1. A step:\n\n   ```console\n   {line}\n   ```\n', encoding='utf-8')
-    (tmp_path / 'keystore').mkdir()
-    shutil.copytree(SOURCE / 'config', tmp_path / 'config')
-    monkeypatch.chdir(tmp_path)
-    (command,) = typed(page)
-    with pytest.raises((AssertionError, KeyError, OSError, SystemExit, ValueError)):
-        check_command(command)
-
-
-@EVERY_PAGE
-def test_targets_and_links_are_there(page: Path):
-    text = page.read_text(encoding='utf-8')
-    for target in re.findall(r'`make (\w+)', text):
-        check_make(['make', target])
-    for link in re.findall(r'\]\((?!https?:)([^)#\s]+)', text):
-        assert (page.parent / link).exists(), link

@@ -7,18 +7,23 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a process does first: look for required packages, limit the threads of BLAS."""
+"""What processes begin and end with: packages, threads, shared files, kernels, signals."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 import re
+import signal
 import subprocess
 import sys
 
 import pytest
 from ros_harness import MODULES, SOURCE
+from tdm_planner import resources, set_up
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.interruption import Interrupted, interruptible, uninterrupted
+from tdm_planner.problems import RobotFormation
 from tdm_planner.starting import REQUIRED
 
 EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
@@ -124,3 +129,117 @@ def test_nodes_and_modules_that_are_run_limit_threads_too(tmp_path: Path) -> Non
         ['-c', as_module.format('benchmark.pendulum') + tell],
     ):
         assert python(*words).stdout == "['1', '1', '1']\n"
+
+
+def make_share(prefix: Path, indexed: bool) -> Path:
+    share = prefix / 'share' / 'tdm_planner'
+    (share / 'config').mkdir(parents=True)
+    (share / 'config' / 'mine.yaml').write_text('')
+    if indexed:
+        index = prefix / 'share/ament_index/resource_index/packages'
+        index.mkdir(parents=True)
+        (index / 'tdm_planner').write_text('')
+    return share
+
+
+@pytest.fixture
+def no_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_source_tree_is_the_last_resort():
+    assert resources.share_directory() == SOURCE
+    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_a_sourced_workspace_comes_before_the_python_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    share = make_share(tmp_path / 'python', indexed=False)
+    assert resources.share_directory() == share
+    not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
+    make_share(not_indexed, indexed=False)
+    share = make_share(workspace, indexed=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
+    assert resources.share_directory() == share
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_unknown_parameter_file_lists_those_there_are(tmp_path: Path):
+    make_share(tmp_path / 'python', indexed=False)
+    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
+        resources.config_file('pendulum.yaml')
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_missing_installation_names_the_places(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
+    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
+        resources.share_directory()
+
+
+def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def load(name: str) -> type[RobotFormation]:
+        if name == 'theirs':
+            raise InvalidProblem('its module is missing')
+        return RobotFormation
+
+    prepared: list[str] = []
+    monkeypatch.setattr(RobotFormation, 'prepare', lambda self: prepared.append(self.name))
+    monkeypatch.setattr(set_up, 'load_problem', load)
+    for names, code in ((['robot_formation'], 0), (['theirs', 'robot_formation'], 1)):
+        monkeypatch.setattr(set_up, 'problem_names', lambda names=names: names)
+        assert set_up.main() == code
+        assert prepared.pop() == 'robot_formation'
+        captured = capsys.readouterr()
+        assert 'kernels of robot_formation' in captured.out
+        assert ('theirs cannot be prepared: its module is missing' in captured.err) == code
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number):
+    before = signal.getsignal(number)
+    done = []
+
+    def work():
+        with interruptible():
+            try:
+                signal.raise_signal(number)
+            finally:
+                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(signal.SIGTERM)
+                done.append('cleaned up')
+
+    with pytest.raises(Interrupted) as found:
+        work()
+    assert done
+    assert found.value.code == 128 + number
+    assert signal.getsignal(number) is before
+
+
+def test_a_block_is_done_whole():
+    done = []
+
+    def work():
+        with interruptible():
+            with uninterrupted():
+                signal.raise_signal(signal.SIGTERM)
+                done.append(1)
+            done.append(2)
+
+    with pytest.raises(Interrupted) as found:
+        work()
+    assert done == [1]
+    assert found.value.code == 143
+
+
+def test_without_a_signal_nothing_happens():
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    with interruptible(), uninterrupted():
+        pass
+    assert handlers == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
