@@ -149,15 +149,11 @@ def no_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('no_installation')
-def test_source_tree_is_the_last_resort():
-    assert resources.share_directory() == SOURCE
-    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
-
-
-@pytest.mark.usefixtures('no_installation')
-def test_a_sourced_workspace_comes_before_the_python_environment(
+def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    assert resources.share_directory() == SOURCE
+    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
     share = make_share(tmp_path / 'python', indexed=False)
     assert resources.share_directory() == share
     not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
@@ -168,17 +164,15 @@ def test_a_sourced_workspace_comes_before_the_python_environment(
 
 
 @pytest.mark.usefixtures('no_installation')
-def test_unknown_parameter_file_lists_those_there_are(tmp_path: Path):
-    make_share(tmp_path / 'python', indexed=False)
-    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
-        resources.config_file('pendulum.yaml')
-
-
-@pytest.mark.usefixtures('no_installation')
-def test_missing_installation_names_the_places(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_what_is_missing_is_told_with_what_there_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
     with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
         resources.share_directory()
+    make_share(tmp_path / 'python', indexed=False)
+    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
+        resources.config_file('pendulum.yaml')
 
 
 def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
@@ -202,9 +196,12 @@ def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number):
+def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
     before = signal.getsignal(number)
     done = []
+    with interruptible(), uninterrupted():
+        pass  # without a signal nothing happens
+    assert signal.getsignal(number) is before
 
     def work():
         with interruptible():
@@ -236,10 +233,3 @@ def test_a_block_is_done_whole():
         work()
     assert done == [1]
     assert found.value.code == 143
-
-
-def test_without_a_signal_nothing_happens():
-    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    with interruptible(), uninterrupted():
-        pass
-    assert handlers == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
