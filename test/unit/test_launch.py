@@ -126,7 +126,12 @@ def test_only_sections_count_that_the_planner_takes(name: str, pushed: str | Non
 def test_what_holds_for_all_nodes(name: str):
     """Simulated time, the level of the log; enclaves, those of the policy, are for ours."""
     clock = {'use_sim_time': True}
-    assert not any(clock in node.parameters for node in nodes(name, rviz='true'))
+    for node in nodes(name, rviz='true'):
+        assert clock not in node.parameters
+        # Only trackers are started anew: after a pause, that Ctrl-C may come first; not for ever.
+        assert node.respawn == (node.executable == 'tracker')
+        assert not node.respawn or (node.respawn_delay >= 1.0 and node.respawn_max_retries > 0)
+    assert not any(node.respawn for node in nodes(name, respawn='false'))
     changed = nodes(name, rviz='true', use_sim_time='true', log_level='debug')
     assert all(node.parameters[-1] == clock for node in changed)
     assert all(node.ros_arguments == ['--log-level', 'debug'] for node in changed)
@@ -138,16 +143,6 @@ def test_what_holds_for_all_nodes(name: str):
             assert option == '--enclave'
             assert enclave in known
             assert enclave == f'/{node.namespace}/{node.executable}'
-
-
-@BOTH
-def test_only_trackers_are_started_anew_after_a_pause_and_not_for_ever(name: str):
-    for node in nodes(name):
-        assert node.respawn == (node.executable == 'tracker')
-        if node.respawn:
-            assert node.respawn_delay >= 1.0  # that Ctrl-C may come first
-            assert node.respawn_max_retries > 0
-    assert not any(node.respawn for node in nodes(name, respawn='false'))
 
 
 @pytest.mark.parametrize('pushed', [None, 'site', '/site'])
@@ -223,18 +218,13 @@ def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
             assert not ends(item, 2, shutdown=True)
 
 
-@pytest.fixture
-def two(tmp_path: Path) -> str:
+def test_robots_get_a_plant_and_a_tracker_each(tmp_path: Path):
     planner = {
         'robots': ['left', 'right'],
         'left': {'start': {'x': 1, 'y': '5e-2'}},
         'right': {'start': {'yaw': 0.5}},
-        'start': {'source': 'measured'},
     }
-    return written(tmp_path, {'/**/planner': planner, '/**/tracker': {'kind': 'robot'}})
-
-
-def test_robots_get_a_plant_and_a_tracker_each(two: str):
+    two = written(tmp_path, {'/**/planner': planner, '/**/tracker': {'kind': 'robot'}})
     found = nodes('robots', params_file=two)
     left = {('robot_plant', 'robots/left'), ('tracker', 'robots/left')}
     right = {('robot_plant', 'robots/right'), ('tracker', 'robots/right')}
@@ -266,14 +256,11 @@ def test_more_robots_than_the_file_names_have_places_of_their_own():
         assert len(changed[f'formation.{name}']) == 3
 
 
-@pytest.mark.parametrize('number', ['0', '-1', 'two', '99'])
-def test_numbers_of_robots_that_cannot_be_are_refused(number: str):
-    with pytest.raises(InvalidProblem, match='number_of_robots'):
-        nodes('robots', number_of_robots=number)
-
-
-@pytest.mark.parametrize('robots', [[], ['left', 'left'], ['le ft'], 'left'])
-def test_names_that_cannot_be_used_are_refused(tmp_path: Path, robots: Any):
-    path = written(tmp_path, {'/**/planner': {'robots': robots}})
-    with pytest.raises(InvalidProblem, match="'robots'"):
-        nodes('robots', params_file=path)
+def test_robots_that_cannot_be_are_refused(tmp_path: Path):
+    for number in ('0', '-1', 'two', '99'):
+        with pytest.raises(InvalidProblem, match='number_of_robots'):
+            nodes('robots', number_of_robots=number)
+    for robots in ([], ['left', 'left'], ['le ft'], 'left'):
+        path = written(tmp_path, {'/**/planner': {'robots': robots}})
+        with pytest.raises(InvalidProblem, match="'robots'"):
+            nodes('robots', params_file=path)

@@ -17,7 +17,7 @@ joint_trajectory_controller: "validation of trajectories", its documentation and
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 import itertools
 import math
@@ -25,6 +25,7 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
+from builtin_interfaces.msg import Duration
 import numpy as np
 import pytest
 from ros_harness import SOURCE
@@ -105,25 +106,17 @@ def test_controller_takes_planned_trajectories_in_time(planned: JointTrajectory)
     assert planned.points[-1].positions[1] == pytest.approx(0.0, abs=1e-4)
 
 
-def spoilt(message: JointTrajectory, reason: str) -> JointTrajectory:
-    message = deepcopy(message)
-    if reason == 'times':
-        message.points[1].time_from_start = message.points[0].time_from_start
-    elif reason == 'moving at the end':
-        message.points[-1].velocities[0] = 1e-6
-    elif reason == 'positions':
-        message.points[0].positions = [0.0]
-    elif reason == 'joints':
-        message.joint_names = ['pendulum']
-    else:
-        message.points = []
-    return message
-
-
 def test_the_rules_would_notice(planned: JointTrajectory):
-    for reason in ('times', 'moving at the end', 'positions', 'joints', 'no points'):
-        message = spoilt(planned, reason)
+    def noticed(reason: str, change: Callable[[JointTrajectory], Any]) -> None:
+        message = deepcopy(planned)
+        change(message)
         assert refusal(message, PENDULUM_JOINTS, effort=True, now=0) == reason
+
+    noticed('times', lambda m: setattr(m.points[1], 'time_from_start', Duration()))
+    noticed('moving at the end', lambda m: setattr(m.points[-1], 'velocities', [1e-6, 0.0]))
+    noticed('positions', lambda m: setattr(m.points[0], 'positions', [0.0]))
+    noticed('joints', lambda m: setattr(m, 'joint_names', ['pendulum']))
+    noticed('no points', lambda m: setattr(m, 'points', []))
 
 
 def carried_out(
