@@ -27,22 +27,23 @@ from tdm_planner.cli import main
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 
-def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(tmp_path: Path):
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
     words = ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]
-    done = subprocess.run(
-        [sys.executable, '-m', 'tdm_planner.cli', *words],
-        cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(SOURCE)},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    assert 'upright' in done.stdout
-    plan = json.loads((tmp_path / 'plan.json').read_text())
+    assert main(words) == 0
+    assert 'upright' in capsys.readouterr().out
+    plan = json.loads((folder / 'plan.json').read_text())
     assert plan['interpolation'] == 'zero_order_hold'
     assert list(plan['states']) == ['theta', 'psi', 'theta_dot', 'psi_dot']
     assert plan['verification']['ok'] is True
-    assert (tmp_path / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
     end = integrate(plan)
     upright = 2 * math.pi * round(end[0] / (2 * math.pi))
     assert np.abs(end[:2] - [upright, 0]).max() < 1e-4
@@ -63,20 +64,20 @@ def integrate(plan: dict[str, Any]) -> np.ndarray:
     return state
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def test_parameter_files_and_settings(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_parameter_files_and_settings_as_users_run_it(folder: Path):
     (folder / 'p.yaml').write_text(
         '/**:\n  planner:\n    ros__parameters:\n      limits: {torque: 9e-2}\n'
         '      start: {source: measured, theta: 3.0}\n'
     )
     words = ['plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1']
-    assert main([*words, '--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']) == 0
-    assert capsys.readouterr().out == ''
+    words += ['--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']
+    done = subprocess.run(
+        [sys.executable, '-m', 'tdm_planner.cli', *words],
+        env=os.environ | {'PYTHONPATH': str(SOURCE)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (0, ''), done.stderr
     lines = (folder / 'plan.csv').read_text().splitlines()
     assert lines[0] == 'time,theta,psi,theta_dot,psi_dot,torque'
     first = [float(value) for value in lines[1].split(',')]
