@@ -7,7 +7,11 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Stand-ins for the few classes of `launch` and `launch_ros` that the launch files use."""
+"""
+Stand-ins for the few classes of `launch` and `launch_ros` that the launch files use.
+
+There are no wheels of `launch`; test/system/test_real_launch.py uses the real one where it is.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +24,13 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from ros_harness import MODULES
-
-SOURCE = Path(__file__).resolve().parents[2]
+from ros_harness import MODULES, SOURCE
 
 
-@dataclass(frozen=True)
+@dataclass
 class LaunchContext:
     launch_configurations: Mapping[str, str]
+    is_shutdown: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Node:
     ros_arguments: list[Any] = field(default_factory=list)
     on_exit: Any = None
     respawn: bool = False
-    respawn_delay: float | None = None
+    respawn_delay: float = 0.0
     respawn_max_retries: int = -1
 
 
@@ -84,31 +87,31 @@ class ParameterValue:
 class LaunchDescription:
     entities: list[Any] = field(default_factory=list)
 
+    def arguments(self) -> list[DeclareLaunchArgument]:
+        return [item for item in self.entities if isinstance(item, DeclareLaunchArgument)]
+
     def started(self, pushed: str | None = None, **arguments: str) -> list[Any]:
         """Return what starts for the given arguments, within a PushROSNamespace."""
-        declared = {a.name: a for a in self.arguments()}
+        declared = {item.name: item for item in self.arguments()}
         assert set(arguments) <= set(declared)
-        context = {name: a.default_value for name, a in declared.items()} | arguments
-        for name, argument in declared.items():
-            assert argument.choices is None or context[name] in argument.choices
+        context = {name: item.default_value for name, item in declared.items()} | arguments
+        for name, item in declared.items():
+            assert item.choices is None or context[name] in item.choices
         if pushed is not None:
             context['ros_namespace'] = pushed
         (function,) = (e.function for e in self.entities if isinstance(e, OpaqueFunction))
         return list(function(LaunchContext(context)))
 
-    def nodes(self, pushed: str | None = None, **arguments: str) -> list[Node]:
-        return [item for item in self.started(pushed, **arguments) if isinstance(item, Node)]
 
-    def arguments(self) -> list[DeclareLaunchArgument]:
-        return [e for e in self.entities if isinstance(e, DeclareLaunchArgument)]
-
-
-def module(name: str, **content: Any) -> ModuleType:
-    made = ModuleType(name)
-    vars(made).update(content)
-    return made
-
-
+OURS: dict[str, tuple[type, ...]] = {
+    'launch': (LaunchDescription, LaunchContext),
+    'launch.actions': (DeclareLaunchArgument, ExecuteProcess, OpaqueFunction),
+    'launch.launch_context': (LaunchContext,),
+    'launch.substitutions': (LaunchConfiguration,),
+    'launch_ros': (),
+    'launch_ros.actions': (Node,),
+    'launch_ros.parameter_descriptions': (ParameterValue,),
+}
 EXECUTABLES = {
     'tdm_planner': [*MODULES, 'tdm'],
     'robot_state_publisher': ['robot_state_publisher'],
@@ -129,29 +132,23 @@ def install(prefix: Path, package: str) -> None:
 
 @pytest.fixture
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Put the stand-ins in place, and all programs."""
     prefix = tmp_path / 'ros'
     for package in EXECUTABLES:
         install(prefix, package)
     (prefix / 'share/tdm_planner').symlink_to(SOURCE)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
-    for made in (
-        module('launch', LaunchDescription=LaunchDescription, LaunchContext=LaunchContext),
-        module(
-            'launch.actions',
-            DeclareLaunchArgument=DeclareLaunchArgument,
-            ExecuteProcess=ExecuteProcess,
-            OpaqueFunction=OpaqueFunction,
-        ),
-        module('launch.launch_context', LaunchContext=LaunchContext),
-        module('launch.substitutions', LaunchConfiguration=LaunchConfiguration),
-        module('launch_ros'),
-        module('launch_ros.actions', Node=Node),
-        module('launch_ros.parameter_descriptions', ParameterValue=ParameterValue),
-    ):
-        monkeypatch.setitem(sys.modules, made.__name__, made)
+    for name, classes in OURS.items():
+        module = ModuleType(name)
+        vars(module).update({made.__name__: made for made in classes})
+        monkeypatch.setitem(sys.modules, name, module)
+    # Which of them it was imported with must not outlive the test.
+    monkeypatch.delitem(sys.modules, 'tdm_planner.launching', raising=False)
 
 
-def description(name: str) -> LaunchDescription:
-    made = runpy.run_path(str(SOURCE / 'launch' / name))['generate_launch_description']()
+def described(name: str) -> LaunchDescription:
+    """Return what a launch file describes."""
+    file = SOURCE / 'launch' / f'{name}.launch.py'
+    made = runpy.run_path(str(file))['generate_launch_description']()
     assert isinstance(made, LaunchDescription)
     return made

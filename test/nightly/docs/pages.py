@@ -15,7 +15,8 @@ from pathlib import Path
 import re
 import shlex
 
-SOURCE = Path(__file__).resolve().parents[3]
+from ros_harness import SOURCE
+
 PAGES = sorted(
     path
     for path in [*SOURCE.glob('*.md'), *(SOURCE / 'docs').rglob('*.md')]

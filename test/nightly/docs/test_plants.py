@@ -10,21 +10,24 @@
 """The worked plants, each against what is known of its optimum."""
 
 from dataclasses import replace
-import inspect
+import os
 from pathlib import Path
+import subprocess
 import sys
 
 import numpy as np
+from pages import install_own_plant
 import pytest
+from ros_harness import SOURCE
+from tdm_planner.plan_files import load_plan
 from tdm_planner.problems import SolverParameters
 
-FOLDER = Path(__file__).parents[3] / 'docs' / 'plants'
-LONG = SolverParameters(deadline=30.0)
+LONG = SolverParameters(deadline=120.0)
 
 
 @pytest.fixture(autouse=True)
 def _pages(monkeypatch):
-    monkeypatch.setattr(sys, 'path', [str(FOLDER), *sys.path])
+    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'plants'), *sys.path])
 
 
 def check_plan(solution):
@@ -54,6 +57,23 @@ def test_double_integrator_from_elsewhere():
     switch = np.sqrt(3.0 / 2.0 + 0.5**2 / (2 * 2.0**2))
     optimum = 2 * switch - 0.5 / 2.0
     assert optimum < solution.cost < 1.05 * optimum
+
+
+def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path: Path):
+    install_own_plant(tmp_path)
+    words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
+    path = os.pathsep.join([str(tmp_path), str(SOURCE), os.environ.get('PYTHONPATH', '')])
+    subprocess.run(
+        [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': path},
+        check=True,
+    )
+    plan = load_plan(tmp_path / 'plan.json')
+    assert plan['verification']['ok']
+    assert plan['states']['x'][0] == 3.0
+    assert abs(plan['states']['x'][-1]) < 1e-9
+    assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5
 
 
 def test_brachistochrone_is_the_cycloid():
@@ -111,16 +131,14 @@ def test_landing_against_collocation():
     assert finer * (1 - 1e-4) < solution.cost < 1.01 * finer
 
 
-@pytest.mark.parametrize(
-    ('module', 'name'),
-    [
-        ('double_integrator', 'DoubleIntegrator'),
-        ('brachistochrone', 'Brachistochrone'),
-        ('obstacle', 'RoundTheObstacle'),
-        ('landing', 'Landing'),
-    ],
-)
-def test_a_problem_takes_few_lines(module, name):
-    problem = getattr(__import__(module), name)
-    lines = inspect.getsource(problem).splitlines()
-    assert len([line for line in lines if line.strip()]) < 60
+def test_the_pendulum_merely_stated_is_as_quick_as_the_built_in_problem():
+    import pendulum as page
+    from tdm_planner.problems import PendulumStart
+
+    start = PendulumStart(theta=np.pi)
+    stated = page.StatedSwingUp(start=start).solve(deadline=120.0)
+    own = page.built_in(start).solve(deadline=60.0)
+    assert stated.verification.ok
+    assert stated.cost == pytest.approx(own.cost, rel=0.03)
+    np.testing.assert_allclose(stated.trajectory.states[-1], 0.0, atol=2e-2)
+    assert np.abs(stated.trajectory.control('torque')).max() < page.STRONG.torque * (1 + 1e-4)
