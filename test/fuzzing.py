@@ -324,6 +324,9 @@ def messages(kind: Any, **hints: Any) -> st.SearchStrategy[dict[str, Any]]:
         if text.startswith('sequence<'):
             inner = text.removeprefix('sequence<').removesuffix('>')
             return few(of('', inner), _SIZES.get(inner, _OTHER_SIZES))
+        if text.endswith(']'):
+            inner, _, count = text.removesuffix(']').rpartition('[')
+            return few(of('', inner), [int(count)])
         if '/' in text:
             return messages(message_type(text), **hints)
         bits = int(text.lstrip('uint'))
@@ -666,7 +669,7 @@ OF_MESSAGES = {'states', 'plans', 'goals', 'histories of trackers'}
 
 
 def profile(cases: int, *, new: bool = False) -> settings:
-    """Return settings for so many cases: the same in every run, or new ones, which are not shrunk."""
+    """Return settings for so many cases: always the same, or new ones, which are not shrunk."""
     phases = [Phase.explicit, Phase.generate]
     return settings(
         max_examples=cases,
