@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 import math
 from pathlib import Path
 import shutil
@@ -60,25 +61,25 @@ def test_the_time_of_day_is_set_and_the_mission_goes_on(
     time_of_day = TimeOfDay(tmp_path)
     namespace = f'{"forth" if step > 0 else "back"}_{phase}'
     environment = time_of_day.environment
-    rig = PendulumRig(ros, namespace, relayed=True, environment=environment)
-    if phase == 'hold':
-        rig.swing_up()
-    else:
-        start, end = rig.begin()
-        rig.wait_until(0.5 * (start + end))
-    time_of_day.put_off(step)
-    before, known, commanded = rig.now, len(rig.states), len(rig.commands)
-    rig.wait(lambda: len(rig.states) > known + 400 and len(rig.commands) > commanded + 100)
-    assert (rig.now - before) * step > 0
-    del rig.states[: known + 100]
-    lean = rig.lean(-math.inf)
-    note(f'time of day set by {step} s in {phase}', lean=lean)
-    assert rig.says('tracker', 'holding'), rig.story()
-    assert lean < 0.3, rig.story()
-    rig.wait(lambda: 'the clock was set by' in rig.processes['tracker'].output)
-    assert 'the process was stalled' not in rig.processes['plant'].output
-    for process in rig.processes.values():
-        process.end_cleanly()
+    with closing(PendulumRig(ros, namespace, relayed=True, environment=environment)) as rig:
+        if phase == 'hold':
+            rig.swing_up()
+        else:
+            start, end = rig.begin()
+            rig.wait_until(0.5 * (start + end))
+        time_of_day.put_off(step)
+        before, known, commanded = rig.now, len(rig.states), len(rig.commands)
+        rig.wait(lambda: len(rig.states) > known + 400 and len(rig.commands) > commanded + 100)
+        assert (rig.now - before) * step > 0
+        del rig.states[: known + 100]
+        lean = rig.lean(-math.inf)
+        note(f'time of day set by {step} s in {phase}', lean=lean)
+        assert rig.says('tracker', 'holding'), rig.story()
+        assert lean < 0.3, rig.story()
+        rig.wait(lambda: 'the clock was set by' in rig.processes['tracker'].output)
+        assert 'the process was stalled' not in rig.processes['plant'].output
+        for process in rig.processes.values():
+            process.end_cleanly()
 
 
 @pytest.fixture(scope='module')
