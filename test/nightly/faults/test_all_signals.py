@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import time
 
 import pytest
@@ -32,7 +33,12 @@ def test_while_it_starts(ros: Ros, name: str, way: str) -> None:
 @in_every_way
 @pytest.mark.parametrize('scene', SCENES)
 def test_while_it_runs(ros: Ros, scene: str, way: str) -> None:
-    SCENES[scene](ros).end(way)
+    subject = SCENES[scene](ros)
+    subject.end(way)
+    if scene == 'busy_recorder':  # what it has recorded can be read
+        highlevel = pytest.importorskip('rosbags.highlevel')
+        with highlevel.AnyReader([Path(str(subject.arguments[-1]))]) as reader:
+            assert reader.message_count > 10
 
 
 @in_every_way
