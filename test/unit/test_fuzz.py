@@ -16,12 +16,11 @@ from typing import Any
 
 from fuzzing import (
     corpus,
-    live_through,
-    outcome,
     planned,
     PROPERTIES,
     read_file,
     read_setting,
+    survived,
     try_out,
 )
 import numpy as np
@@ -44,7 +43,7 @@ def test_parameters_that_once_escaped_do_so_no_more(case: dict[str, Any]) -> Non
 @pytest.mark.parametrize('history', corpus('trackers'))
 def test_histories_that_once_escaped_do_so_no_more(history: dict[str, Any]) -> None:
     pytest.importorskip('rclpy')
-    outcome(lambda: live_through(history), history)
+    survived(history)
 
 
 @pytest.mark.parametrize('text', corpus('yaml'))
