@@ -429,7 +429,8 @@ def states(plant: str) -> st.SearchStrategy[Any]:
     joints = messages(message_type('sensor_msgs/JointState'))
     if plant == 'pendulum':
         return joints
-    return st.tuples(messages(message_type('nav_msgs/Odometry')), joints)
+    odometry, calm = message_type('nav_msgs/Odometry'), st.floats(-4, 4)
+    return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
 
 
 def read_state(plant: str, value: Any) -> np.ndarray:
@@ -490,8 +491,12 @@ def histories(draw: Any, plant: str) -> dict[str, Any]:
     return {'plant': plant, 'parameters': chosen, 'events': events}
 
 
-def live_through(history: dict[str, Any]) -> None:
-    """Only refusals are raised, every command is finite and within the limits."""
+def live_through(history: dict[str, Any]) -> bool:
+    """
+    Check that only refusals are raised, and every command is finite and within the limits.
+
+    Returns whether a plan was accepted.
+    """
     plant = history['plant']
     made, parameters = TRACKERS[plant]
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
@@ -500,7 +505,8 @@ def live_through(history: dict[str, Any]) -> None:
         if plant == 'pendulum':
             tracker.prepare_hold()
     except InvalidProblem:
-        return
+        return False
+    accepted = False
     for kind, now, *rest in history['events']:
         try:
             if kind == 'state':
@@ -509,6 +515,7 @@ def live_through(history: dict[str, Any]) -> None:
                 tracker.observe(np.zeros(4 if plant == 'pendulum' else 7), now)
             elif kind == 'plan':
                 tracker.accept(read_plan(plant, rest[0]), rest[1], now)
+                accepted = True
         except (InvalidProblem, TrajectoryRefused) as refusal:
             assert str(refusal)
             assert '\n' not in str(refusal)
@@ -520,6 +527,7 @@ def live_through(history: dict[str, Any]) -> None:
             most = [limits.thrust, limits.thruster_rate, limits.torque]
             assert control[0] >= 0.0
         assert (abs(control) <= most).all(), control
+    return accepted
 
 
 # What must hold for every case: a plan that was verified, or a refusal that says why, in time.
@@ -613,7 +621,8 @@ def read_file(content: str | bytes) -> Any:
 
 
 def read_setting(text: str) -> Any:
-    return outcome(lambda: read_parameters(None, [text, f'start.psi={text}']), text)
+    outcome(lambda: read_parameters(None, [text]), text)
+    return outcome(lambda: read_parameters(None, [f'start.psi={text}']), text)
 
 
 def read_goal(case: dict[str, Any]) -> np.ndarray:
@@ -634,8 +643,8 @@ def becomes(act: Callable[[Any], Any], *kinds: type) -> Callable[[Any], bool]:
     return check
 
 
-def survived(history: dict[str, Any]) -> None:
-    outcome(lambda: live_through(history), history)
+def survived(history: dict[str, Any]) -> bool:
+    return bool(outcome(lambda: live_through(history), history))
 
 
 # By name: the cases, what is checked of each, how many a quick run makes.
@@ -655,7 +664,7 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] 
     'no mappings': (anything, becomes(PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
     'files': (yaml_texts(), becomes(read_file, PendulumSwingUp), 60),
     'bytes': (st.binary(max_size=60), becomes(read_file, PendulumSwingUp), 30),
-    'settings': (yaml_texts(), lambda text: becomes(read_setting, dict)(text) and None, 30),
+    'settings': (yaml_texts(), becomes(read_setting, dict), 30),
     'states': (of_both(states), becomes(lambda case: read_state(*case), np.ndarray), 40),
     'plans': (
         of_both(lambda p: any_plans(p) | quiet_plans(p)),
