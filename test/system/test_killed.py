@@ -7,23 +7,24 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Every case that ever escaped, as JSON: [{"was": what happened, "case": ...}, ...] a kind."""
+"""Plant, tracker and planner are killed, one after the other, and come back."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Any
-
+from killing import held_rig, SCENARIOS
+from pendulum_rig import PendulumRig
 import pytest
+from ros_harness import Ros
 
-FOLDER = Path(__file__).parent / 'corpus'
+
+@pytest.fixture(scope='module')
+def rig(ros: Ros) -> PendulumRig:
+    return held_rig(ros)
 
 
-def corpus(kind: str) -> list[Any]:
-    """Return the cases of a kind as parameters of a test, named for what they once did."""
-    entries = json.loads((FOLDER / f'{kind}.json').read_text(encoding='utf-8'))
-    return [
-        pytest.param(entry['case'], id=f'{number}: {entry["was"]}')
-        for number, entry in enumerate(entries)
-    ]
+@pytest.mark.parametrize(
+    'scenario', [name for name in SCENARIOS if name != 'plant killed in mid-swing']
+)
+def test_a_node_is_killed_and_the_pendulum_comes_back(rig: PendulumRig, scenario: str) -> None:
+    rig.held_since(rig.now)
+    SCENARIOS[scenario](rig)

@@ -7,20 +7,34 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Faults put into the solvers, each of a drawn size: what leaves them must be right still."""
+"""
+Faults put into the solvers, each of a drawn size: what leaves them must be right still.
+
+`published` yields plans that leave sabotaged solvers of drawn problems, as they are written to
+files; replays.py tells what is wrong with them, by equations of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+import itertools
+import json
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+from replays import faults
 from tdm_planner.direct_method.nonlinear_program import NonlinearProgram
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import (
     formation_search,
+    PendulumSwingUp,
+    RobotFormation,
     smooth_method,
     swing_up_task,
     switching_method,
@@ -28,6 +42,7 @@ from tdm_planner.problems import (
     switching_search,
     virtual_arc_method,
 )
+from tdm_planner.problems.base import Problem
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_verification import FormationVerification
 from tdm_planner.problems.smooth_program import SmoothProgram
@@ -75,35 +90,39 @@ def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
     patch.setattr(switching_minimiser, 'advance', elsewhere)
 
 
-def early_stops(patch: Patch, rng: Generator, size: float) -> None:
-    """Make the minimiser end after a few steps and say that it has converged."""
+def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
+    """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
     for module in _MINIMISERS:
         right = module.minimise
 
         def minimise(
             program: Any, xi: Any, options: Any = None, budget: Any = None, right: Any = right
         ) -> Any:
-            options = options or TrustRegionOptions()
-            few = replace(options, iterations=int(rng.integers(1, 6)))
-            return replace(right(program, xi, few, budget), converged=True)
+            return change(right, program, xi, options, budget)
 
         patch.setattr(module, 'minimise', minimise)
+
+
+def early_stops(patch: Patch, rng: Generator, size: float) -> None:
+    """Make the minimiser end after a few steps and say that it has converged."""
+
+    def hasty(right: Any, program: Any, xi: Any, options: Any, budget: Any) -> Any:
+        few = replace(options or TrustRegionOptions(), iterations=int(rng.integers(1, 6)))
+        return replace(right(program, xi, few, budget), converged=True)
+
+    _minimisers(patch, hasty)
 
 
 def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
     """Exchange the varied parameters Xi that the minimiser gives back."""
-    for module in _MINIMISERS:
-        right = module.minimise
 
-        def minimise(
-            program: Any, xi: Any, options: Any = None, budget: Any = None, right: Any = right
-        ) -> Any:
-            found = right(program, xi, options, budget)
-            noisy = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
-            bounds = getattr(program, 'lower', 0.0), getattr(program, 'upper', np.inf)
-            return replace(found, point=replace(found.point, xi=np.clip(noisy, *bounds)))
+    def noisy(right: Any, program: Any, *others: Any) -> Any:
+        found = right(program, *others)
+        xi = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
+        bounds = getattr(program, 'lower', 0.0), getattr(program, 'upper', np.inf)
+        return replace(found, point=replace(found.point, xi=np.clip(xi, *bounds)))
 
-        patch.setattr(module, 'minimise', minimise)
+    _minimisers(patch, noisy)
 
 
 def lenient_feasibility(patch: Patch, rng: Generator, size: float) -> None:
@@ -236,3 +255,92 @@ SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
     mirrored_controls,
     swapped_robots,
 )
+SMALLEST, LARGEST = 1e-8, 0.3  # sizes of sabotage
+
+
+def pendulum(rng: np.random.Generator) -> Problem:
+    """Any start, motors weak and strong, narrow and wide limits, every method."""
+    angle = rng.uniform(0.6, 3.0)
+    return PendulumSwingUp.from_parameters(
+        {
+            'limits.torque': float(np.exp(rng.uniform(math.log(0.015), math.log(0.3)))),
+            'limits.disk_angle': angle,
+            'torque_reserve': float(rng.choice([0.0, 0.3])),
+            'start.theta': rng.uniform(-7.0, 7.0),
+            'start.psi': rng.uniform(-0.5, 0.5) * angle,
+            'start.theta_dot': rng.normal() * 2.0,
+            'start.psi_dot': rng.normal(),
+            'method': str(
+                rng.choice(['switching', 'switching', 'switching', 'smooth', 'virtual_arc'])
+            ),
+            'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
+            'solver.deadline': 0.15,
+        }
+    )
+
+
+def robots(rng: np.random.Generator) -> Problem:
+    """One to three robots, at rest or not, sluggish and brisk, with and without zones."""
+    count = int(rng.integers(1, 4))
+    values: dict[str, Any] = {
+        'robots': [f'robot{k + 1}' for k in range(count)],
+        'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
+        'limits.thrust': float(np.exp(rng.uniform(math.log(0.3), math.log(30.0)))),
+        'limits.thruster_rate': float(np.exp(rng.uniform(math.log(0.5), math.log(10.0)))),
+        'arena.tracking_margin': float(rng.choice([0.0, 0.03])),
+        'weights.gas': float(rng.choice([0.0, 0.9])),
+        'speed_factor_order': int(rng.choice([0, 0, 2])),
+        'solver.deadline': 0.3,
+        'solver.starts': 2,
+    }
+    for k in range(count):
+        name = f'robot{k + 1}'
+        x, y = rng.uniform(0.4, 3.6, size=2)
+        values |= {f'{name}.start.x': x, f'{name}.start.y': y}
+        values[f'{name}.start.yaw'] = rng.uniform(-3.0, 3.0)
+        if rng.uniform() < 0.3:
+            values |= {f'{name}.start.{axis}': 0.05 * rng.normal() for axis in ('u', 'v', 'omega')}
+    if rng.uniform() < 0.3:
+        values['arena.obstacles'] = [*rng.uniform(1.0, 3.0, size=2).tolist(), 0.2]
+    return RobotFormation.from_parameters(values)
+
+
+PROBLEMS = {'pendulum': pendulum, 'robots': robots}
+
+
+def published(kind: str, seed: int, counts: Counter[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Plans that leave solvers, each sabotaged in another way, as they are written to files."""
+    rng = np.random.default_rng(seed)
+    while True:
+        try:
+            problem = PROBLEMS[kind](rng)
+        except InvalidProblem:
+            continue
+        sabotage = SABOTEURS[rng.integers(len(SABOTEURS))]
+        size = float(np.exp(rng.uniform(math.log(SMALLEST), math.log(LARGEST))))
+        counts['attempts'] += 1
+        with pytest.MonkeyPatch.context() as patch:
+            sabotage(patch, rng, size)
+            try:
+                solution = problem.solve(seed=int(rng.integers(1000)))
+            except Infeasible:
+                counts[f'{sabotage.__name__}: none'] += 1
+                continue
+        counts[f'{sabotage.__name__}: published'] += 1
+        text = json.dumps(plan_document(problem, solution), allow_nan=False)
+        yield f'{sabotage.__name__} of {size:.2g}', json.loads(text)
+
+
+def replayed_faults(kind: str, seed: int, wanted: int) -> tuple[list[Any], Counter[str]]:
+    """Replay so many published plans; return what is wrong, each with its document, and counts."""
+    counts: Counter[str] = Counter()
+    bad = []
+    plans = published(kind, seed, counts)
+    for how, document in itertools.islice(plans, wanted):
+        found = faults(document)
+        if found:
+            counts[f'{how.split()[0]}: violates'] += 1
+            bad.append((how, found, document))
+        assert counts['attempts'] < 50 * wanted, counts
+    print(f'{kind}: {dict(sorted(counts.items()))}')
+    return bad, counts

@@ -7,36 +7,37 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The pendulum with its planner and tracker on another host; needs root and iproute2."""
+"""What the tools measure: memory, streams of messages, warnings."""
 
 from __future__ import annotations
 
+import math
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tools.memory import growth, MemoryRecord, resident
 from tools.streams import compare
-from tools.two_hosts import fly, LINKS
-from tools.two_networks import why_not
-
-ROOM = ('solver.deadline:=2.0', 'start.delay:=3.0')  # machines of CI are slow
 
 
-@pytest.mark.skipif(os.environ.get('TDM_LOAD') != 'nightly', reason='real time: TDM_LOAD=nightly')
-@pytest.mark.parametrize('link', ['clean', 'bad'])
-def test_the_pendulum_is_swung_up_from_another_host(link: str, tmp_path: Path) -> None:
-    pytest.importorskip('rclpy')
-    reason = why_not()
-    if reason:
-        pytest.skip(reason)
-    found = fly('pendulum', LINKS[link], tmp_path, ROOM)
-    assert not found['unclean']
-    age = found['streams']['/pendulum/joint_states']['age_p50']
-    if link == 'clean':
-        assert found['reached'], found['reasons']
-    else:  # whether it is caught is a matter of chance: see test_late_link.py
-        assert age > 15.0, 'the messages have not gone over the link'
+def test_the_slope_is_that_after_the_warm_up() -> None:
+    times = [float(t) for t in range(0, 3600, 60)]
+    sizes = [50.0 + t if t < 600 else 100.0 + 2.0 * t / 3600.0 for t in times]
+    assert growth(times, sizes, 600.0) == pytest.approx(2.0)
+    assert math.isnan(growth(times, sizes, 3500.0))
+
+
+def test_a_process_that_has_ended_has_no_memory() -> None:
+    assert resident(os.getpid()) > 10.0
+    assert math.isnan(resident(2**22 + 1))
+
+
+def test_a_record_keeps_every_process() -> None:
+    record = MemoryRecord()
+    for time in range(5):
+        record.sample(float(time), {'this': os.getpid()})
+    assert len(record.sizes['this']) == len(record.times) == 5
+    assert math.isfinite(record.growth(0.0)['this'])
 
 
 def test_what_is_lost_late_or_overtaken_is_counted() -> None:
@@ -49,3 +50,12 @@ def test_what_is_lost_late_or_overtaken_is_counted() -> None:
     assert stream.age_p50 == pytest.approx(20.0)
     assert stream.gap_worst == pytest.approx(40.0)
     assert stream.period_error_worst == pytest.approx(0.0, abs=1e-6)
+
+
+def test_only_a_warning_that_names_the_rate_counts_as_told() -> None:
+    pytest.importorskip('rclpy')
+    from tools.load import told_slow
+
+    assert told_slow({'level': 1, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
+    assert not told_slow({'level': 0, 'message': 'idle; commands at 40 Hz instead of 200: busy'})
+    assert not told_slow({'level': 1, 'message': 'idle'})
