@@ -28,17 +28,15 @@ TIGHT = TrustRegionOptions(
 class Smooth(NonlinearProgram):
     """J, c = 0, g >= 0 and their derivatives as functions; Hessian of the Lagrangian clipped."""
 
-    def __init__(self, cost, grad, hess, eq=None, eq_jac=None, ineq=None, ineq_jac=None,
-                 lower=-1e6, upper=1e6, size=2, curvature=None):  # fmt: skip
-        none = np.zeros(0)
-        self.functions = (cost, grad, hess)
-        self.eq = eq or (lambda x: none)
-        self.eq_jac = eq_jac or (lambda x: np.zeros((0, size)))
-        self.ineq = ineq or (lambda x: none)
-        self.ineq_jac = ineq_jac or (lambda x: np.zeros((0, size)))
-        self.lower, self.upper = np.full(size, float(lower)), np.full(size, float(upper))
-        self.curvature = curvature
-        self.evaluations = 0
+    lower, upper = np.full(2, -1e6), np.full(2, 1e6)
+    evaluations = 0
+
+    def __init__(self, cost, grad, hess, eq=None, ineq=None, curvature=None):
+        self.functions = cost, grad, hess
+        none = (lambda x: np.zeros(0)), (lambda x: np.zeros((0, 2)))
+        self.eq, self.eq_jac = eq or none
+        self.ineq, self.ineq_jac = ineq or none
+        self.curvature = curvature or (lambda x, multipliers: np.zeros((2, 2)))
 
     def evaluate(self, xi):
         self.evaluations += 1
@@ -46,17 +44,14 @@ class Smooth(NonlinearProgram):
         return Point(xi, float(self.functions[0](xi)), np.array([worst]))
 
     def linearise(self, point, multipliers):
-        x = point.xi
+        x, g = point.xi, self.ineq(point.xi)
         hessian = self.functions[2](x)
-        if self.curvature is not None and multipliers is not None:
+        if multipliers is not None:
             hessian = hessian - self.curvature(x, multipliers)
         values, vectors = np.linalg.eigh(hessian)
         hessian = (vectors * np.maximum(np.abs(values), 1e-3)) @ vectors.T
-        g = self.ineq(x)
-        return Linearisation(
-            self.functions[1](x), hessian, self.eq(x), self.eq_jac(x), g, self.ineq_jac(x),
-            np.zeros(g.size, dtype=int),
-        )  # fmt: skip
+        rows = self.eq(x), self.eq_jac(x), g, self.ineq_jac(x)
+        return Linearisation(self.functions[1](x), hessian, *rows, np.zeros(g.size, dtype=int))
 
     def correction_rows(self, point, at, active):
         g = self.ineq(point.xi)
@@ -83,7 +78,8 @@ def test_unconstrained_minimum():
 
 
 def test_bounds_are_kept_at_every_evaluation():
-    program = rosenbrock(upper=0.5)
+    program = rosenbrock()
+    program.upper = np.full(2, 0.5)
     seen = []
     evaluate = program.evaluate
     program.evaluate = lambda xi: (seen.append(xi), evaluate(xi))[1]
@@ -93,47 +89,31 @@ def test_bounds_are_kept_at_every_evaluation():
 
 
 def test_inequality_on_the_unit_disc():
-    """Rosenbrock's function on the unit disc, against scipy's SLSQP."""
     program = rosenbrock(
-        ineq=lambda x: np.array([1 - x @ x]),
-        ineq_jac=lambda x: -2 * x[None, :],
+        ineq=(lambda x: np.array([1 - x @ x]), lambda x: -2 * x[None, :]),
         curvature=lambda x, m: -2 * m.inequalities[0] * np.eye(2),
     )
     found = minimise(program, np.array([-0.5, 0.5]), TIGHT)
-    reference = scipy_reference(program, np.array([0.5, 0.5]))
     assert found.converged
-    np.testing.assert_allclose(found.point.xi, reference, atol=1e-4)
+    np.testing.assert_allclose(found.point.xi, [0.7864, 0.6177], atol=1e-4)
     assert found.point.violation <= 1e-9
 
 
-def scipy_reference(program, start):
-    from scipy.optimize import minimize
-
-    return minimize(
-        program.functions[0], start, jac=program.functions[1], method='SLSQP',
-        constraints=[{'type': 'ineq', 'fun': program.ineq, 'jac': program.ineq_jac}],
-        options={'ftol': 1e-12, 'maxiter': 200},
-    ).x  # fmt: skip
-
-
-def circle(corrections):
-    """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle: the case of the Maratos effect."""
-    program = Smooth(
-        lambda x: 2 * (x @ x - 1) - x[0],
-        lambda x: 4 * x - np.array([1.0, 0.0]),
-        lambda x: 4 * np.eye(2),
-        eq=lambda x: np.array([x @ x - 1]),
-        eq_jac=lambda x: 2 * x[None, :],
-        curvature=lambda x, m: 2 * m.equalities[0] * np.eye(2),
-    )
-    options = TrustRegionOptions(**{**vars(TIGHT), 'corrections': corrections})
-    found = minimise(program, np.array([np.cos(1.5), np.sin(1.5)]), options)
-    return found, program
-
-
 def test_second_order_correction_overcomes_the_maratos_effect():
-    with_correction, _ = circle(4)
-    without, _ = circle(0)
+    """Minimise 2 (x^2 + y^2 - 1) - x on the unit circle."""
+
+    def circle(corrections):
+        program = Smooth(
+            lambda x: 2 * (x @ x - 1) - x[0],
+            lambda x: 4 * x - np.array([1.0, 0.0]),
+            lambda x: 4 * np.eye(2),
+            eq=(lambda x: np.array([x @ x - 1]), lambda x: 2 * x[None, :]),
+            curvature=lambda x, m: 2 * m.equalities[0] * np.eye(2),
+        )
+        options = replace(TIGHT, corrections=corrections)
+        return minimise(program, np.array([np.cos(1.5), np.sin(1.5)]), options)
+
+    with_correction, without = circle(4), circle(0)
     assert with_correction.converged
     np.testing.assert_allclose(with_correction.point.xi, [1, 0], atol=1e-5)
     assert with_correction.iterations <= without.iterations
@@ -161,7 +141,7 @@ def test_absolute_terms_are_minimised_exactly():
 
 
 def test_contradictory_constraints_end_without_convergence():
-    program = rosenbrock(eq=lambda x: np.array([x @ x + 1.0]), eq_jac=lambda x: 2 * x[None, :])
+    program = rosenbrock(eq=(lambda x: np.array([x @ x + 1.0]), lambda x: 2 * x[None, :]))
     found = minimise(program, np.array([0.5, 0.5]), TIGHT)
     assert not found.converged
     assert found.point.violation >= 1.0
@@ -177,7 +157,7 @@ def test_a_spent_budget_returns_the_start():
 
 def test_cutoff_gives_up_a_feasible_but_dear_search():
     program = rosenbrock()
-    options = TrustRegionOptions(**{**vars(TIGHT), 'cutoff': -1.0})
+    options = replace(TIGHT, cutoff=-1.0)
     found = minimise(program, np.array([-1.2, 1.0]), options)
     assert not found.converged
     assert found.iterations <= 6
@@ -189,8 +169,7 @@ def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violate
         lambda x: 100 * x @ x,
         lambda x: 200 * x,
         lambda x: 200 * np.eye(2),
-        eq=lambda x: x[:1] - 3.0,
-        eq_jac=lambda x: np.array([[1.0, 0.0]]),
+        eq=(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])),
     )
     options = TrustRegionOptions(
         penalties=(1.0,),

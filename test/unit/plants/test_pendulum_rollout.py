@@ -24,10 +24,17 @@ from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, sine_and_cosine
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 
 PLANT = RotaryPendulum()
+
+
 START = np.array([np.pi, 0.0, 0.0, 0.0])
+
+
 NEVER = lambda: False  # noqa: E731
 
+
 ARCS = st.lists(st.floats(0.0, 0.1), min_size=1, max_size=7).map(np.array)
+
+
 STATES = st.tuples(
     st.floats(-4.0, 4.0), st.floats(-2.0, 2.0), st.floats(-8.0, 8.0), st.floats(-8.0, 8.0)
 ).map(np.array)
@@ -47,15 +54,12 @@ def roll(
     return states, derivatives
 
 
-def batch_of(durations: np.ndarray, torque: float, turns: float = np.nan) -> ArcBatch:
-    count, most = durations.shape
-    return ArcBatch(
-        durations.copy(),
-        np.full(count, most),
-        np.tile(alternating(most, torque), (count, 1)),
-        np.full(count, turns),
-        np.full(count, np.inf),
-    )
+def random_batch(count: int) -> ArcBatch:
+    rng = np.random.default_rng(3)
+    durations = rng.dirichlet(np.full(5, 2.0), size=count) * rng.uniform(0.2, 1.0, (count, 1))
+    torques = np.tile(alternating(5, 0.09), (count, 1))
+    unknown = np.full(count, np.nan), np.full(count, np.inf)
+    return ArcBatch(durations, np.full(count, 5), torques, *unknown)
 
 
 @given(STATES, ARCS)
@@ -75,8 +79,8 @@ def test_derivatives_are_those_of_the_discrete_motion(start, durations):
 
 
 def test_states_are_accurate():
-    intervals, torques = np.full(100, 2e-3), alternating(100, 0.09)
-    states = roll_states(PLANT, START, intervals, torques, 8)
+    intervals, torques = np.full(30, 5e-3), alternating(30, 0.09)
+    states = roll_states(PLANT, START, intervals, torques, 20)
     expected = START
     for index, torque in enumerate(torques):
         control = np.array([torque])
@@ -89,12 +93,6 @@ def test_states_are_accurate():
             atol=1e-13,
         ).y[:, -1]
         np.testing.assert_allclose(states[index + 1], expected, rtol=0, atol=1e-9)
-
-
-def random_batch(count: int) -> ArcBatch:
-    rng = np.random.default_rng(3)
-    durations = rng.dirichlet(np.full(5, 2.0), size=count) * rng.uniform(0.2, 1.0, (count, 1))
-    return batch_of(durations, 0.09)
 
 
 def test_steering_arrives_upright_within_the_limit():

@@ -7,11 +7,12 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The rotary pendulum's equations against energy, MuJoCo, finite differences and symmetry."""
+"""The rotary pendulum's equations against MuJoCo, differences, and the picture's energy."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,11 +21,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
+from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 
 PLANT = RotaryPendulum()
+
+
 STATES = st.tuples(
     st.floats(-7.0, 7.0), st.floats(-3.0, 3.0), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)
 ).map(np.array)
+
+
 TORQUES = st.floats(-0.1, 0.1).map(lambda torque: np.array([torque]))
 
 
@@ -47,14 +53,6 @@ def integrate(plant: RotaryPendulum, state: np.ndarray, torque: float, times: np
     return result.y.T
 
 
-@pytest.mark.parametrize('seed', range(5))
-def test_energy_is_kept_without_torque(seed):
-    (state,) = random_states(1, seed)
-    motion = integrate(PLANT, state, 0.0, np.linspace(0.0, 2.0, 41))
-    energy = PLANT.energy(motion)
-    assert np.abs(energy - energy[0]).max() <= 1e-9 * PLANT.coefficients.gravity
-
-
 @given(STATES, TORQUES)
 @settings(deadline=None, derandomize=True)
 def test_power_of_the_torque_is_the_rate_of_energy(state, torque):
@@ -63,6 +61,35 @@ def test_power_of_the_torque_is_the_rate_of_energy(state, torque):
     change = (PLANT.energy(state + step * rate) - PLANT.energy(state - step * rate)) / (2 * step)
     power = torque[0] * state[3]
     assert change == pytest.approx(power, rel=1e-5, abs=1e-6)
+
+
+def test_the_picture_moves_as_the_equations_of_motion_say():
+    """The centre of mass's velocity gives the kinetic energy that `energy` computes."""
+    rng = np.random.default_rng(0)
+    h = 1e-6
+    for theta, psi, theta_dot, psi_dot in rng.normal(size=(20, 4)):
+        times = np.array([-h, h])
+        ends = pendulum_points(PLANT, theta + theta_dot * times, psi + psi_dot * times)
+        centre = np.mean(ends, axis=0)
+        velocity = (centre[1] - centre[0]) / (2 * h)
+        state = np.array([theta, psi, theta_dot, psi_dot])
+        rotation = 0.5 * (
+            PLANT.inertia.disk * psi_dot**2
+            + PLANT.inertia.z * theta_dot**2
+            + PLANT.inertia.x * (math.sin(theta) * psi_dot) ** 2
+            + PLANT.inertia.y * (math.cos(theta) * psi_dot) ** 2
+        )
+        height = PLANT.com_distance * math.cos(theta)
+        energy = 0.5 * PLANT.mass * velocity @ velocity + rotation
+        energy += PLANT.mass * PLANT.gravity * height
+        assert PLANT.energy(state) == pytest.approx(energy, rel=1e-7)
+
+
+def test_one_tip_is_where_the_vectorised_ones_are():
+    shape = RigShape.of(RotaryPendulum(arm_length=0.3))
+    angles = np.random.default_rng(1).normal(scale=3.0, size=(50, 2))
+    _, tips = pendulum_points(RotaryPendulum(arm_length=0.3), angles[:, 0], angles[:, 1])
+    np.testing.assert_allclose([shape.tip(*pair) for pair in angles], tips, atol=1e-12)
 
 
 def mujoco_model(plant: RotaryPendulum) -> str:
@@ -87,7 +114,7 @@ def mujoco_model(plant: RotaryPendulum) -> str:
     </mujoco>"""
 
 
-@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('seed', range(3))
 def test_agrees_with_mujoco(seed):
     mujoco = pytest.importorskip('mujoco')
     rng = np.random.default_rng(seed)
@@ -105,10 +132,10 @@ def test_agrees_with_mujoco(seed):
     data = mujoco.MjData(model)
     # In the model's joints psi comes first.
     data.qpos[:], data.qvel[:], data.ctrl[0] = state[[1, 0]], state[[3, 2]], torque
-    for _ in range(20_000):
+    for _ in range(5_000):
         mujoco.mj_step(model, data)
     expected = np.array([data.qpos[1], data.qpos[0], data.qvel[1], data.qvel[0]])
-    found = integrate(plant, state, torque, np.array([0.0, 2.0]))[-1]
+    found = integrate(plant, state, torque, np.array([0.0, 0.5]))[-1]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 
@@ -128,20 +155,15 @@ def test_jacobians_match_finite_differences(state, torque):
 
 
 def test_many_states_at_once_as_one_by_one():
-    states = random_states(30).reshape(5, 6, 4)
-    controls = np.linspace(-0.1, 0.1, 30).reshape(5, 6, 1)
-    rates = PLANT.derivative(states, controls)
-    by_state, by_control = PLANT.jacobians(states, controls)
-    assert rates.shape == (5, 6, 4)
-    assert by_state.shape == (5, 6, 4, 4)
-    assert by_control.shape == (5, 6, 4, 1)
-    for index in np.ndindex(5, 6):
-        np.testing.assert_allclose(
-            rates[index], PLANT.derivative(states[index], controls[index]), rtol=1e-12
-        )
-        one_by_state, one_by_control = PLANT.jacobians(states[index], controls[index])
-        np.testing.assert_allclose(by_state[index], one_by_state, rtol=1e-12)
-        np.testing.assert_allclose(by_control[index], one_by_control, rtol=1e-12)
+    states = random_states(6).reshape(2, 3, 4)
+    controls = np.linspace(-0.1, 0.1, 6).reshape(2, 3, 1)
+    together = PLANT.derivative(states, controls), *PLANT.jacobians(states, controls)
+    assert [found.shape for found in together] == [(2, 3, 4), (2, 3, 4, 4), (2, 3, 4, 1)]
+    for index in np.ndindex(2, 3):
+        one = states[index], controls[index]
+        alone = PLANT.derivative(*one), *PLANT.jacobians(*one)
+        for all_of_them, single in zip(together, alone, strict=True):
+            np.testing.assert_allclose(all_of_them[index], single, rtol=1e-12)
 
 
 def test_upright_is_a_saddle_and_hanging_is_stable():
@@ -157,14 +179,6 @@ def test_upright_is_a_saddle_and_hanging_is_stable():
     assert by_torque[3, 0] == pytest.approx(k.pendulum / determinant, rel=1e-12)
     assert np.linalg.eigvals(upright).real.max() > 1.0
     assert np.linalg.eigvals(hanging).real.max() < 1e-6
-
-
-@given(STATES, TORQUES)
-@settings(deadline=None, derandomize=True)
-def test_mirror_image_moves_mirrored(state, torque):
-    np.testing.assert_allclose(
-        PLANT.derivative(-state, -torque), -PLANT.derivative(state, torque), rtol=1e-12
-    )
 
 
 @given(STATES, TORQUES)
@@ -190,13 +204,10 @@ def test_values_that_are_not_physical_are_refused(name, value):
         RotaryPendulum(**{name: value})
 
 
-@pytest.mark.parametrize('axis', ['disk', 'x', 'y', 'z'])
-def test_inertias_must_be_positive(axis):
-    with pytest.raises(InvalidProblem, match=axis):
-        PendulumInertia(**{axis: 0.0})
-
-
-def test_singular_equations_are_refused():
+def test_inertias_that_make_the_equations_singular_are_refused():
+    for axis in ('disk', 'x', 'y', 'z'):
+        with pytest.raises(InvalidProblem, match=axis):
+            PendulumInertia(**{axis: 0.0})
     with pytest.raises(InvalidProblem, match='plant'):
         RotaryPendulum(inertia=PendulumInertia(disk=1e-300, x=1e-300, y=1e-300, z=1e-300))
     with pytest.raises(InvalidProblem, match='plant'):

@@ -26,7 +26,7 @@ def planned(request):
     return problem, problem.solve()
 
 
-def test_a_plan_is_recognised_with_its_cost(planned):
+def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
     problem, solution = planned
     found = problem.recognised(solution.trajectories)
     assert found.cost == solution.cost
@@ -34,21 +34,15 @@ def test_a_plan_is_recognised_with_its_cost(planned):
     assert found.summary == solution.summary
     assert found.verification.worst == solution.verification.worst
     assert set(found.verifications) == set(solution.verifications)
-
-
-def test_a_recognised_swing_up_has_the_arcs_that_were_planned():
-    problem = PendulumSwingUp.from_parameters(PATIENT)
-    solution = problem.solve()
-    found = problem.recognised(solution.trajectories)
-    np.testing.assert_allclose(found.parameters, solution.parameters, atol=1e-8)
-
-
-def test_replanning_from_a_recognised_plan_is_that_from_the_plan(planned):
-    problem, solution = planned
-    found = problem.recognised(solution.trajectories)
     again = [problem.solve(warm_start=plan) for plan in (solution, found)]
     assert again[1].evaluations == again[0].evaluations
     assert again[1].cost == pytest.approx(again[0].cost, rel=1e-9)
+    if isinstance(problem, PendulumSwingUp):  # the arcs are found again
+        np.testing.assert_allclose(found.parameters, solution.parameters, atol=1e-8)
+        largest = np.abs(solution.trajectory.controls).max()
+        weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
+        with pytest.raises(VerificationFailed, match='torque'):
+            weaker.recognised(solution.trajectories)
 
 
 def test_a_recognised_plan_that_does_nothing_has_no_arcs():
@@ -67,14 +61,6 @@ def test_what_does_not_reach_the_goal_is_not_recognised(planned):
     }
     with pytest.raises(VerificationFailed):
         problem.recognised(spoilt)
-
-
-def test_a_plan_of_other_limits_is_not_recognised():
-    solution = PendulumSwingUp.from_parameters(PATIENT).solve()
-    largest = np.abs(solution.trajectory.controls).max()
-    weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
-    with pytest.raises(VerificationFailed, match='torque'):
-        weaker.recognised(solution.trajectories)
 
 
 def test_a_problem_that_cannot_assess_plans_says_so(planned):

@@ -41,12 +41,9 @@ def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_packages_own() -> None:
+def test_the_packages_own_and_another_packages(registered: Path) -> None:
     assert load_problem('pendulum_swing_up') is PendulumSwingUp
     assert problem_names()[:2] == ['pendulum_swing_up', 'robot_formation']
-
-
-def test_another_packages(registered: Path) -> None:
     assert load_problem('another').name == 'another'
     assert {'another', 'broken'} <= set(problem_names())
 

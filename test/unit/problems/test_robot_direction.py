@@ -7,6 +7,8 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""The thruster turns as the wanted acceleration does, as fast as it can."""
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -14,6 +16,8 @@ import pytest
 from tdm_planner.problems.thrust_direction import ThrustDirection
 
 TIMES = np.linspace(0.0, 20.0, 401)
+
+
 RATE, THRUST = 1.0, 0.1
 
 
@@ -29,6 +33,10 @@ def flip(offset=0.0, turns=1):
     """Accelerate and brake `turns` times along x, passing zero at a lateral `offset`."""
     along = THRUST * np.cos(turns * np.pi * TIMES / TIMES[-1])
     return np.stack([along, np.full_like(along, offset)], axis=1)
+
+
+def follow(wanted, alpha=np.nan, rate=RATE):
+    return ThrustDirection(TIMES, wanted, np.zeros(TIMES.size), rate, THRUST, alpha).follow(wanted)
 
 
 @given(
@@ -59,22 +67,14 @@ def test_follows_a_slow_direction_exactly():
     assert angle == pytest.approx(heading - yaw, abs=1e-3)
 
 
-def test_turns_round_while_little_thrust_is_wanted():
+def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_more():
     wanted = flip()
-    yaw = np.zeros(TIMES.size)
-    angle, _ = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan).follow(wanted)
-    assert abs(angle[-1] - angle[0]) == pytest.approx(np.pi, abs=1e-6)
+    angles = [follow(wanted, rate=rate)[0] for rate in (2.0, RATE, 0.5)]
+    assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
     # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
     # wanted acceleration is under sin(pi^2 / 40) F_max.
-    assert lateral_error(wanted, yaw, angle) < 1.3 * THRUST * np.sin(np.pi**2 / 40)
-
-
-def test_a_slower_thruster_errs_more():
-    wanted, yaw = flip(), np.zeros(TIMES.size)
-    errors = []
-    for rate in (2.0, 1.0, 0.5):
-        angle, _ = ThrustDirection(TIMES, wanted, yaw, rate, THRUST, np.nan).follow(wanted)
-        errors.append(lateral_error(wanted, yaw, angle))
+    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
     assert errors[0] < errors[1] < errors[2]
 
 
@@ -88,16 +88,10 @@ def test_the_branch_survives_small_changes():
 
 
 def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
-    wanted = np.where(TIMES[:, None] < 3.0, 0.0, [[0.08, 0.0]])
-    angle, speed = ThrustDirection(TIMES, wanted, np.zeros(401), RATE, THRUST, 2.5).follow(wanted)
+    angle, speed = follow(np.where(TIMES[:, None] < 3.0, 0.0, [[0.08, 0.0]]), 2.5)
     assert angle[0] == 2.5
     assert angle[TIMES > 3.0] == pytest.approx(0.0, abs=1e-3)
     assert np.abs(speed).max() <= RATE
-
-
-def test_rests_when_no_thrust_is_wanted():
-    nothing = np.zeros((401, 2))
-    yaw = np.linspace(0, 2, 401)
-    angle, speed = ThrustDirection(TIMES, nothing, yaw, RATE, THRUST, 0.7).follow(nothing)
-    assert (angle == 0.7).all()
+    resting, speed = follow(np.zeros((401, 2)), 0.7)
+    assert (resting == 0.7).all()
     assert not speed.any()

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible
-from tdm_planner.problems import DirectProblem, PendulumSwingUp, Plan, Problem, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, Plan
 from tdm_planner.problems.search import Search
 from tdm_planner.verification import Verification
 
@@ -61,14 +61,8 @@ class Scripted(Search[float]):
         return Infeasible(self.rejected or 'nothing found')
 
 
-def test_first_satisfying_plan_ends_the_search() -> None:
-    search = Scripted([[1.0, 2.0]], {1.0: 0, 2.0: 0})
-    assert search.run().cost == 1.0
-    assert search.checked == [(1.0, 0)]
-
-
-def test_next_plan_of_a_candidate_is_asked_for_only_after_a_failed_check() -> None:
-    search = Scripted([[1.0]], {1.0: 1})
+def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
+    search = Scripted([[1.0, 2.0]], {1.0: 1, 2.0: 0})
     assert search.run().cost == 1.0
     assert search.checked == [(1.0, 0), (1.0, 1)]
     assert search.rejected == 'plan 0 of 1 fails'
@@ -109,12 +103,6 @@ def test_no_further_round_when_the_time_is_spent() -> None:
     with pytest.raises(Infeasible, match='of 1 fails'):
         search.run()
     assert search.round == 0
-
-
-@pytest.mark.parametrize('kind', [PendulumSwingUp, RobotFormation, DirectProblem])
-def test_every_problem_is_solved_by_the_same_loop(kind: type[Problem]) -> None:
-    assert kind.solve is Problem.solve
-    assert kind.search is not Problem.search
 
 
 def broken(error: Exception) -> PendulumSwingUp:

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The compiled quadratic programs against the library's and against the optimality conditions."""
+"""The compiled quadratic programs and the library's against the optimality conditions."""
 
 from __future__ import annotations
 
@@ -49,25 +49,23 @@ def random_program(seed, feasible=True):
 def test_minimum_is_that_of_the_library_and_optimal(seed):
     program = random_program(seed)
     hessian, gradient, rows, least, lower, upper = program
-    found = solved(*program)
-    assert found is not None
-    x, multipliers = found
-    scale = 1.0 + np.abs(x).max()
-    assert (rows @ x >= least - 1e-8 * scale).all()
-    assert (x >= lower - 1e-8 * scale).all()
-    assert (x <= upper + 1e-8 * scale).all()
-    assert (multipliers >= 0.0).all()
-    size = 1.0 + np.abs(multipliers).max(initial=0.0)
-    assert np.abs(multipliers * (rows @ x - least)).max(initial=0.0) < 1e-7 * scale * size
-    # What is left of the gradient is the bounds' share, of the right sign, at the bounds only.
-    left = hessian @ x + gradient - rows.T @ multipliers
-    at_lower, at_upper = x < lower + 1e-7 * scale, x > upper - 1e-7 * scale
-    assert (left[~at_upper] > -1e-6 * size * scale).all()
-    assert (left[~at_lower] < 1e-6 * size * scale).all()
-    reference = solve_quadratic_program(*program)
-    assert reference is not None
+    library = solve_quadratic_program(*program)
+    found = solved(*program), (library.step, library.multipliers)
+    for x, multipliers in found:
+        scale = 1.0 + np.abs(x).max()
+        assert (rows @ x >= least - 1e-8 * scale).all()
+        assert (x >= lower - 1e-8 * scale).all()
+        assert (x <= upper + 1e-8 * scale).all()
+        assert (multipliers >= 0.0).all()
+        size = 1.0 + np.abs(multipliers).max(initial=0.0)
+        assert np.abs(multipliers * (rows @ x - least)).max(initial=0.0) < 1e-7 * scale * size
+        # What is left of the gradient is the bounds' share, of the right sign, at the bounds only.
+        left = hessian @ x + gradient - rows.T @ multipliers
+        at_lower, at_upper = x < lower + 1e-7 * scale, x > upper - 1e-7 * scale
+        assert (left[~at_upper] > -1e-6 * size * scale).all()
+        assert (left[~at_lower] < 1e-6 * size * scale).all()
     cost = lambda d: 0.5 * d @ hessian @ d + gradient @ d  # noqa: E731
-    assert cost(x) == pytest.approx(cost(reference.step), rel=1e-6, abs=1e-6)
+    assert cost(found[0][0]) == pytest.approx(cost(found[1][0]), rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize('seed', range(20))
@@ -75,6 +73,7 @@ def test_contradictions_are_noticed(seed):
     program = random_program(seed, feasible=False)
     if len(program[2]) > 2:
         assert solved(*program) is None
+        assert solve_quadratic_program(*program) is None
 
 
 def test_an_indefinite_hessian_is_refused():
