@@ -63,7 +63,7 @@ def planned_apart(*names: str, **environment: str) -> dict[str, str]:
         cwd=SOURCE,
         stdout=subprocess.PIPE,
         text=True,
-        timeout=240,
+        timeout=900,
         check=True,
     )
     found: dict[str, str] = json.loads(done.stdout)

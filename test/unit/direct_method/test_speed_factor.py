@@ -66,15 +66,6 @@ def test_arc_is_found_again_though_the_speed_varies_by_orders_of_magnitude(kind,
     np.testing.assert_allclose(factor.time(found), times, atol=1e-9 * factor.duration)
 
 
-def test_time_of_a_polynomial_time_factor_is_exact():
-    factor = TimeFactor([1.0, 2.0, 5.0], 3.0)  # mu = 1 + 2 s + 2 s^2
-    assert factor.arc_at([-1.0, 9.0]).tolist() == [0.0, 3.0]  # clipped
-    s = np.linspace(0, 1, 9)
-    np.testing.assert_allclose(factor.time(3.0 * s), s + s**2 + 2 / 3 * s**3, rtol=1e-14)
-    np.testing.assert_allclose(factor(3.0 * s), 3.0 / (1 + 2 * s + 2 * s**2), rtol=1e-14)
-    assert factor.duration == pytest.approx(8 / 3)
-
-
 @pytest.mark.parametrize('kind', [SpeedFactor, TimeFactor])
 @given(coefficients=COEFFICIENTS, span=st.floats(0.1, 50.0))
 @settings(deadline=None, max_examples=40, derandomize=True)

@@ -24,12 +24,7 @@ from tdm_planner.direct_method import (
     transcription,
 )
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
-from tdm_planner.direct_method.differentiation import (
-    absolute,
-    arctan2,
-    choose_scheme,
-    jacobians,
-)
+from tdm_planner.direct_method.differentiation import absolute, arctan2, choose_scheme, jacobians
 
 
 class Pendulum(Formulation):

@@ -65,13 +65,6 @@ def integrated(plan, at):
     return np.array(states)
 
 
-def test_accelerates_along_the_thrust():
-    state = np.array([1.0, 2.0, 0.1, -0.2, 0.3, 0.4, 0.5])
-    rate = ROBOT.derivative(state, np.array([4.0, -0.6, 0.01]))
-    expected = [0.1, -0.2, 0.5 * math.cos(0.8), 0.5 * math.sin(0.8), 0.4, 0.2, -0.6]
-    assert rate == pytest.approx(expected)
-
-
 @given(
     state=st.lists(NUMBER, min_size=7, max_size=7),
     control=st.lists(NUMBER, min_size=3, max_size=3),

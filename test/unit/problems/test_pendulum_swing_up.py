@@ -29,7 +29,7 @@ from tdm_planner.problems import (
     Solution,
 )
 
-ENOUGH = 20.0  # [s], so that the deadline never decides on a busy machine
+ENOUGH = 60.0  # [s], so that the deadline never decides on a busy machine
 
 
 STATES = st.builds(

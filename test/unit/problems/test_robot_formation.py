@@ -16,19 +16,14 @@ import math
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.exceptions import (
-    DeadlineExceeded,
-    Infeasible,
-    InvalidProblem,
-    VerificationFailed,
-)
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import formation_verification, RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation_checks import least_time
 from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.trajectory import Trajectory
 
-PATIENT = {'solver.deadline': 30.0}
+PATIENT = {'solver.deadline': 60.0}
 
 
 IN_PLACE = {'formation.anchor': [0.0, 0.0, 0.0]}
@@ -48,28 +43,19 @@ def pose(name, start, goal, **more):
 
 def integrate(robot, plan, step=0.005):
     """Heun's rule on (17) with controls linear between samples; independent of the package."""
-    times, u = plan.times, plan.controls
-    state = plan.states[0].copy()
-    path = [np.concatenate([[0.0], state])]
+    times = np.union1d(plan.times, np.arange(0.0, plan.duration, step))
+    controls = np.stack([np.interp(times, plan.times, u) for u in plan.controls.T], axis=1)
 
     def rate(x, control):
-        push = control[0] / robot.mass
-        heading = x[4] + x[6]
-        return np.array(
-            [x[2], x[3], push * math.cos(heading), push * math.sin(heading), x[5],
-             control[2] / robot.inertia, control[1]]
-        )  # fmt: skip
+        heading, push = x[4] + x[6], control[0] / robot.mass
+        forces = push * math.cos(heading), push * math.sin(heading)
+        return np.array([*x[2:4], *forces, x[5], control[2] / robot.inertia, control[1]])
 
-    for k in range(times.size - 1):
-        count = max(1, math.ceil((times[k + 1] - times[k]) / step))
-        h = (times[k + 1] - times[k]) / count
-        for i in range(count):
-            before = u[k] + (u[k + 1] - u[k]) * i / count
-            after = u[k] + (u[k + 1] - u[k]) * (i + 1) / count
-            first = rate(state, before)
-            state = state + h / 2 * (first + rate(state + h * first, after))
-            path.append(np.concatenate([[times[k] + (i + 1) * h], state]))
-    return np.array(path)
+    path = [plan.states[0]]
+    for h, before, after in zip(np.diff(times), controls[:-1], controls[1:], strict=True):
+        first = rate(path[-1], before)
+        path.append(path[-1] + h / 2 * (first + rate(path[-1] + h * first, after)))
+    return np.column_stack([times, path])
 
 
 def assert_flies(problem, solution):
@@ -91,6 +77,9 @@ def assert_flies(problem, solution):
             assert plan.states[0, :6] == pytest.approx(given, abs=1e-12)
             if start.alpha is not None:
                 assert plan.states[0, 6] == pytest.approx(start.alpha)
+        if task.staying[i]:
+            assert not thrust.any()
+            assert np.ptp(plan.states[:, :2], axis=0) == pytest.approx([0.0, 0.0])
         path = integrate(problem.plant, plan)
         end = path[-1, 1:]
         assert np.hypot(*(end[:2] - task.goal[i])) < 5e-3
@@ -122,20 +111,10 @@ def test_default_problem(default):
     assert default.penalty == 0
     assert default.parameters.size == 27
     assert set(default.trajectories) == set(default.verifications) == set(problem.robots)
-    plans = [default.trajectories[name] for name in problem.robots]
-    for motion in plans:
+    assert default.cost == pytest.approx(sum(default.cost_terms.values()))
+    for motion in default.trajectories.values():
         with pytest.raises(ValueError, match='read-only'):
             motion.states[0] = 0.0
-    # The cost is the performance index of what is published.
-    arrivals, w = np.array([plan.duration for plan in plans]), problem.weights
-    gas = 0.0
-    for plan in plans:
-        thrust = plan.control('thrust')
-        gas += (np.diff(plan.times) * (thrust[1:] + thrust[:-1]) / 2).sum() / problem.plant.mass
-    late = np.abs(np.diff(arrivals) - problem.arrival_interval).sum()
-    expected = w.time * arrivals[0] + w.sequence * late + w.gas * gas
-    assert default.cost == pytest.approx(expected)
-    assert sum(default.cost_terms.values()) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(('n', 'seed'), [(1, 0), (3, 2), (5, 4)])
@@ -152,9 +131,10 @@ def alone(start, goal, name='only', **more):
     return {'robots': [name]} | IN_PLACE | pose(name, start, goal, **more)
 
 
-SWAP = {'robots': ['left', 'right']} | IN_PLACE
-SWAP |= pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
-SWAP |= pose('right', (3.0, 2.0, 0.0), (1.0, 2.0, 0.0))
+TWO = {'robots': ['left', 'right']} | IN_PLACE
+MOVER = pose('right', (3.0, 2.0, 0.0), (1.0, 2.0, 0.0))
+SWAP = TWO | MOVER | pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
+STILL = TWO | pose('right', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0))
 THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
 
 
@@ -166,6 +146,8 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
         ({'polynomial_order': 9}, 39),
         ({'polynomial_order': 11, 'end_accelerations': 'given'}, 39),
         (SWAP, None),
+        (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), None),
+        (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
         (alone((2.0, 2.0, 0.1), (2.0, 2.0, 0.1)), None),
         (
             alone((0.5, 2.0, 0.0), (3.5, 2.0, 0.0))
@@ -177,28 +159,13 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
             None,
         ),
     ],
-    ids=['paper', 'speed', '9', '11', 'swap', 'stay', 'zones', 'moving'],
+    ids=['paper', 'speed', '9', '11', 'swap', 'still', 'turning', 'stay', 'zones', 'moving'],
 )
 def test_variants_of_the_method_and_of_the_task(changes, varied):
     problem = formation(**changes)
     solution = problem.solve()
     assert varied is None or solution.parameters.size == varied
     assert_flies(problem, solution)
-
-
-@pytest.mark.parametrize('turn', [0.0, 2.0])
-def test_a_robot_at_its_goal_stays(turn):
-    problem = formation(
-        **IN_PLACE,
-        **pose('still', (2.0, 2.0, 0.0), (2.0, 2.0, turn)),
-        **pose('mover', (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)),
-        robots=['still', 'mover'],
-    )
-    solution = problem.solve()
-    assert_flies(problem, solution)
-    still = solution.trajectories['still']
-    assert not still.control('thrust').any()
-    assert np.ptp(still.states[:, :2], axis=0) == pytest.approx([0.0, 0.0])
 
 
 def test_given_end_accelerations_are_met():
@@ -216,7 +183,7 @@ def test_the_tolerance_is_what_the_minimiser_is_content_with():
     evaluations = []
     for tolerance in (1e-6, 1e-9, 1e-12):
         changes = {'solver.tolerance': tolerance, 'arena.tracking_margin': 0.0}
-        solution = RobotFormation.from_parameters(changes).solve(deadline=30.0)
+        solution = RobotFormation.from_parameters(changes).solve(deadline=60.0)
         assert solution.penalty <= tolerance
         evaluations.append(solution.evaluations)
     assert evaluations[0] < evaluations[1] < evaluations[2]
