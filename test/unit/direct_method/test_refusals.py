@@ -236,11 +236,8 @@ CASES = [
     *((lambda v=v: Duration(longest=v), 'longest') for v in (0.0, -1.0)),
     (lambda: Duration(1.0, shortest=2.0), 'shortest'),
     (lambda: Duration(fixed=True, speed_factor_order=2), 'fixed'),
-    (lambda: output_basis('x', Output(), 0), 'at least one boundary condition'),
     (lambda: output_basis('x', Output((0.0, None, 1.0), (0.0,)), 2), 'all lower ones'),
-    (lambda: output_basis('x', Output((0, 1), (0, 1), shapes=SineSeries(1)), 0), '1 shapes'),
     (lambda: output_basis('x', Output((0, 1), (0, 1), shapes=symmetric_powers(5)), 0), 'cannot'),
-    (lambda: output_basis('x', Output((), (0,), shapes=SineSeries(3)), 0), 'start is missing'),
 ]
 
 

@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_size import resized
 
 
@@ -35,14 +34,6 @@ def test_added_robots_get_names_that_are_free():
     made = resized({'robots': ['left'], 'formation.left': [0.0, 0.0, 0.0]}, 2)
     assert 'left.start.x' not in made
     assert made['formation.robot1'][:2] != [0.0, 0.0]
-
-
-@pytest.mark.parametrize('number', [5])
-def test_formations_of_other_sizes_are_planned(number: int):
-    problem = RobotFormation.from_parameters(resized({}, number))
-    solution = problem.solve(deadline=60.0, seed=0)
-    assert solution.verification.ok
-    assert len(solution.trajectories) == number
 
 
 @settings(deadline=None, max_examples=15, derandomize=True)

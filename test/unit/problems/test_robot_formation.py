@@ -20,6 +20,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem,
 from tdm_planner.problems import formation_verification, RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation_checks import least_time
 from tdm_planner.problems.formation_search import gas_used
+from tdm_planner.problems.formation_size import resized
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.trajectory import Trajectory
 
@@ -145,6 +146,7 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
         ({'end_accelerations': 'given', 'speed_factor_order': 2}, 21),
         ({'polynomial_order': 9}, 39),
         ({'polynomial_order': 11, 'end_accelerations': 'given'}, 39),
+        (resized({}, 5), None),
         (SWAP, None),
         (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), None),
         (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
@@ -159,7 +161,19 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
             None,
         ),
     ],
-    ids=['paper', 'speed', '9', '11', 'swap', 'still', 'turning', 'stay', 'zones', 'moving'],
+    ids=[
+        'paper',
+        'speed',
+        '9',
+        '11',
+        'five',
+        'swap',
+        'still',
+        'turning',
+        'stay',
+        'zones',
+        'moving',
+    ],
 )
 def test_variants_of_the_method_and_of_the_task(changes, varied):
     problem = formation(**changes)
