@@ -153,6 +153,8 @@ def test_whole_numbers(value):
 def test_numbers(value):
     for make, words in [*NUMBERS, *(NUMBERS_OR_NONE if value is not None else [])]:
         assert words in refused(lambda make=make: make(value))
+    if value not in (None, [], {0: 1.0}):
+        refused(lambda: Output(end=value))
 
 
 @pytest.mark.parametrize('order', [-1, 1.5, '1', None, 10**6, True])

@@ -19,6 +19,7 @@ import warnings
 import numpy as np
 import pytest
 from tdm_planner.direct_method import (
+    Budget,
     Duration,
     Integrated,
     Output,
@@ -133,6 +134,8 @@ def test_a_limit_is_kept_between_the_nodes_and_a_plan_is_a_start():
 def test_no_plan_is_explained():
     with pytest.raises(Infeasible, match='force'):
         type('Two', (Cart,), {'starts': 2})(limit=0.9, solver=LONG).solve()
+    with pytest.raises(Infeasible, match='the conditions at the end by'):
+        solve({'starts': 1, 'end_conditions': lambda self, t, x: (x[0] - 1.0,)})
     with pytest.raises(DeadlineExceeded):
         Cart(limit=1.3, solver=SolverParameters(deadline=1e-6)).solve()
     with pytest.raises(InvalidProblem, match="'time' = -1"):
@@ -158,7 +161,16 @@ def fails(self, *arguments):
         *(({'control_units': units}, 'must be a tuple of units') for units in ('m', None, (1,))),
         *(
             ({'terminal_tolerance': given}, 'must be 2 positive numbers')
-            for given in (1e-3, 'ab', (1e-3,), (1e-3,) * 3, (-1e-3, 1e-3), (0, 1), (np.nan, 1))
+            for given in (
+                1e-3,
+                'ab',
+                (1.0,),
+                ((1,), (1, 2)),
+                (1.0,) * 3,
+                (-1.0, 1.0),
+                (0, 1),
+                (np.nan, 1),
+            )
         ),
         *(
             ({what: count}, f'{what} = {count!r} is not allowed: must be an integer from')
@@ -255,6 +267,7 @@ QUICKEST = {
 def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
     unlimited = {'margins': lambda s, t, x, u: {}, 'final_cost': lambda s, t, x: sign * t}
     assert words in solve({**QUICKEST, **unlimited}).summary
+    assert 'allowed value' not in solve(QUICKEST).summary
 
 
 def test_a_cost_that_is_no_number_on_the_way_only_bars_the_way():
@@ -302,3 +315,20 @@ def test_a_rate_without_a_value_in_the_replay_rejects_the_candidate():
         solve({'derivative': derivative})
     assert re.search(r"rate of 'v' = nan in state .* at t = [.\d]+ s", str(caught.value))
     assert 0 in calls
+
+
+def test_a_candidate_whose_refinement_was_cut_short_says_so():
+    problem = type('Changed', (Cart,), {'derivative': lambda s, x, u: (x[1], 1.1 * u[0])})(
+        solver=LONG
+    )
+    budget = Budget(20.0)
+    search = problem.search(budget, np.random.default_rng(0), None)
+    candidate = next(iter(search.candidates()))
+    search.rejected = 'x ends far from the goal'
+    plans = search.plans(candidate)
+    assert not next(plans).verification.ok
+    budget.seconds = 0.0
+    search._program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
+    assert next(plans, None) is None
+    assert search.rejected.endswith('it was not refined further: the time was up')
+    assert isinstance(search.failure(), DeadlineExceeded)
