@@ -267,7 +267,11 @@ QUICKEST = {
 def test_a_duration_that_nothing_but_its_bounds_limits(sign, words):
     unlimited = {'margins': lambda s, t, x, u: {}, 'final_cost': lambda s, t, x: sign * t}
     assert words in solve({**QUICKEST, **unlimited}).summary
-    assert 'allowed value' not in solve(QUICKEST).summary
+    quickest = solve(QUICKEST)
+    assert 'allowed value' not in quickest.summary
+    made = type('Changed', (Cart,), QUICKEST)()
+    assert 2.0 < quickest.cost == pytest.approx(quickest.duration)
+    assert made.cost_to_go(quickest, 0.0) == pytest.approx(quickest.cost)
 
 
 def test_a_cost_that_is_no_number_on_the_way_only_bars_the_way():
