@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A recording as a mission: everything that is in it, what is missing, and of damage what is left."""
+"""A recording as a mission: all that is in it, what is missing, and of damage what is left."""
 
 from __future__ import annotations
 

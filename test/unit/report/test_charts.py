@@ -42,7 +42,7 @@ from tdm_sim.report.histories import (
     state_chart,
     switching_instants,
 )
-from tdm_sim.report.mission import Mission, PlanInForce, Signals, Vehicle
+from tdm_sim.report.mission import Mission, PlanInForce, Vehicle
 
 NAMES = ('theta', 'psi', 'torque')
 

@@ -17,7 +17,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from mission_bags import (
+from missions import (
     header,
     Item,
     joint_plan,
@@ -26,7 +26,7 @@ from mission_bags import (
     odometry,
     pendulum_recording,
     robot_recording,
-    STANDARD,
+    SECOND,
     START,
     status,
     summary,
@@ -49,13 +49,13 @@ EVIL = (
 class Elements(HTMLParser):
     """Elements of a page, with their attributes; scripts are text."""
 
-    def __init__(self, page: str) -> None:
+    def __init__(self, page: Path) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
         self.scripts: list[str] = []
         self.texts: list[str] = []
         self._script = False
-        self.feed(page)
+        self.feed(page.read_text())
         self.close()
 
     def handle_starttag(self, tag: str, attributes: Any) -> None:
@@ -65,8 +65,7 @@ class Elements(HTMLParser):
             self.scripts.append('')
 
     def handle_endtag(self, tag: str) -> None:
-        if tag == 'script':
-            self._script = False
+        self._script = self._script and tag != 'script'
 
     def handle_data(self, data: str) -> None:
         if self._script:
@@ -87,83 +86,76 @@ def renamed(items: list[Item]) -> list[Item]:
     for number, item in enumerate(items):
         message, evil = item.message, EVIL[number % len(EVIL)]
         if hasattr(message, 'header'):
-            message.header.frame_id = evil
+            message.header.frame_id = '' if hasattr(message, 'points') else evil
         if hasattr(message, 'child_frame_id'):
             message.child_frame_id = evil
-        if hasattr(message, 'points'):
-            message.header.frame_id = ''
     return items
 
 
-def foreign_joints(namespace: str, at: int) -> list[Item]:
-    """Messages of joints and vehicles that nobody knows, among those that belong there."""
-    found = []
+def foreign_joints() -> list[Item]:
+    """Joints and vehicles that nobody knows, among those that belong there."""
+    found = pendulum_recording()
     for number, evil in enumerate(EVIL):
+        when = START + number * SECOND // 100
         names = [evil, 'disk' if number % 2 else 'pendulum', *EVIL]
-        values = {'position': np.zeros(6), 'velocity': np.zeros(6), 'effort': np.zeros(6)}
-        when = at + number * 10**7
+        zero = np.zeros(6)
+        message = joint_state(when, names, position=zero, velocity=zero, effort=zero)
+        message.header = header(when, evil)
         for topic in ('joint_states', 'joint_command', 'tracking_error'):
-            message = joint_state(when, names, **values)
-            message.header = header(when, evil)
-            found.append(Item(f'{namespace}/{topic}', STANDARD['JointState'], when, message))
+            found.append(Item(f'/pendulum/{topic}', when, message))
         plan = joint_plan(when, EVIL, [0.0, 1.0], positions=np.zeros((2, 4)))
-        found.append(Item(f'{namespace}/trajectory', STANDARD['JointTrajectory'], when, plan))
+        found.append(Item('/pendulum/trajectory', when, plan))
     return found
 
 
 def robots_from_elsewhere() -> list[Item]:
-    items = []
-    for number, evil in enumerate(EVIL):
-        for k in range(20):
-            when = START + (k + number) * 10**7
+    found = renamed(robot_recording())
+    for evil in EVIL:
+        for when in range(START, START + SECOND // 5, SECOND // 100):
             message = odometry(when, evil, np.zeros(6), evil)
-            items.append(Item(f'/{evil}/odom', STANDARD['Odometry'], when, message))
-    return items
+            found.append(Item(f'/{evil}/odom', when, message))
+    return found
 
 
-def what_nodes_say(namespace: str, at: int) -> list[Item]:
+def what_nodes_say() -> list[Item]:
     """Diagnostics and log messages, of this planner's nodes and of others."""
-    found = []
+    found = pendulum_recording()
     for number, evil in enumerate(EVIL):
-        for node in (f'{namespace}/{evil}', f'{namespace}/planner', f'/{evil}'):
-            when = at + number * 10**8
+        when = START + number * SECOND // 10
+        for node in (f'/pendulum/{evil}', '/pendulum/planner', f'/{evil}'):
             names = {'plan id': '1', f'margin of {evil}': '-0.5', evil: evil, 'cost': evil}
             told = status(when, node, 1 + number % 2, f'{evil} {node}', **names)
             told.status[0].name = f'{node}: {evil}'
             told.status[0].hardware_id = evil
-            found.append(Item('/diagnostics', STANDARD['DiagnosticArray'], when, told))
-        said = log(at + number * 10**8, 40, f'pendulum.{evil}', f'said {evil}')
+            found.append(Item('/diagnostics', when, told))
+        said = log(when, 40, f'pendulum.{evil}', f'said {evil}')
         said.file = said.function = evil
-        found.append(Item('/rosout', STANDARD['Log'], at + number * 10**8, said))
+        found.append(Item('/rosout', when, said))
     return found
 
 
 def said_of_a_plan() -> list[Item]:
     """Return a recording whose summary has the attacks wherever it has a string."""
-    found = []
-    for item in pendulum_recording():
-        if item.topic.endswith('/plan_summary'):
-            worst = dict.fromkeys(EVIL, -0.5)
-            check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL}
-            check |= {'units': dict.fromkeys([*EVIL, 'torque'], '<i>'), 'terminal_error': worst}
-            units = {'theta': '<b id=x>', 'psi': '<i>', 'torque': '</script>'}
-            vehicle = {'interpolation': 'zero_order_hold', 'units': units}
-            parameters = PendulumSwingUp().to_parameters() | {f'limits.{e}': e for e in EVIL}
-            more: dict[str, Any] = {e: {e: [e]} for e in EVIL}
-            message = summary(
-                START,
-                'pendulum_swing_up',
-                parameters | {'method': EVIL[0], 'list': list(EVIL), EVIL[1]: list(EVIL)},
-                plan_id=EVIL[2],
-                summary=' '.join(EVIL),
-                vehicles={'pendulum': vehicle, **dict.fromkeys(EVIL, vehicle)},
-                verification=check,
-                cost_terms=worst,
-                **more,
-            )
-            item = item._replace(message=message)
-        found.append(item)
-    return found
+    worst = dict.fromkeys(EVIL, -0.5)
+    check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL}
+    check |= {'units': dict.fromkeys([*EVIL, 'torque'], '<i>'), 'terminal_error': worst}
+    units = {'theta': '<b id=x>', 'psi': '<i>', 'torque': '</script>'}
+    vehicle = {'interpolation': 'zero_order_hold', 'units': units}
+    parameters = PendulumSwingUp().to_parameters() | {f'limits.{e}': e for e in EVIL}
+    more: dict[str, Any] = {e: {e: [e]} for e in EVIL}
+    message = summary(
+        START,
+        'pendulum_swing_up',
+        parameters | {'method': EVIL[0], 'list': list(EVIL), EVIL[1]: list(EVIL)},
+        plan_id=EVIL[2],
+        summary=' '.join(EVIL),
+        vehicles={'pendulum': vehicle, **dict.fromkeys(EVIL, vehicle)},
+        verification=check,
+        cost_terms=worst,
+        **more,
+    )
+    items = without(pendulum_recording(), '/plan_summary')
+    return [*items, Item('/pendulum/plan_summary', START - SECOND, message)]
 
 
 def robots_of_evil_names() -> list[Item]:
@@ -173,10 +165,8 @@ def robots_of_evil_names() -> list[Item]:
         message = item.message
         if hasattr(message, 'data'):
             message.data = message.data.replace('robot1', json.dumps(EVIL[1])[1:-1])
-        for name in ('joint_names', 'name'):
-            given = getattr(message, name, [])
-            if 'robot1' in given:
-                setattr(message, name, [EVIL[1]])
+        if 'robot1' in getattr(message, 'joint_names', []):
+            message.joint_names = [EVIL[1]]
         found.append(item._replace(topic=item.topic.replace('robot1', EVIL[1])))
     return renamed(found)
 
@@ -186,46 +176,46 @@ def another_planner() -> list[Item]:
     return [*pendulum_recording(), *without(pendulum_recording(f'/{EVIL[1]}'), '/trajectory')]
 
 
-RECORDINGS = {
-    'frames': lambda: renamed(pendulum_recording()),
-    'foreign joints': lambda: [*pendulum_recording(), *foreign_joints('/pendulum', START)],
-    'namespace': lambda: pendulum_recording(f'/{EVIL[1]}'),
-    'another planner': another_planner,
-    'robots from elsewhere': lambda: [*renamed(robot_recording()), *robots_from_elsewhere()],
-    'robots of evil names': robots_of_evil_names,
-    'diagnostics': lambda: [*pendulum_recording(), *what_nodes_say('/pendulum', START)],
-    'summary': said_of_a_plan,
+# Recordings, and which of the attacks people can read in the page, as the strings that they are.
+RECORDINGS: dict[str, tuple[Any, Sequence[str]]] = {
+    'frames': (lambda: renamed(pendulum_recording(f'/{EVIL[1]}')), ()),
+    'foreign joints': (foreign_joints, EVIL[:1]),
+    'another planner': (another_planner, EVIL[1:2]),
+    'robots from elsewhere': (robots_from_elsewhere, ()),
+    'robots of evil names': (robots_of_evil_names, EVIL[1:2]),
+    'diagnostics': (what_nodes_say, EVIL),
+    'summary': (said_of_a_plan, EVIL),
 }
-# Which of the attacks people can read in the page, as the plain strings that they are.
-SHOWN: dict[str, Sequence[str]] = {
-    'foreign joints': EVIL[:1],
-    'another planner': EVIL[1:2],
-    'robots of evil names': EVIL[1:2],
-    'diagnostics': EVIL,
-    'summary': EVIL,
-}
+
+
+def page_of(folder: Path, items: list[Item]) -> Elements:
+    write(folder / 'bag', items)
+    page = folder / 'report.html'
+    assert main(['report', str(folder / 'bag'), '-o', str(page), '--quiet']) == 0
+    return Elements(page)
+
+
+@pytest.fixture(scope='module')
+def scripts(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, int]:
+    """Return how many scripts pages without attacks have, of robots and of a pendulum."""
+    plain = {True: robot_recording(), False: pendulum_recording()}
+    pages = {k: page_of(tmp_path_factory.mktemp('plain'), items) for k, items in plain.items()}
+    return {k: len(page.scripts) for k, page in pages.items()}
 
 
 @pytest.mark.parametrize('kind', RECORDINGS)
 def test_no_string_of_a_recording_becomes_markup(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, kind: str, scripts: dict[bool, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The page has no element and no script that the same recording without attacks has not."""
-    plain, report = tmp_path / 'plain.html', tmp_path / 'report.html'
-    write(tmp_path / 'plain', robot_recording() if 'robots' in kind else pendulum_recording())
-    assert main(['report', str(tmp_path / 'plain'), '-o', str(plain), '--quiet']) == 0
-    write(tmp_path / 'bag', RECORDINGS[kind]())
-    code = main(['report', str(tmp_path / 'bag'), '-o', str(report), '--quiet'])
-    said = capsys.readouterr()
-    assert 'Traceback' not in said.err
-    assert code == 0, said.err
-    page, harmless = Elements(report.read_text()), Elements(plain.read_text())
+    make, shown = RECORDINGS[kind]
+    page = page_of(tmp_path, make())
+    assert 'Traceback' not in capsys.readouterr().err
     for tag, attributes in page.found:
         assert tag not in ('img', 'iframe', 'object', 'embed', 'base', 'form', 'i')
         assert not {name for name in attributes if name.startswith('on')}
         assert not any('javascript:' in (value or '') for value in attributes.values())
         assert attributes.get('id') != 'x'
-    assert len(page.scripts) == len(harmless.scripts)
+    assert len(page.scripts) == scripts['robots' in kind]
     assert not any('hacked()</script' in text or '<!--' in text for text in page.scripts[:-1])
-    for evil in SHOWN.get(kind, ()):
+    for evil in shown:
         assert page.shows(evil), evil
