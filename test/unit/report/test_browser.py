@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The report in a real browser, headless: each kind is opened once, for all that is asked of it."""
+"""The report in a headless browser: each kind is opened once, for all that is asked of it."""
 
 from __future__ import annotations
 
@@ -196,8 +196,9 @@ class ReadableReport(Report):
             const boxes = [...document.querySelectorAll('.reading span')].map(e =>
               [e.textContent, e.getBoundingClientRect()]);
             return titles.flatMap(t => { const a = t.getBoundingClientRect();
-              return boxes.filter(([, b]) => a.left < b.right && b.left < a.right
-                && a.top < b.bottom && b.top < a.bottom).map(([text]) => [t.textContent, text]); });
+              const meets = b => a.left < b.right && b.left < a.right
+                && a.top < b.bottom && b.top < a.bottom;
+              return boxes.filter(([, b]) => meets(b)).map(([text]) => [t.textContent, text]); });
             """)
         assert meeting == []
 
