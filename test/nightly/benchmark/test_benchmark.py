@@ -18,26 +18,8 @@ from benchmark.pendulum import problem, start_state
 from benchmark.replanning import pendulum
 from benchmark.scenarios import crossing
 from benchmark.sections import SECTIONS
-import numpy as np
 import pytest
 from tdm_planner.problems import RobotFormation
-
-
-def test_the_dynamics_that_drake_derives_from_bodies_are_the_plants() -> None:
-    pytest.importorskip('pydrake')
-    from benchmark.peers.drake_pendulum import multibody
-
-    plant = problem(0.02, start_state(1)).plant
-    model = multibody(plant, 0.02, 10.0)
-    context = model.CreateDefaultContext()
-    rng = np.random.default_rng(1)
-    for x, u in zip(rng.normal(size=(20, 4)), rng.normal(size=20), strict=True):
-        model.SetPositionsAndVelocities(context, x[[1, 0, 3, 2]])
-        model.get_actuation_input_port().FixValue(context, [u])
-        found = model.EvalTimeDerivatives(context).CopyToVector()[[1, 0, 3, 2]]
-        unit = np.array([1.0, 1.0, 10.0, 10.0])
-        expected = plant.derivative(x * unit, np.array([0.02 * u])) / (10.0 * unit)
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_collocation_finds_the_time_this_package_finds() -> None:
@@ -65,17 +47,6 @@ def test_collocation_of_the_robots_lands_within_the_limits() -> None:
     motions = collocation.trajectories(task, found)
     assert found.converged
     assert judge_formation(task, motions) == ()
-
-
-def test_ruckigs_bound_is_below_every_plan() -> None:
-    pytest.importorskip('ruckig')
-    from benchmark.peers.ruckig_bound import bound
-
-    stated = RobotFormation.from_parameters(crossing(0).parameters())
-    plan = stated.solve(20.0)
-    found = bound(stated.task)
-    assert 0.5 * plan.cost < found.cost < plan.cost
-    assert found.separation < stated.task.separation  # the crossings are drawn to collide
 
 
 def test_sections_for_real() -> None:

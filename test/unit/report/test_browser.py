@@ -70,7 +70,7 @@ class Page:
     def find(self, selector: str) -> Any:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
-    def all(self, selector: str) -> list[Any]:
+    def every(self, selector: str) -> list[Any]:
         return list(self.driver.find_elements(By.CSS_SELECTOR, selector))
 
     def click(self, element: Any) -> None:
@@ -294,7 +294,7 @@ class TestPendulum(ReadableReport):
         assert float(reading[0]) == pytest.approx(theta + 0.02, abs=0.02)
 
     def test_an_event_leads_to_its_instant(self, page: Page) -> None:
-        planned, late = page.all('#events [data-instant]')
+        planned, late = page.every('#events [data-instant]')
         for event, instant in ((late, 1.25), (planned, -0.5)):
             page.click(event)
             assert page.time() == pytest.approx(instant)
@@ -360,7 +360,7 @@ class TestRobots(ReadableReport):
         ):
             drawn = page.number(f'#arena {selector}', attribute)
             assert drawn / scale == pytest.approx(size, rel=1e-3)
-        assert len(page.all('#arena g.goal')) == len(page.all('#arena .path')) == 2
+        assert len(page.every('#arena g.goal')) == len(page.every('#arena .path')) == 2
 
     def test_the_legend_switches_one_robot(self, page: Page) -> None:
         page.click(page.legend('robot2'))
@@ -399,5 +399,5 @@ class TestWhatARecordingSaysIsText(Report):
         assert page.driver.title == page.find('h1').text == EVIL[0]
         assert EVIL[2] in page.find('.subtitle').text
         assert EVIL[1] in page.find('#events').text
-        assert set(EVIL) <= {e.text for e in page.all('.legend button')}
-        assert page.all('body img, body a[href]') == []
+        assert set(EVIL) <= {e.text for e in page.every('.legend button')}
+        assert page.every('body img, body a[href]') == []

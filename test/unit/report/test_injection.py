@@ -12,18 +12,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from html.parser import HTMLParser
 import json
 from pathlib import Path
 from typing import Any
 
 from missions import (
-    header,
     Item,
-    joint_plan,
-    joint_state,
     log,
-    odometry,
     pendulum_recording,
     robot_recording,
     SECOND,
@@ -33,7 +30,6 @@ from missions import (
     without,
     write,
 )
-import numpy as np
 import pytest
 from tdm_planner.cli import main
 from tdm_planner.problems import PendulumSwingUp
@@ -81,39 +77,30 @@ class Elements(HTMLParser):
         )
 
 
-def renamed(items: list[Item]) -> list[Item]:
-    """Put the attacks wherever a message has a name or a frame."""
-    for number, item in enumerate(items):
-        message, evil = item.message, EVIL[number % len(EVIL)]
-        if hasattr(message, 'header'):
-            message.header.frame_id = '' if hasattr(message, 'points') else evil
-        if hasattr(message, 'child_frame_id'):
-            message.child_frame_id = evil
-    return items
+def poisoned(message: Any, evil: str) -> Any:
+    """Return a copy of a message, or of a part of it, every string of which is an attack."""
+    if isinstance(message, str):
+        return evil
+    if isinstance(message, list):
+        return [poisoned(item, evil) for item in message]
+    if not is_dataclass(message):
+        return message
+    parts = {field.name: getattr(message, field.name) for field in fields(message)}
+    return type(message)(**{
+        name: value if name == '__msgtype__' else poisoned(value, evil)
+        for name, value in parts.items()
+    })  # fmt: skip
 
 
-def foreign_joints() -> list[Item]:
-    """Joints and vehicles that nobody knows, among those that belong there."""
-    found = pendulum_recording()
-    for number, evil in enumerate(EVIL):
-        when = START + number * SECOND // 100
-        names = [evil, 'disk' if number % 2 else 'pendulum', *EVIL]
-        zero = np.zeros(6)
-        message = joint_state(when, names, position=zero, velocity=zero, effort=zero)
-        message.header = header(when, evil)
-        for topic in ('joint_states', 'joint_command', 'tracking_error'):
-            found.append(Item(f'/pendulum/{topic}', when, message))
-        plan = joint_plan(when, EVIL, [0.0, 1.0], positions=np.zeros((2, 4)))
-        found.append(Item('/pendulum/trajectory', when, plan))
-    return found
-
-
-def robots_from_elsewhere() -> list[Item]:
-    found = renamed(robot_recording())
-    for evil in EVIL:
-        for when in range(START, START + SECOND // 5, SECOND // 100):
-            message = odometry(when, evil, np.zeros(6), evil)
-            found.append(Item(f'/{evil}/odom', when, message))
+def with_strangers(items: list[Item]) -> list[Item]:
+    """Add what others send on each topic, and on those of evil names: frames, joints, vehicles."""
+    found = list(items)
+    for topic in {item.topic for item in items if not item.topic.endswith('plan_summary')}:
+        *_, last = [item for item in items if item.topic == topic]
+        for number, evil in enumerate(EVIL):
+            message, at = poisoned(last.message, evil), START + number * SECOND // 100
+            found.append(Item(topic, at, message))
+            found.append(Item(f'/{evil}/{topic.split("/")[-1]}', at, message))
     return found
 
 
@@ -168,7 +155,7 @@ def robots_of_evil_names() -> list[Item]:
         if 'robot1' in getattr(message, 'joint_names', []):
             message.joint_names = [EVIL[1]]
         found.append(item._replace(topic=item.topic.replace('robot1', EVIL[1])))
-    return renamed(found)
+    return found
 
 
 def another_planner() -> list[Item]:
@@ -178,10 +165,10 @@ def another_planner() -> list[Item]:
 
 # Recordings, and which of the attacks people can read in the page, as the strings that they are.
 RECORDINGS: dict[str, tuple[Any, Sequence[str]]] = {
-    'frames': (lambda: renamed(pendulum_recording(f'/{EVIL[1]}')), ()),
-    'foreign joints': (foreign_joints, EVIL[:1]),
+    'strangers': (lambda: with_strangers(pendulum_recording()), ()),
+    'namespace': (lambda: with_strangers(pendulum_recording(f'/{EVIL[1]}')), ()),
     'another planner': (another_planner, EVIL[1:2]),
-    'robots from elsewhere': (robots_from_elsewhere, ()),
+    'strange robots': (lambda: with_strangers(robot_recording()), ()),
     'robots of evil names': (robots_of_evil_names, EVIL[1:2]),
     'diagnostics': (what_nodes_say, EVIL),
     'summary': (said_of_a_plan, EVIL),

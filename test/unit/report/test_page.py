@@ -110,9 +110,6 @@ def test_the_time_shown_first_is_the_motions() -> None:
     assert -0.5 <= start <= 0.0
     assert 2.0 < end <= 4.0
     assert playing_speed(pendulum_mission()) < 1.0
-
-
-def test_a_mission_of_nothing_is_still_a_page() -> None:
     for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
         assert '<h1>t</h1>' in report_page(mission)
 
@@ -168,17 +165,6 @@ def test_a_violation_and_saturation_stand_out() -> None:
     assert f'<td class="bad">{MINUS}0.02' in table
     assert table.count('class="bad"') == 1
     assert ['thrust [N]', '0.1 at 1.00 s', '0 at 1.50 s saturated'] in rows(table)
-
-
-def test_figures_are_said_to_mean_what_they_do() -> None:
-    entries = (
-        Entry('duration', 'time to the goal', 's', 1.9, 2.0),
-        Entry('planner', 'requests without a plan', '', None, 0.0),
-    )
-    table = summary_table(pendulum_mission(), Comparison(entries, verdict=Verdict((), ())))
-    assert 'theta stays within 0.05 rad of upright' in table
-    assert 'At the latest 3 s after the planned end' in table
-    assert 'State at the planned end' not in table  # there is no figure of it
 
 
 def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None:
