@@ -19,13 +19,14 @@ robot goes straight on while it turns evenly, for `DURATION` s (`pendulum_states
 
 `made` builds any message of rosbags' classes from nested mappings: what is not given is zero or
 empty. An `Item` is a message to record under a topic at an instant [ns]; the first plan's motion
-starts at `START`.
+starts at `START`. `Parts` takes a report's page to pieces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from html.parser import HTMLParser
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -452,3 +453,39 @@ def write(path: Path, items: Iterable[Item], storage: str = 'mcap', compression:
                 data = store().serialize_cdr(message, kind)
             writer.write(connections[topic], at, data)
     return path
+
+
+class Parts(HTMLParser):
+    """Elements of a page, its scripts with their attributes, other texts, and cells of tables."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.texts: list[str] = []
+        self.rows: list[list[str]] = []
+        self._script = False
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._script = tag == 'script'
+        if self._script:
+            self.scripts.append((dict(attrs), ''))
+        elif tag == 'tr':
+            self.rows.append([])
+        elif tag in ('td', 'th'):
+            self.rows[-1].append('')
+
+    def handle_endtag(self, tag: str) -> None:
+        self._script = self._script and tag != 'script'
+
+    def handle_data(self, data: str) -> None:
+        if self._script:
+            attributes, text = self.scripts[-1]
+            self.scripts[-1] = attributes, text + data
+            return
+        self.texts.append(data)
+        if self.rows and self.rows[-1]:
+            self.rows[-1][-1] += data

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from html.parser import HTMLParser
 import json
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from typing import Any
 from missions import (
     Item,
     log,
+    Parts,
     pendulum_recording,
     robot_recording,
     SECOND,
@@ -42,39 +42,12 @@ EVIL = (
 )
 
 
-class Elements(HTMLParser):
-    """Elements of a page, with their attributes; scripts are text."""
-
-    def __init__(self, page: Path) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[str] = []
-        self.texts: list[str] = []
-        self._script = False
-        self.feed(page.read_text())
-        self.close()
-
-    def handle_starttag(self, tag: str, attributes: Any) -> None:
-        self.found.append((tag, dict(attributes)))
-        self._script = tag == 'script'
-        if self._script:
-            self.scripts.append('')
-
-    def handle_endtag(self, tag: str) -> None:
-        self._script = self._script and tag != 'script'
-
-    def handle_data(self, data: str) -> None:
-        if self._script:
-            self.scripts[-1] += data
-        else:
-            self.texts.append(data)
-
-    def shows(self, string: str) -> bool:
-        """Whether people can read a string: as text, or in a chart by way of the page's data."""
-        written = json.dumps(string)[1:-1].replace('<', r'\u003c').replace('>', r'\u003e')
-        return any(string in text for text in self.texts) or any(
-            written in text for text in self.scripts
-        )
+def shows(page: Parts, string: str) -> bool:
+    """Whether people can read a string: as text, or in a chart by way of the page's data."""
+    written = json.dumps(string)[1:-1].replace('<', r'\u003c').replace('>', r'\u003e')
+    return any(string in text for text in page.texts) or any(
+        written in text for _, text in page.scripts
+    )
 
 
 def poisoned(message: Any, evil: str) -> Any:
@@ -175,11 +148,11 @@ RECORDINGS: dict[str, tuple[Any, Sequence[str]]] = {
 }
 
 
-def page_of(folder: Path, items: list[Item]) -> Elements:
+def page_of(folder: Path, items: list[Item]) -> Parts:
     write(folder / 'bag', items)
     page = folder / 'report.html'
     assert main(['report', str(folder / 'bag'), '-o', str(page), '--quiet']) == 0
-    return Elements(page)
+    return Parts(page.read_text())
 
 
 @pytest.fixture(scope='module')
@@ -197,12 +170,12 @@ def test_no_string_of_a_recording_becomes_markup(
     make, shown = RECORDINGS[kind]
     page = page_of(tmp_path, make())
     assert 'Traceback' not in capsys.readouterr().err
-    for tag, attributes in page.found:
+    for tag, attributes in page.elements:
         assert tag not in ('img', 'iframe', 'object', 'embed', 'base', 'form', 'i')
         assert not {name for name in attributes if name.startswith('on')}
         assert not any('javascript:' in (value or '') for value in attributes.values())
         assert attributes.get('id') != 'x'
     assert len(page.scripts) == scripts['robots' in kind]
-    assert not any('hacked()</script' in text or '<!--' in text for text in page.scripts[:-1])
+    assert not any('hacked()</script' in text or '<!--' in text for _, text in page.scripts[:-1])
     for evil in shown:
-        assert page.shows(evil), evil
+        assert shows(page, evil), evil
