@@ -183,7 +183,7 @@ def test_a_recording_cut_short_is_read_as_far_as_it_goes(
 
 
 @pytest.mark.parametrize('compression', ['', 'storage'])
-@pytest.mark.parametrize('share', [0.15, 0.6])
+@pytest.mark.parametrize('share', [0.15, 0.3, 0.6, 0.9])
 def test_of_a_block_that_is_cut_off_the_whole_messages_are_read(
     tmp_path: Path, compression: str, share: float
 ) -> None:
@@ -215,7 +215,7 @@ def test_a_file_cut_anywhere_gives_all_messages_before_the_cut(tmp_path: Path) -
     size = file.stat().st_size
     every = list(salvaged(file, lambda *_: True, []))
     total = sum(len(item.data) for item in every)
-    for at in np.random.default_rng(5).integers(size // 50, size, 8).tolist():
+    for at in np.random.default_rng(5).integers(size // 50, size, 12).tolist():
         found = list(salvaged(cut(file, at), lambda *_: True, []))
         assert found == every[: len(found)]
         # 3 % are definitions and index, 12 kB the longest message
