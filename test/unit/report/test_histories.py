@@ -130,7 +130,7 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: 
 
 def plan(start: float, until: float | None = None) -> PlanInForce:
     states = np.array([[0.0], [4.0]])
-    motion = Trajectory(np.array([0.0, 2.0]), states, np.zeros((2, 1)), ('x',), ('u',))
+    motion = Trajectory(np.array([0.0, 2.0]), states, 0.5 * states, ('x',), ('u',), 'linear')
     return PlanInForce('1', start, motion, until)
 
 
@@ -138,6 +138,7 @@ def test_a_plan_is_followed_until_the_next_one_starts() -> None:
     assert (plan(1.0).end, plan(1.0).carried_out_until) == (3.0, 3.0)
     assert plan(1.0, 2.5).carried_out_until == 2.5
     assert plan(1.0).states(np.array([1.0, 2.0, 9.0]))[:, 0].tolist() == [0, 2, 4]
+    assert plan(1.0).controls(np.array([1.0, 2.0]))[:, 0].tolist() == [0, 1]
     states = Signals(np.array([-1.0, 5.0]), np.zeros((2, 1)), ('x',), ('m',))
     mission = Mission('', '', (Vehicle('a', 'other', (plan(1.0),), states=states),))
     assert mission.span == (-1.0, 5.0)
