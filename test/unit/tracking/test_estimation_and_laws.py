@@ -232,15 +232,17 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons_and_short_steps
     seed: int,
 ) -> None:
     a, b = system(seed)
-    step, n = 0.02, 1000
-    along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
+    step = 0.02
     phi, gamma = discretise(a, b, step)
     exact = solve_discrete_are(phi, gamma, Q * step, R * step)
     steady = discrete_regulator(a, b, Q, R, step)
     assert np.allclose(steady.cost_to_go, exact)
+    slowest = np.abs(np.linalg.eigvals(phi - gamma @ steady.gain)).max()
+    assert slowest < 1
+    n = 500 + int(np.log(1e-9) / (2.0 * np.log(slowest)))  # the end is forgotten to 1e-9
+    along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
     assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
     assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
-    assert np.abs(np.linalg.eigvals(phi - gamma @ steady.gain)).max() < 1
     continuous = regulator(a, b, Q, R)
     assert np.linalg.eigvals(a - b @ continuous.gain).real.max() < 0
     short = discrete_regulator(a, b, Q, R, 1e-5)
