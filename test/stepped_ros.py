@@ -251,6 +251,11 @@ class Stepped(Ros):
         self.time.step_to(now)
         self._tell_time()
 
+    def leave_clock(self) -> None:
+        """Let a node that drives `/clock` tell the time from now on."""
+        self.node.destroy_publisher(self._clock)
+        self._clock = SimpleNamespace(publish=lambda message: None)
+
     def _tell_time(self) -> None:
         self._clock.publish(Clock(clock=Time(nanoseconds=self.now).to_msg()))
 
