@@ -333,7 +333,7 @@ def test_a_new_plan_is_asked_for_when_it_falls(ros: Stepped, rig: Rig) -> None:
 
     put(rig, 2.8)
     assert rig.says('recovering', 'tolerance.path', level=ERROR)
-    assert ros.spin_until(lambda: 'no planner serves /rig/plan' in rig.tracker.output)
+    assert ros.spin_until(lambda: 'no planner serves plan: ' in rig.tracker.output)
     service = ros.node.create_service(Trigger, '/rig/plan', serve)
     assert ros.spin_until(lambda: len(asked) >= 3)
     assert 0.2e9 <= min(np.diff(asked)) <= max(np.diff(asked)) < 0.22e9
@@ -354,7 +354,7 @@ def test_after_a_fall_the_next_plan_is_tracked_also_by_a_tracker_that_joins_late
     put(rig, math.pi)
     rig.follow(plan, 0.5)
     rig.tracker = rig.start()
-    assert rig.says('waiting', level=OK)
+    assert rig.says('waiting: waiting for the first state')
     assert rig.says('holding', level=OK)
     rig.tracker.end_cleanly()
     rig.plant.end_cleanly()
