@@ -174,6 +174,8 @@ class Stepped(Ros):
         stand_in = SimpleNamespace(**vars(rcutils_logger._rclpy))
         stand_in.rclpy_logging_rcutils_log = note
         self._patch.setattr(rcutils_logger, '_rclpy', stand_in)
+        throttle = rcutils_logger.Throttle.params  # by which warnings are held back for a while
+        self._patch.setitem(throttle, 'throttle_time_source_type', self.time.steady_clock())
         for module in MODULES.values():
             importlib.import_module(module)
         self._lend_clock()

@@ -278,6 +278,8 @@ def test_an_unknown_kind_ends_it_with_one_sentence(ros: Stepped, kind: str) -> N
 
 
 class Rig(Bench):
+    """The tracker and its plant."""
+
     def __init__(self, ros: Stepped) -> None:
         noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
         given = {f'noise.{name}': value for name, value in noise.items()}

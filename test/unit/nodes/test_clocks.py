@@ -55,20 +55,11 @@ def test_the_reserve_is_used_up_and_comes_back(clock: Clock, ration: Ration) -> 
     assert not ration.allows
     clock.now += 0.9  # 0.01 s are owed, 0.009 s have come
     assert not ration.allows
+    assert ration.overdrawn == pytest.approx(0.001)
     clock.now += 0.2
     assert ration.allows
-
-
-def test_what_is_overdrawn_is_told(clock: Clock, ration: Ration) -> None:
     assert ration.overdrawn == 0.0
-    ration.spent(0.07)
-    assert ration.overdrawn == pytest.approx(0.02)
-    clock.now += 1.0
-    assert ration.overdrawn == pytest.approx(0.01)
-
-
-def test_no_more_than_the_reserve_is_saved(clock: Clock, ration: Ration) -> None:
-    clock.now += 3600.0
+    clock.now += 3600.0  # no more than the reserve is saved
     assert ration.allows
     ration.spent(0.0501)
     assert not ration.allows
