@@ -15,7 +15,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from ros_harness import MODULES
@@ -34,13 +33,12 @@ PLANT = '/slow/pendulum_plant'
 
 
 class Told:
-    """What the plant says: instants of its clock, stamps of its states [ns], its status."""
+    """What the plant says: instants of its clock, and its states."""
 
     def __init__(self, ros: Stepped) -> None:
         self.ros = ros
         self.clocks = ros.subscribe('/clock', Clock, 100)
         self.states = ros.subscribe('/slow/joint_states', JointState, 100)
-        self.diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
 
     def listen(self, seconds: float) -> np.ndarray:
         """Return the clock's instants in so many s of real time, the last one before first."""
@@ -49,15 +47,6 @@ class Told:
         self.states.clear()
         self.ros.spin_for(seconds)
         return np.array([nanoseconds_of(clock.clock) for clock in shown + self.clocks])
-
-    def says(self, name: str, text: str, timeout: float) -> bool:
-        """Whether the newest status says so in time."""
-
-        def newest() -> bool:
-            found = [s for a in self.diagnostics for s in a.status if s.name == name]
-            return bool(found) and text in found[-1].message
-
-        return self.ros.spin_until(newest, timeout)
 
 
 @pytest.fixture(scope='module')
@@ -116,21 +105,19 @@ def test_planner_and_tracker_follow_the_clock(told: Told) -> None:
     assert ros.spin_until(lambda: bool(plans))
     after = nanoseconds_of(told.clocks[-1].clock)
     assert before <= nanoseconds_of(plans[-1].header.stamp) - 500_000_000 <= after
-    assert told.says('/slow/tracker: tracking', 'holding', 5.0)
+    assert ros.says('/slow/tracker: tracking', 'holding')
 
 
 def test_a_second_clock_is_told_of(told: Told) -> None:
     two = '2 nodes publish /clock: '
     other = told.ros.start(MODULES['robot_plant'], {'publish_clock': True}, namespace='other')
     for name in (PLANT, '/other/robot_plant'):
-        assert told.says(f'{name}: simulation', two, 3.0)
+        assert told.ros.says(f'{name}: simulation', two, timeout=3.0)
     assert two in other.output
     other.end_cleanly()
-    told.diagnostics.clear()
     assert told.ros.meet(lambda: told.ros.node.count_publishers('/clock') == 1)
     told.ros.spin_for(2.5)
-    names = [s for a in told.diagnostics for s in a.status if s.name == f'{PLANT}: simulation']
-    assert two not in names[-1].message
+    assert not told.ros.said(f'{PLANT}: simulation', two)
 
 
 def test_one_plant_of_several_drives_the_clock_as_the_page_says() -> None:

@@ -19,7 +19,6 @@ import threading
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from diagnostic_msgs.msg import DiagnosticArray
 from fragile_tracker import FragileTracker
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
@@ -44,6 +43,10 @@ class Manager:
 
     def __init__(self, ros: Stepped, node: str) -> None:
         self.ros, self.node = ros, node
+        self.title = 'planning' if node.endswith('planner') else 'tracking'
+
+    def says(self, text: str) -> bool:
+        return self.ros.says(f'{self.node}: {self.title}', text)
 
     def state(self) -> str:
         return str(self.ros.call(f'{self.node}/get_state', GetState).current_state.label)
@@ -68,21 +71,6 @@ class Manager:
     def bring_down(self) -> None:
         self.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
         self.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
-
-
-class Status:
-    """The newest diagnostics of a node."""
-
-    def __init__(self, ros: Stepped, name: str) -> None:
-        self.ros, self.name = ros, name
-        self.received = ros.subscribe('/diagnostics', DiagnosticArray, 50)
-
-    def says(self, text: str) -> bool:
-        def newest() -> bool:
-            found = [s for a in self.received for s in a.status if s.name.startswith(self.name)]
-            return bool(found) and text in found[-1].message
-
-        return self.ros.spin_until(newest)
 
 
 def endpoints(ros: Stepped, ask: Callable[..., Any], node: str) -> set[str]:
@@ -126,14 +114,14 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
     markers = ros.subscribe('/twice/markers', MarkerArray, 10)
     process = started(PLANNER, {**FROM_PARAMETERS, **WAITING}, 'twice')
     manager, node = Manager(ros, '/twice/planner'), '/twice/planner'
-    status, ask = Status(ros, node), ros.node.get_publisher_names_and_types_by_node
+    ask = ros.node.get_publisher_names_and_types_by_node
 
     def planned(count: int) -> bool:
         return len(plans) == count and bool(markers)
 
     for cycle in (1, 2):
         assert manager.state() == 'unconfigured'
-        assert status.says('unconfigured')
+        assert manager.says('unconfigured')
         count = len(plans)
         manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
         done, answer = ros.trigger('/twice/plan')
@@ -147,7 +135,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         assert answer['plan_id'] == cycle
         assert ros.spin_until(partial(planned, count + 1))
         manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
-        assert status.says('inactive')
+        assert manager.says('inactive')
         assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
         assert silent(ros, plans)
         late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
@@ -157,7 +145,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
     services = ros.node.get_service_names_and_types_by_node
     assert 'plan' not in endpoints(ros, services, node)
     manager.become(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'finalized')
-    assert status.says('finalized')
+    assert manager.says('finalized')
     assert ros.spin_until(lambda: bool(events) and events[-1].goal_state.label == 'finalized')
     assert process.end() == 0
 
@@ -180,12 +168,12 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(
     ros: Stepped, started: Any
 ) -> None:
     process = started(PLANNER, {**FROM_PARAMETERS, **WAITING, 'method': 'magic'}, 'wrong')
-    manager, status = Manager(ros, '/wrong/planner'), Status(ros, '/wrong/planner')
+    manager = Manager(ros, '/wrong/planner')
     assert not manager.change(Transition.TRANSITION_CONFIGURE)
     assert manager.state() == 'unconfigured'
     said = "cannot configure: parameter 'method' = 'magic' is not allowed"
     assert said in process.output
-    assert status.says(said)
+    assert manager.says(said)
     assert ros.set_parameters('/wrong/planner', method='switching') == ['']
     manager.bring_up()
     assert ros.trigger('/wrong/plan')[0]
@@ -195,12 +183,12 @@ def test_by_itself_a_node_with_wrong_parameters_starts_when_they_are_corrected(
     ros: Stepped, started: Any
 ) -> None:
     started(TRACKER, {'plant.mass': 1e-300}, 'corrected')
-    manager, status = Manager(ros, '/corrected/tracker'), Status(ros, '/corrected/tracker')
+    manager = Manager(ros, '/corrected/tracker')
     assert manager.state() == 'unconfigured'
-    assert status.says("cannot configure: parameters 'plant.*' do not make a rig")
+    assert manager.says("cannot configure: parameters 'plant.*' do not make a rig")
     assert ros.set_parameters('/corrected/tracker', plant__mass=0.024) == ['']
     assert manager.state() == 'active'
-    assert status.says('no state has been received')
+    assert manager.says('no state has been received')
 
 
 def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
@@ -208,7 +196,7 @@ def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
 ) -> None:
     plans = ros.subscribe('/undecided/trajectory', JointTrajectory, 10)
     started(PLANNER, {**FROM_PARAMETERS, **WAITING}, 'undecided')
-    manager, status = Manager(ros, '/undecided/planner'), Status(ros, '/undecided/planner')
+    manager = Manager(ros, '/undecided/planner')
     manager.bring_up()
     ros.settle()
     solve, go_on = Problem.solve, threading.Event()
@@ -219,7 +207,7 @@ def test_deactivated_while_it_plans_a_planner_answers_and_publishes_nothing(
 
     monkeypatch.setattr(Problem, 'solve', solve_later)
     pending = ros.request('/undecided/plan', Trigger)
-    assert status.says('planning')
+    assert manager.says('planning')
     manager.become(Transition.TRANSITION_DEACTIVATE, 'inactive')
     assert ros.spin_until(pending.done)
     assert not pending.result().success
@@ -346,13 +334,13 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
 ) -> None:
     process = ros.add(FragileTracker, ros_arguments(WAITING, 'fragile'))
     commands = ros.subscribe('/fragile/joint_command', JointState)
-    manager, status = Manager(ros, '/fragile/tracker'), Status(ros, '/fragile/tracker')
+    manager = Manager(ros, '/fragile/tracker')
     manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
     assert not manager.change(Transition.TRANSITION_ACTIVATE)
     assert manager.state() == 'unconfigured'
     said = 'cannot activate: internal error: RuntimeError: something broke'
     assert said in process.output
-    assert status.says(said)
+    assert manager.says(said)
     manager.bring_up()
     states = ros.publisher('/fragile/joint_states', JointState)
     for _ in range(20):

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ class Plant:
         self.node = f'/{namespace}/{kind}'
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState, 1000)
         self.odom = ros.subscribe(f'/{namespace}/odom', Odometry, 1000)
-        self.diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 100)
+        self.name = f'{self.node}: simulation'
         given = {'command_timeout': 30.0, **given}
         self.process = ros.start(MODULES[kind], given, namespace=namespace)
         self.commands = ros.publisher(f'/{namespace}/joint_command', JointState)
@@ -50,17 +50,17 @@ class Plant:
         self.ros.settle()
         self.states.clear()
         self.odom.clear()
-        self.diagnostics.clear()
         self.ros.spin_for(seconds)
 
     @property
     def status(self) -> DiagnosticStatus:
         """The newest status of this node, 1 s later."""
         self.listen(1.0)
-        return [s for a in self.diagnostics for s in a.status if s.hardware_id == self.node][-1]
+        return self.ros.statuses[self.name]
 
-    def figure(self, name: str) -> str:
-        return {item.key: item.value for item in self.status.values}[name]
+    def figure(self, key: str) -> str:
+        self.listen(1.0)
+        return self.ros.figure(self.name, key)
 
     def trigger(self, service: str) -> str:
         response = self.ros.call(f'/{self.namespace}/{service}', Trigger)
@@ -140,8 +140,8 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None
     assert status.level == DiagnosticStatus.WARN
     assert status.message.startswith('0.4')
     assert ' s left out: the process was stalled' in status.message
-    later = {item.key: item.value for item in status.values}['simulated time [s]']
-    assert float(later) - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
+    later = float(ros.figure(rig.name, 'simulated time [s]'))
+    assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
     rig.process.end_cleanly()
 
 
