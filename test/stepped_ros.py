@@ -99,7 +99,9 @@ class SteppedTime:
         )
 
     def _sleep(self, seconds: float) -> None:
+        assert seconds >= 0.0
         if threading.current_thread() is threading.main_thread():
+            assert seconds < 1.0, 'so long a node must not keep others waiting'
             return  # a pause of the node itself, so that a message may arrive: it has
         with self._moved:
             me = threading.get_ident()
