@@ -416,9 +416,12 @@ def begin_elsewhere(motion: Any, controls: Any) -> None:
 
 
 def test_halves_of_different_plans_are_not_put_together(ros: Stepped, scout: Scout) -> None:
-    scout.motions.publish(scout.plan(1.0)[0])
-    ros.spin_for(0.02)
+    first, *_ = pairs = [scout.plan(3.0 + 0.1 * k) for k in range(6)]
+    for motion, _ in pairs:
+        scout.motions.publish(motion)
+        ros.settle()
     scout.controls.publish(scout.plan(1.0)[1])
+    scout.controls.publish(first[1])  # only some of the newest wait
     ros.spin_for(0.1)
     assert 'accepted' not in scout.tracker.output
     assert scout.status.message == 'idle'

@@ -66,49 +66,36 @@ def switched(count: int = 20) -> Trajectory:
     ).with_rates(RotaryPendulum().derivative)
 
 
-def test_a_trajectory_comes_back_from_the_wire_to_the_last_bit() -> None:
-    """But for the last torque, which is held for no time."""
-    plan = switched()
-    wire = serialize_message(pendulum_message(plan, STAMP))
-    read = pendulum_trajectory(deserialize_message(wire, JointTrajectory))
+@pytest.fixture
+def made() -> JointTrajectory:
+    return pendulum_message(switched(), STAMP)
+
+
+def test_a_trajectory_comes_back_from_the_wire_to_the_last_bit(made: JointTrajectory) -> None:
+    """But for the last torque, which is held for no time; accelerations are those after a jump."""
+    plan, middle = switched(), switched().times.size // 2
+    read = pendulum_trajectory(deserialize_message(serialize_message(made), JointTrajectory))
     assert np.array_equal(read.times, plan.times)
     assert np.array_equal(read.states, plan.states)
     assert np.array_equal(read.controls[:-1], plan.controls[:-1])
     assert read.controls[-1, 0] == 0.0
     assert read.interpolation == 'zero_order_hold'
     assert read.state_names == plan.state_names
-
-
-def test_accelerations_are_those_after_a_jump_of_torque() -> None:
-    plan = switched()
-    middle = plan.times.size // 2
-    made = pendulum_message(plan, STAMP)
+    assert made.header.stamp == STAMP
     expected = RotaryPendulum().derivative(plan.states, plan.controls)[:, 2:]
     assert np.array_equal([point.accelerations for point in made.points], expected)
     assert made.points[middle - 1].effort[1] != made.points[middle].effort[1]
-    assert made.header.stamp == STAMP
-
-
-def test_a_plan_that_is_not_a_pendulums_is_refused() -> None:
-    plan = switched()
-    without_rates = Trajectory(
-        plan.times, plan.states, plan.controls, plan.state_names, plan.control_names
-    )
+    bare = Trajectory(plan.times, plan.states, plan.controls, plan.state_names, plan.control_names)
     with pytest.raises(InvalidProblem, match='needs the states theta, psi'):
-        pendulum_message(without_rates, STAMP)
+        pendulum_message(bare, STAMP)
 
 
-def test_torque_that_varies_everywhere_is_read_as_a_spline() -> None:
-    made = pendulum_message(switched(), STAMP)
+def test_torque_that_varies_everywhere_is_read_as_a_spline(made: JointTrajectory) -> None:
     for number, point in enumerate(made.points):
         point.effort = [0.0, math.sin(number)]
     assert pendulum_trajectory(made).interpolation == 'cubic'
     assert pendulum_trajectory(made, 'linear').interpolation == 'linear'
-
-
-def test_joints_may_come_in_another_order() -> None:
-    made = pendulum_message(switched(), STAMP)
-    made.joint_names = ['disk', 'pendulum']
+    made.joint_names = ['disk', 'pendulum']  # joints may come in another order
     for point in made.points:
         for quantity in ('positions', 'velocities', 'effort'):
             setattr(point, quantity, list(getattr(point, quantity))[::-1])
@@ -140,8 +127,9 @@ def test_joints_may_come_in_another_order() -> None:
         ),
     ],
 )
-def test_malformed_trajectories_are_refused(spoil: Callable[[Any], None], says: str) -> None:
-    made = pendulum_message(switched(), STAMP)
+def test_malformed_trajectories_are_refused(
+    made: JointTrajectory, spoil: Callable[[Any], None], says: str
+) -> None:
     spoil(made)
     with pytest.raises(InvalidProblem) as refused:
         pendulum_trajectory(made)
@@ -149,15 +137,18 @@ def test_malformed_trajectories_are_refused(spoil: Callable[[Any], None], says: 
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)
-@given(strategies.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9))
-def test_instants_are_exact_to_the_nanosecond(nanoseconds: int) -> None:
+@given(
+    strategies.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9),
+    strategies.floats(-1e5, 1e5),
+    strategies.floats(-math.pi, math.pi),
+)
+def test_instants_durations_and_yaw_keep_their_values(
+    nanoseconds: int, seconds: float, yaw: float
+) -> None:
     assert nanoseconds_of(to_stamp(nanoseconds)) == nanoseconds
-
-
-@settings(deadline=None, derandomize=True, max_examples=50)
-@given(strategies.floats(-1e5, 1e5))
-def test_durations_are_rounded_to_the_nanosecond(seconds: float) -> None:
     assert abs(seconds_of(to_duration(seconds)) - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
+    turned = yaw_of(to_quaternion(yaw))
+    assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
 
 
 def test_the_motion_of_joints_is_picked_by_name() -> None:
@@ -271,13 +262,6 @@ def test_malformed_plans_of_robots_are_refused(spoil: Callable[..., None], words
     with pytest.raises(InvalidProblem) as refused:
         robot_trajectory(*pair, 'robot1')
     assert words in str(refused.value)
-
-
-@given(strategies.floats(-math.pi, math.pi))
-@settings(deadline=None, derandomize=True)
-def test_yaw_of_quaternions(yaw: float) -> None:
-    turned = yaw_of(to_quaternion(yaw))
-    assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
 
 
 def odometry() -> Odometry:
