@@ -75,15 +75,21 @@ def times(messages: list[Any]) -> np.ndarray:
     return np.array([nanoseconds_of(message.header.stamp) for message in messages])
 
 
-def test_malformed_commands_are_ignored_with_a_reason(ros: Stepped) -> None:
-    rig = Plant(ros, 'pendulum_plant', 'malformed', {})
+def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepped) -> None:
+    given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
+    rig = Plant(ros, 'pendulum_plant', 'wrong', given)
     for names, effort in ((['arm'], [0.01]), (['disk'], [math.nan]), (['disk'], [])):
         rig.command(names, effort)
         assert not any(rig.efforts(1))
     words = "joint_command ignored: it must name joint 'disk' once, but its names are: arm"
     assert words in rig.process.output
-    assert rig.figure('commands refused') == '3'
-    assert rig.figure('commands accepted') == '0'
+    assert "'plant.colour' is unknown" in rig.process.output
+    status = rig.status
+    assert status.level == DiagnosticStatus.ERROR
+    assert "'plant.mass' = -1.0" in status.message  # its default is kept
+    assert 'beyond limits.disk_angle' not in status.message  # but at it
+    assert ros.figure(rig.name, 'commands refused') == '3'
+    assert ros.figure(rig.name, 'commands accepted') == '0'
     rig.process.end_cleanly()
 
 
@@ -109,16 +115,6 @@ def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Steppe
     thetas = np.array([state.position[0] for state in rig.states])
     assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
     assert thetas.std() == pytest.approx(0.01, rel=0.3)
-    rig.process.end_cleanly()
-
-
-def test_a_wrong_value_at_the_start_is_reported_and_its_default_kept(ros: Stepped) -> None:
-    given = {'plant.mass': -1.0, 'plant.colour': 'red'}
-    rig = Plant(ros, 'pendulum_plant', 'wrong', given)
-    status = rig.status
-    assert status.level == DiagnosticStatus.ERROR
-    assert "'plant.mass' = -1.0" in status.message
-    assert "'plant.colour' is unknown" in rig.process.output
     rig.process.end_cleanly()
 
 

@@ -228,7 +228,10 @@ def test_the_plume_points_along_the_force_and_leaves_behind(state) -> None:
     along = (in_arena(plume) - [state.x, state.y]) @ force
     assert along.max() == pytest.approx(-LOOK.radius)
     length = along.max() - along.min()
-    assert length == pytest.approx(4 * LOOK.radius * min(state.thrust / 1.05, 1.0))
+    share = min(state.thrust / 1.05, 1.0)
+    assert length == pytest.approx(4 * LOOK.radius * share)
+    across = (in_arena(plume) - [state.x, state.y]) @ [-force[1], force[0]]
+    assert np.ptp(across) == pytest.approx((0.3 + 0.9 * share) * LOOK.radius)
 
 
 def test_heading_and_body_are_those_of_the_state() -> None:
