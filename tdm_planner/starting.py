@@ -144,8 +144,15 @@ def command() -> list[str]:
 
 def _module() -> str:
     """Return the module that Python was started with, '' if it was not."""
-    words = sys.orig_argv
-    return words[words.index('-m') + 1] if '-m' in words[:-1] else ''
+    words = iter(sys.orig_argv[1:])
+    for word in words:
+        if word == '-m':
+            return next(words, '')
+        if word in ('-W', '-X'):  # options whose value is a word of its own
+            next(words, '')
+        elif word == '-c' or not word.startswith('-'):
+            return ''  # what follows are the arguments of a script
+    return ''
 
 
 def _arguments() -> list[str]:

@@ -35,7 +35,7 @@ _QUEUE = 10
 _NANOSECOND = 1e-9
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
 _LAG = 3  # steps, or intervals between its messages, that a follower may be behind
-_PATIENCE = 0.5  # s of real time after which a silent follower is not waited for any more
+_PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more
 
 
 class _Follower:

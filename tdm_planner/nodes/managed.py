@@ -29,6 +29,7 @@ from contextlib import suppress
 from enum import Enum
 import math
 import time
+import traceback
 from typing import Any
 
 from lifecycle_msgs.msg import State
@@ -215,7 +216,8 @@ class ManagedNode(ConfiguredEntities):
             action()
         except Exception as error:  # noqa: B902
             self._setback = f'cannot {what}: {_sentence(error)}'
-            self.get_logger().error(self._setback)
+            trace = '' if isinstance(error, TdmError) else traceback.format_exc()
+            self.get_logger().error('\n'.join(filter(None, [self._setback, trace])))
             if undo is None or not isinstance(error, TdmError):
                 return TransitionCallbackReturn.ERROR
             undo()

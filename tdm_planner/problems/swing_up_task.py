@@ -105,7 +105,8 @@ class SwingUpTask:
         """
         Largest |psi| [rad] if the torque brakes the disk fully until it stands.
 
-        Infinite if it does not come to stand in four times the time that the torque alone needs.
+        A disk that the pendulum drives on is followed for four times as long as the torque alone
+        needs. Infinite if the motion leaves the range of numbers.
         """
         speed = float(self.start[3])
         if speed == 0.0:
@@ -120,9 +121,10 @@ class SwingUpTask:
                 self.plant, self.start, np.full(steps, longest / steps), torques, 4
             )
         standing = np.flatnonzero(~(states[:, 3] * speed > 0.0))
-        if not standing.size or not np.isfinite(states[standing[0]]).all():
+        last = standing[0] if standing.size else steps
+        if not np.isfinite(states[last]).all():
             return math.inf
-        return float(np.abs(states[: standing[0] + 1, 1]).max())
+        return float(np.abs(states[: last + 1, 1]).max())
 
     def turns_nearest(self, state: Array) -> int:
         """

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-import ast
 from configparser import ConfigParser
 import importlib.util
 import os
@@ -20,7 +19,6 @@ import re
 import shutil
 import subprocess
 import sys
-from xml.etree import ElementTree
 import zipfile
 
 import pytest
@@ -80,24 +78,25 @@ def test_colcon_runs_the_tests(installed: Path, copy: Path):
     workspace = installed.parents[1]
     said = colcon(
         *(workspace, 'test', '--base-paths', str(copy.parent)),
-        *('--pytest-args', 'test/test_trajectory.py', 'test/test_verification.py'),
+        *('--pytest-args', 'test/unit/test_trajectory.py', 'test/unit/test_verification.py'),
     )
     assert 'stderr' not in said, said
     result = colcon(workspace, 'test-result')
     assert re.search(r'Summary: [1-9]\d* tests, 0 errors, 0 failures, 0 skipped', result), result
 
 
-def test_colcon_installs_executables_where_ros2_run_looks(installed: Path):
-    folder = installed / 'lib' / 'tdm_planner'
+def test_colcon_installs_what_ros2_looks_for(installed: Path):
+    folder, share = installed / 'lib' / 'tdm_planner', installed / 'share'
     assert {path.name for path in folder.iterdir()} == EXECUTABLES
     assert all(os.access(folder / name, os.X_OK) for name in EXECUTABLES)
-
-
-def test_colcon_installs_shared_files_and_index_marker(installed: Path):
-    share = installed / 'share'
     assert (share / 'ament_index/resource_index/packages/tdm_planner').is_file()
     missing = {name for name in shared_files() if not (share / 'tdm_planner' / name).is_file()}
     assert not missing
+    answer = run_sourced(installed, f'{folder}/tdm --version')
+    assert tdm_planner.__version__ in answer
+    code = 'from tdm_planner.resources import config_file; print(config_file("pendulum.yaml"))'
+    found = run_sourced(installed, f"{sys.executable} -c '{code}'")
+    assert found.strip() == str(share / 'tdm_planner/config/pendulum.yaml')
 
 
 def run_sourced(installed: Path, command: str) -> str:
@@ -105,17 +104,6 @@ def run_sourced(installed: Path, command: str) -> str:
     prefix = installed.parent
     script = f'export COLCON_CURRENT_PREFIX={prefix}; . {prefix}/local_setup.sh && {command}'
     return run('sh', '-c', script, cwd=prefix)
-
-
-def test_executable_runs_from_the_sourced_workspace(installed: Path):
-    answer = run_sourced(installed, f'{installed}/lib/tdm_planner/tdm --version')
-    assert tdm_planner.__version__ in answer
-
-
-def test_configuration_is_found_in_the_sourced_workspace(installed: Path):
-    code = 'from tdm_planner.resources import config_file; print(config_file("pendulum.yaml"))'
-    found = run_sourced(installed, f"{sys.executable} -c '{code}'")
-    assert found.strip() == str(installed / 'share/tdm_planner/config/pendulum.yaml')
 
 
 def test_executables_run_in_the_environment_of_make_setup(
@@ -150,29 +138,20 @@ def wheel(copy: Path) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
-def test_wheel_holds_every_module(wheel: zipfile.ZipFile):
-    names = {name for name in wheel.namelist() if name.endswith('.py')}
-    modules = {
+def test_wheel_holds_every_module_and_file(wheel: zipfile.ZipFile):
+    names = set(wheel.namelist())
+    wanted = {
         str(path.relative_to(SOURCE))
         for package in ('tdm_planner', 'tdm_sim')
         for path in (SOURCE / package).rglob('*.py')
     }
-    assert modules <= names
+    assets = {str(p.relative_to(SOURCE)) for p in (SOURCE / 'tdm_sim/report/assets').iterdir()}
+    assert 'tdm_sim/report/assets/page.html' in assets
+    assert wanted | assets <= names
     assert not {name for name in names if name.startswith(('test/', 'benchmark/', 'tools/'))}
-
-
-def test_wheel_holds_what_reports_are_made_of(wheel: zipfile.ZipFile):
-    folder = Path('tdm_sim', 'report', 'assets')
-    assets = {str(folder / path.name) for path in (SOURCE / folder).iterdir()}
-    assert str(folder / 'page.html') in assets
-    assert assets <= set(wheel.namelist())
-
-
-def test_wheel_holds_shared_files_and_index_marker(wheel: zipfile.ZipFile):
-    prefix = f'tdm_planner-{tdm_planner.__version__}.data/data/share/'
-    names = {n.removeprefix(prefix) for n in wheel.namelist() if n.startswith(prefix)}
-    assert {f'tdm_planner/{name}' for name in shared_files()} <= names
-    assert 'ament_index/resource_index/packages/tdm_planner' in names
+    share = f'tdm_planner-{tdm_planner.__version__}.data/data/share'
+    assert {f'{share}/tdm_planner/{name}' for name in shared_files()} <= names
+    assert f'{share}/ament_index/resource_index/packages/tdm_planner' in names
 
 
 def test_wheel_declares_executables_and_problems(wheel: zipfile.ZipFile):
@@ -189,88 +168,3 @@ def test_wheel_declares_executables_and_problems(wheel: zipfile.ZipFile):
             assert path in modules, target
             pattern = rf'^(def|class) {name}\b'
             assert re.search(pattern, wheel.read(path).decode(), re.MULTILINE), target
-
-
-@pytest.fixture(scope='module')
-def manifest() -> ElementTree.Element:
-    return ElementTree.parse(SOURCE / 'package.xml').getroot()
-
-
-def test_manifest_agrees_with_the_package(manifest: ElementTree.Element):
-    assert manifest.get('format') == '3'
-    assert manifest.findtext('name') == 'tdm_planner'
-    assert manifest.findtext('version') == tdm_planner.__version__
-    assert manifest.findtext('export/build_type') == 'ament_python'
-    assert manifest.findtext('license') == 'Apache-2.0'
-
-
-def test_manifest_names_every_package_imported(manifest: ElementTree.Element):
-    depends = {element.text for element in manifest.findall('exec_depend')}
-    folders = (SOURCE / name for name in ('tdm_planner', 'tdm_sim', 'launch'))
-    imported = {
-        match
-        for folder in folders
-        for path in folder.rglob('*.py')
-        for match in re.findall(
-            r'^\s*(?:from|import) (\w+)', path.read_text(encoding='utf-8'), re.MULTILINE
-        )
-    }
-    ros = {n for n in imported if n.endswith(('_msgs', '_srvs', '_interfaces'))}
-    ros |= imported & {'rclpy', 'launch', 'launch_ros', 'ament_index_python'}
-    assert 'rclpy' in ros
-    assert ros <= depends
-    debian = {'yaml', 'numpy', 'scipy', 'matplotlib', 'rich'} & imported
-    assert {f'python3-{name}' for name in debian} <= depends
-
-
-def requirements() -> set[str]:
-    """Everything that setup.py asks for, extras included, as package names."""
-    tree = ast.parse((SOURCE / 'setup.py').read_text(encoding='utf-8'))
-    (call,) = (
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
-    )
-    arguments = {keyword.arg: keyword.value for keyword in call.keywords}
-    listed = ast.literal_eval(arguments['install_requires'])
-    for extra in ast.literal_eval(arguments['extras_require']).values():
-        listed += extra
-    return {package_name(requirement) for requirement in listed}
-
-
-def package_name(requirement: str) -> str:
-    name = re.split(r'[\[<>=; ]', requirement)[0]
-    return re.sub(r'[-_.]+', '-', name).lower()
-
-
-def test_every_requirement_is_pinned():
-    assert {'numpy', 'ros-jazzy-rclpy', 'ruff'} <= requirements()
-    assert requirements() <= set(pins('constraints.txt'))
-
-
-def test_oldest_versions_promised_are_those_of_ubuntu():
-    """`make test CONSTRAINTS=constraints-noble.txt` runs with the versions that setup.py names."""
-    text = (SOURCE / 'setup.py').read_text(encoding='utf-8')
-    oldest = dict(re.findall(r"'([\w-]+)>=([\d.]+)'", text))
-    noble = pins('constraints-noble.txt')
-    assert {'numpy', 'scipy', 'matplotlib', 'PyYAML', 'rich'} == set(oldest) - {'plotly'}
-    for name in set(oldest) - {'plotly'}:
-        assert noble[package_name(name)].startswith(oldest[name]), name
-
-
-def pins(name: str) -> dict[str, str]:
-    """Return the versions that a file of constraints pins; of several the first."""
-    found: dict[str, str] = {}
-    for line in (SOURCE / name).read_text(encoding='utf-8').splitlines():
-        if line and not line.startswith('#'):
-            package, version = line.split(';')[0].split('==')
-            found.setdefault(package_name(package), version.strip())
-    return found
-
-
-def test_changelog_tells_of_the_version_or_of_what_is_coming():
-    headings = re.findall(
-        r'^(.+)\n-+$', (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8'), re.MULTILINE
-    )
-    assert headings
-    assert headings[0] == 'Forthcoming' or headings[0].startswith(tdm_planner.__version__)

@@ -7,7 +7,9 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The command line in processes of its own, as users run it."""
+"""The command line: in the test's process, and once as users run it."""
+
+from __future__ import annotations
 
 import json
 import math
@@ -15,45 +17,40 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
-from ros_harness import UNHURRIED
+from ros_harness import SOURCE, UNHURRIED
 from scipy.integrate import solve_ivp
+from tdm_planner.cli import main
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
-SOURCE = Path(__file__).resolve().parents[2]
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
-def tdm(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, '-m', 'tdm_planner.cli', *map(str, arguments)],
-        cwd=cwd,
-        env=os.environ | {'PYTHONPATH': str(SOURCE)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-
-
-def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(tmp_path):
-    done = tdm(
-        'plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED, cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stderr
-    assert 'upright' in done.stdout
-    plan = json.loads((tmp_path / 'plan.json').read_text())
+def test_a_plan_is_written_drawn_and_reaches_the_goal_when_integrated(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    words = ['plan', 'pendulum', '-o', 'plan.json', '--plot', 'plan.png', *UNHURRIED]
+    assert main(words) == 0
+    assert 'upright' in capsys.readouterr().out
+    plan = json.loads((folder / 'plan.json').read_text())
     assert plan['interpolation'] == 'zero_order_hold'
     assert list(plan['states']) == ['theta', 'psi', 'theta_dot', 'psi_dot']
     assert plan['verification']['ok'] is True
-    assert (tmp_path / 'plan.png').read_bytes().startswith(b'\x89PNG')
+    assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
     end = integrate(plan)
     upright = 2 * math.pi * round(end[0] / (2 * math.pi))
     assert np.abs(end[:2] - [upright, 0]).max() < 1e-4
     assert np.abs(end[2:]).max() < 1e-3
 
 
-def integrate(plan):
+def integrate(plan: dict[str, Any]) -> np.ndarray:
     """Whoever integrates the plant with the torques held so must reach the goal."""
     plant = RotaryPendulum()
     state = np.array([column[0] for column in plan['states'].values()])
@@ -67,18 +64,21 @@ def integrate(plan):
     return state
 
 
-def test_parameter_files_and_settings(tmp_path):
-    (tmp_path / 'p.yaml').write_text(
+def test_parameter_files_and_settings_as_users_run_it(folder: Path):
+    (folder / 'p.yaml').write_text(
         '/**:\n  planner:\n    ros__parameters:\n      limits: {torque: 9e-2}\n'
         '      start: {source: measured, theta: 3.0}\n'
     )
-    done = tdm(
-        'plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1',
-        '--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv', cwd=tmp_path,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == ''
-    lines = (tmp_path / 'plan.csv').read_text().splitlines()
+    words = ['plan', 'pendulum', '--params', 'p.yaml', '--set', 'torque_reserve=0', 'start.psi=.1']
+    words += ['--set', 'solver.seed=1', *UNHURRIED, '-q', '-o', 'plan.csv']
+    done = subprocess.run(
+        [sys.executable, '-m', 'tdm_planner.cli', *words],
+        env=os.environ | {'PYTHONPATH': str(SOURCE)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (0, ''), done.stderr
+    lines = (folder / 'plan.csv').read_text().splitlines()
     assert lines[0] == 'time,theta,psi,theta_dot,psi_dot,torque'
     first = [float(value) for value in lines[1].split(',')]
     assert first[1:3] == [3.0, 0.1]
@@ -95,54 +95,73 @@ def test_parameter_files_and_settings(tmp_path):
         (['--set', 'nonsense'], 2, ['nonsense', 'name=value']),
         (['--set', 'start.psi=2.5'], 2, ['start.psi', '2.5', '[-2, 2]']),
         (['--params', 'absent.yaml'], 2, ['absent.yaml', 'cannot be read']),
+        (['--params', '../wrong.yaml'], 2, ['not YAML']),
         (['--set', 'limits.torque=1e-4', '--set', 'solver.deadline=.3'], 3, []),
         (['-o', 'plan.txt'], 2, ['plan.txt', '.json, .csv, .npz']),
         (['-o', 'missing/plan.json'], 2, ['missing']),
         (['--plot', 'plan.bmp'], 2, ['plan.bmp']),
     ],
 )
-def test_mistakes_get_one_sentence_and_a_code(tmp_path, arguments, code, words):
+def test_mistakes_get_one_sentence_and_a_code(
+    arguments: list[str],
+    code: int,
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    (tmp_path / 'wrong.yaml').write_text('a: [1, 2\nb: }')
+    (tmp_path / 'folder').mkdir()
+    monkeypatch.chdir(tmp_path / 'folder')
     output = [] if '-o' in arguments else ['-o', 'plan.json']
-    done = tdm('plan', 'pendulum', *output, *arguments, cwd=tmp_path)
-    assert done.returncode == code, done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert all(word in done.stderr for word in words), done.stderr
-    assert not list(tmp_path.iterdir())
+    assert main(['plan', 'pendulum', *output, *arguments]) == code
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert all(word in line for word in words), line
+    assert not list((tmp_path / 'folder').iterdir())
 
 
-def test_an_unknown_problem_lists_the_known_ones(tmp_path):
-    done = tdm('plan', 'cartpole', '-o', 'plan.json', cwd=tmp_path)
-    assert done.returncode == 2
-    assert 'pendulum_swing_up' in done.stderr
+def test_an_unknown_problem_lists_the_known_ones(capsys: pytest.CaptureFixture[str]):
+    assert main(['plan', 'cartpole', '-o', 'plan.json']) == 2
+    assert 'pendulum_swing_up' in capsys.readouterr().err
 
 
-def test_a_file_that_is_not_yaml(tmp_path):
-    (tmp_path / 'p.yaml').write_text('a: [1, 2\nb: }')
-    done = tdm('plan', 'pendulum', '--params', 'p.yaml', '-o', 'plan.json', cwd=tmp_path)
-    assert done.returncode == 2
-    assert 'not YAML' in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+@pytest.mark.parametrize(
+    ('words', 'code'), [([], 2), (['plan', 'pendulum'], 2), (['--version'], 0)]
+)
+def test_usage_and_version(words: list[str], code: int, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == code
+    assert capsys.readouterr().out.startswith('tdm_planner 0.' if code == 0 else '')
 
 
-def test_usage_and_version(tmp_path):
-    assert tdm(cwd=tmp_path).returncode == 2
-    assert tdm('plan', 'pendulum', cwd=tmp_path).returncode == 2
-    assert tdm('--version', cwd=tmp_path).stdout.startswith('tdm_planner 0.')
+def test_without_ros_the_way_out_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setitem(sys.modules, 'rclpy', None)
+    monkeypatch.delitem(sys.modules, 'tdm_sim.demo', raising=False)
+    assert main(['demo', 'pendulum']) == 2
+    assert "this needs 'rclpy', which is not installed" in capsys.readouterr().err
 
 
-def test_without_ros_the_way_out_is_named(tmp_path):
-    code = (
-        "import sys; sys.modules['rclpy'] = None; "
-        "from tdm_planner.cli import main; sys.exit(main(['demo', 'pendulum']))"
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(SOURCE), 'ROS_LOG_DIR': str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 2
-    assert "this needs 'rclpy', which is not installed" in done.stderr
-    assert 'Traceback' not in done.stderr
+@pytest.mark.parametrize('speed', ['0', '-1', '100', 'nan'])
+def test_a_demo_refuses_a_speed_that_cannot_be(
+    speed: str, folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    pytest.importorskip('rclpy')
+    assert main(['demo', 'pendulum', f'--speed={speed}', '-o', 'out']) == 2
+    assert "parameter 'speed'" in capsys.readouterr().err
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize('foreign', ['out', 'out/thesis.tex'])
+def test_a_demo_leaves_alone_what_is_not_its_own(
+    foreign: str, folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    pytest.importorskip('rclpy')
+    mine = folder / foreign
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_text('mine')
+    assert main(['demo', 'pendulum', '-o', 'out']) == 2
+    assert "'out'" in capsys.readouterr().err
+    assert mine.read_text() == 'mine'

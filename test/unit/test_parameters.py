@@ -7,15 +7,19 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Declared parameters: checked, read from files, written to files and tables."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_value
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -28,6 +32,7 @@ from tdm_planner.parameters import (
     to_mapping,
     Validated,
 )
+import yaml
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,8 @@ def test_names_and_round_trip():
     assert made.plant == Inner(2.0, 3)
     assert isinstance(made.plant.mass, float)
     assert build(Outer, to_mapping(made)) == made
+    with pytest.raises(InvalidProblem, match='mass'):
+        Inner(mass=-1.0)
 
 
 @pytest.mark.parametrize(
@@ -84,11 +91,6 @@ def test_one_sentence_names_parameter_value_and_range(name, value, words):
     assert '\n' not in message
 
 
-def test_dataclasses_check_themselves():
-    with pytest.raises(InvalidProblem, match='mass'):
-        Inner(mass=-1.0)
-
-
 @given(
     st.one_of(
         st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(),
@@ -108,7 +110,7 @@ def test_any_value_is_taken_or_refused_in_one_line(value, name):
         assert spec.check(taken) == taken
 
 
-def test_flatten():
+def test_nested_names_are_joined():
     assert flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3}) == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
 
 
@@ -127,12 +129,87 @@ def test_ros_parameter_files_in_every_form(document):
     assert ros_parameters(document) == {'a.b': 1}
 
 
-def test_files_for_others_are_empty_where_no_section_is_required():
-    document = {'tracker': {'ros__parameters': {'a': 1}}}
-    assert ros_parameters(document, required=False) == {}
+def test_files_for_others_are_refused_or_empty():
+    others = {'tracker': {'ros__parameters': {'a': 1}}}
+    assert ros_parameters(others, required=False) == {}
+    for document in ([1], 'text', others):
+        with pytest.raises(InvalidProblem):
+            ros_parameters(document)
 
 
-@pytest.mark.parametrize('document', [[1], 'text', {'tracker': {'ros__parameters': {'a': 1}}}])
-def test_files_for_others_are_refused(document):
-    with pytest.raises(InvalidProblem):
-        ros_parameters(document)
+@dataclass(frozen=True)
+class Loop(Validated):
+    gain: float = parameter(1e-8, 'gain of the loop', unit='N m/rad', allowed=POSITIVE)
+    turns: int | None = parameter(None, 'turns')
+
+
+@dataclass(frozen=True)
+class Optional(Validated):
+    limit: float | None = parameter(None, 'limit')
+
+
+@dataclass(frozen=True)
+class Written(Validated):
+    on: bool = parameter(True, 'switch')
+    names: list[str] = parameter(['one', 'no'], 'names')
+    zones: list[float] = parameter([], 'zones')
+    inner: Loop = group(Loop)
+    mode: str = parameter('a', 'the mode', choices=('a', 'b'), read_only=True)
+    optional: Optional = group(Optional)
+    wordy: float = parameter(1.0, 'many words ' * 40)
+
+
+SPECS = specifications(Written)
+
+
+def read(text: str) -> dict[str, Any]:
+    return ros_parameters(yaml.safe_load(text), 'node')
+
+
+def test_a_file_holds_the_defaults_by_node_and_says_what_is_allowed():
+    text = parameter_file({'node': (SPECS, {}), 'other': (SPECS, {'mode': 'b'})}, 'Title\nline')
+    assert text.startswith('# Title\n# line\n/**/node:\n  ros__parameters:\n')
+    expected = {'on': True, 'names': ['one', 'no'], 'inner.gain': 1e-8, 'mode': 'a', 'wordy': 1.0}
+    assert read(text) == expected
+    assert ros_parameters(yaml.safe_load(text), 'other')['mode'] == 'b'
+    assert '      # gain of the loop [N m/rad], in (0, 1e+12]\n      gain: 1.0e-08\n' in text
+    assert '    # the mode: a, b\n' in text
+    assert '      # turns:\n' in text
+    assert max(map(len, text.splitlines())) <= 99
+
+
+def test_values_replace_defaults_and_are_checked():
+    assert read(parameter_file({'node': (SPECS, {'inner.turns': 2})}))['inner.turns'] == 2
+    with pytest.raises(InvalidProblem, match=r"'inner\.gain' = -1"):
+        parameter_file({'node': (SPECS, {'inner.gain': -1})})
+    with pytest.raises(KeyError, match=r"no parameter 'inner\.gian'"):
+        parameter_file({'node': (SPECS, {'inner.gian': 1.0})})
+
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(deadline=None, max_examples=100, derandomize=True)
+@given(
+    st.one_of(
+        FINITE, st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=20),
+        st.lists(FINITE),
+    )
+)  # fmt: skip
+def test_values_keep_type_and_value_through_yaml(value: Any):
+    text = yaml_value(value)
+    assert '\n' not in text
+    back = yaml.safe_load(text)
+    assert back == value
+    assert type(back) is type(value)
+    assert '.' in text or not isinstance(value, float)  # a double to ROS as well
+
+
+def test_a_table_has_a_row_for_every_parameter():
+    rows = parameter_table(SPECS).splitlines()
+    assert len(rows) == 2 + len(SPECS)
+    assert rows[2 + list(SPECS).index('inner.gain')] == (
+        '| `inner.gain` | `1.0e-08` | a number in (0, 1e+12] N m/rad | gain of the loop |'
+    )
+    assert rows[2 + list(SPECS).index('inner.turns')].startswith('| `inner.turns` | unset |')
+    assert 'the mode (fixed while the node runs)' in parameter_table(SPECS)

@@ -7,8 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Plans as files: every bit of them is kept, and what is no plan is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
 import csv
 import json
+from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,29 +27,24 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
+NUMBERS = ((0.1, 2.0), (1 / 3, -1e-17), (3.0, 4.0))
 
 
-def trajectory(values=((0.1, 2.0), (1 / 3, -1e-17), (3.0, 4.0))):
-    return Trajectory(
-        np.array([0.0, 0.1, 0.30000000000000004]),
-        np.array(values),
-        np.array([[1.0], [-1.0], [0.0]]),
-        ('theta', 'psi'),
-        ('torque',),
-    )
+def trajectory(values: object = NUMBERS) -> Trajectory:
+    times, torque = np.array([0.0, 0.1, 0.30000000000000004]), np.array([[1.0], [-1.0], [0.0]])
+    return Trajectory(times, np.array(values), torque, ('theta', 'psi'), ('torque',))
 
 
-def solution(trajectories, verifications=()):
-    return Solution(
-        'example', trajectories, 1.5, 0.0, np.zeros(2), 7, 0.01,
-        Verification(True, np.zeros(2), {'torque': 0.1}, {'torque': 0.2}),
-        dict(verifications),
-    )  # fmt: skip
+def solution(trajectories: Mapping[str, Trajectory]) -> Solution:
+    check = Verification(True, np.zeros(2), {'torque': 0.1}, {'torque': 0.2})
+    checks = dict.fromkeys(trajectories, check) if len(trajectories) > 1 else {}
+    return Solution('example', trajectories, 1.5, 0.0, np.zeros(2), 7, 0.01, check, checks)
 
 
-def test_json_keeps_every_bit(tmp_path):
+def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:
     original = trajectory()
-    save_plan(solution({'pendulum': original}).to_dict(), tmp_path / 'plan.json')
+    for ending in ('json', 'csv', 'npz'):
+        save_plan(solution({'pendulum': original}).to_dict(), tmp_path / f'plan.{ending}')
     plan = load_plan(tmp_path / 'plan.json')
     again = Trajectory.from_dict(plan)
     for name in ('times', 'states', 'controls'):
@@ -51,57 +52,41 @@ def test_json_keeps_every_bit(tmp_path):
     assert plan['interpolation'] == 'zero_order_hold'
     assert plan['verification']['worst'] == {'torque': 0.1}
     assert set(plan) >= {'problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations'}
-
-
-@given(st.lists(st.tuples(FINITE, FINITE), min_size=3, max_size=3))
-@settings(deadline=None, max_examples=50, derandomize=True)
-def test_any_finite_state_survives_json(values):
-    plan = json.loads(to_json(solution({'pendulum': trajectory(values)}).to_dict()))
-    np.testing.assert_array_equal(Trajectory.from_dict(plan).states, np.array(values))
-
-
-def test_csv_and_npz_hold_the_same_samples(tmp_path):
-    original = trajectory()
-    plan = solution({'pendulum': original}).to_dict()
-    save_plan(plan, tmp_path / 'plan.csv')
-    save_plan(plan, tmp_path / 'plan.npz')
-    rows = list(csv.reader((tmp_path / 'plan.csv').open()))
-    assert rows[0] == ['time', 'theta', 'psi', 'torque']
-    table = np.array(rows[1:], dtype=float)
-    np.testing.assert_array_equal(table[:, 1:3], original.states)
+    head, *rows = csv.reader((tmp_path / 'plan.csv').open())
+    assert head == ['time', 'theta', 'psi', 'torque']
+    np.testing.assert_array_equal(np.array(rows, dtype=float)[:, 1:3], original.states)
     with np.load(tmp_path / 'plan.npz') as arrays:
         np.testing.assert_array_equal(arrays['times'], original.times)
         np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
 
 
-def test_several_vehicles(tmp_path):
-    both = {'a': trajectory(), 'b': trajectory()}
-    checks = {name: Verification(True, np.zeros(2)) for name in both}
-    plan = solution(both, checks).to_dict()
+@given(st.lists(st.tuples(FINITE, FINITE), min_size=3, max_size=3))
+@settings(deadline=None, max_examples=50, derandomize=True)
+def test_any_finite_state_survives_json(values: list[tuple[float, float]]) -> None:
+    plan = json.loads(to_json(solution({'pendulum': trajectory(values)}).to_dict()))
+    np.testing.assert_array_equal(Trajectory.from_dict(plan).states, np.array(values))
+
+
+def test_several_vehicles(tmp_path: Path) -> None:
+    both = solution({'a': trajectory(), 'b': trajectory()})
+    plan = both.to_dict()
     assert set(plan['robots']) == {'a', 'b'}
     save_plan(plan, tmp_path / 'plan.csv')
     rows = list(csv.reader((tmp_path / 'plan.csv').open()))
-    assert rows[0][0] == 'robot'
-    assert [row[0] for row in rows[1:]] == ['a'] * 3 + ['b'] * 3
+    assert [row[0] for row in rows] == ['robot', *'aaabbb']
     save_plan(plan, tmp_path / 'plan.json')
     assert set(load_plan(tmp_path / 'plan.json')['robots']) == {'a', 'b'}
-    joint = solution(both, checks).trajectory
-    assert joint.state_names == ('a.theta', 'a.psi', 'b.theta', 'b.psi')
+    assert both.trajectory.state_names == ('a.theta', 'a.psi', 'b.theta', 'b.psi')
 
 
-@pytest.mark.parametrize('name', ['plan.txt', 'plan', 'missing/plan.json', ''])
-def test_paths_that_cannot_be_written_are_refused(tmp_path, name):
-    with pytest.raises(InvalidProblem):
-        check_path(tmp_path / name)
-
-
-@pytest.mark.parametrize(
-    'text', ['', '{', '[]', '{"problem": "x"}', '{"problem":"x","times":[1]}']
-)
-def test_files_that_are_no_plans_are_refused(tmp_path, text):
+def test_what_cannot_be_written_or_is_no_plan_is_refused(tmp_path: Path) -> None:
+    for name in ('plan.txt', 'plan', 'missing/plan.json', ''):
+        with pytest.raises(InvalidProblem):
+            check_path(tmp_path / name)
     path = tmp_path / 'plan.json'
-    path.write_text(text)
-    with pytest.raises(InvalidProblem):
-        load_plan(path)
     with pytest.raises(InvalidProblem, match='cannot be read'):
-        load_plan(tmp_path / 'absent.json')
+        load_plan(path)
+    for text in ('', '{', '[]', '{"problem": "x"}', '{"problem":"x","times":[1]}'):
+        path.write_text(text)
+        with pytest.raises(InvalidProblem):
+            load_plan(path)

@@ -9,8 +9,11 @@
 
 """Pictures of plans: everything is in them, and drawn where it is."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -26,9 +29,12 @@ from tdm_planner.problems import (
     PendulumSwingUp,
     Problem,
     RobotFormation,
+    Solution,
     SolverParameters,
 )
 from tdm_planner.verification import Constraint
+
+Planned = tuple[Any, Solution]
 
 
 class Foreign(Problem):
@@ -36,132 +42,94 @@ class Foreign(Problem):
 
     name = 'foreign'
 
-    def search(self, budget, rng, previous):
+    def search(self, budget: Any, rng: Any, previous: Any) -> Any:
         raise NotImplementedError
 
 
+class Limited(Foreign):
+    """With one."""
+
+    def constraints_on(self, trajectory: Any) -> Any:
+        fastest = np.abs(trajectory.state('theta_dot')).max()
+        return (Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s'),)
+
+
+@dataclass(frozen=True)
+class Cart(DirectProblem, Validated):
+    """Stated as a formulation, with margins of its own."""
+
+    name: ClassVar[str] = 'cart'
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+    solver: SolverParameters = group(SolverParameters)
+
+    def outputs(self) -> Any:
+        return {'x': Output((1.0, 0.0), (0.0, 0.0), free=1)}
+
+    def duration(self) -> Any:
+        return Duration(2.0, fixed=True)
+
+    def invert(self, y: Any, z: Any) -> Any:
+        return y['x'][:2], y['x'][2:]
+
+    def derivative(self, x: Any, u: Any) -> Any:
+        return x[1], u[0]
+
+    def margins(self, t: Any, x: Any, u: Any) -> Any:
+        return {'push': 2.0 - u[0], 'pull': 2.0 + u[0]}
+
+    def running_cost(self, t: Any, x: Any, u: Any) -> Any:
+        return u[0] ** 2
+
+
 @pytest.fixture(scope='module')
-def swing_up():
+def swing_up() -> Planned:
     problem = PendulumSwingUp.from_parameters({})
     return problem, problem.solve(deadline=5.0)
 
 
 @pytest.fixture(scope='module')
-def formation():
+def formation() -> Planned:
     problem = RobotFormation.from_parameters({})
     return problem, problem.solve(deadline=5.0)
 
 
-def titles(figure):
-    return [axis.get_ylabel() for axis in figure.axes]
+def axes(figure: Any) -> dict[str, Any]:
+    return {axis.get_ylabel(): axis for axis in figure.axes}
 
 
-def levels(axis, colour):
+def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
     """Where lines of a colour lie."""
-    return [
-        (line.get_xdata()[0], line.get_ydata()[0])
-        for line in axis.get_lines()
-        if line.get_color() == colour
-    ]
+    lines = [line for line in axis.get_lines() if line.get_color() == colour]
+    return [getattr(line, f'get_{way}data')()[0] for line in lines]
 
 
-def test_margins_are_those_of_the_check(swing_up, formation):
-    for problem, solution in (swing_up, formation):
-        checks = solution.verifications or {
-            name: solution.verification for name in solution.trajectories
-        }
+def test_margins_are_those_of_the_check(swing_up: Planned, formation: Planned) -> None:
+    for problem, solution in (swing_up, formation, (Cart(), Cart().solve(deadline=10.0))):
         for name, trajectory in solution.trajectories.items():
-            for margin in plan_margins(problem, trajectory):
-                worst = checks[name].worst[margin.name]
-                assert margin.values.min() == pytest.approx(worst, abs=2e-3), margin.name
-
-
-def test_margins_of_a_problem_with_a_search_of_its_own(swing_up):
-    class Limited(Foreign):
-        """With one."""
-
-        def constraints_on(self, trajectory):
-            fastest = np.abs(trajectory.state('theta_dot')).max()
-            return (
-                Constraint('rate', lambda t, x, u: 2 * fastest - np.abs(x[:, 2]), unit='rad/s'),
-            )
-
-    plan = swing_up[1].trajectory
-    assert plan_margins(Foreign(), plan) == ()
-    (margin,) = plan_margins(Limited(), plan)
-    assert (margin.name, margin.unit) == ('rate', 'rad/s')
-    fastest = np.abs(plan.state('theta_dot')).max()
-    assert margin.values.max() == pytest.approx(2 * fastest, rel=1e-2)
-    assert margin.values.min() == pytest.approx(fastest, rel=1e-2)
-
-
-def test_upright_is_marked_for_the_pendulum_alone(swing_up, tmp_path, monkeypatch):
-    drawn = []
-
-    def draw(*arguments, **options):
-        drawn.append(plot_trajectory(*arguments, **options))
-        return drawn[-1]
-
-    monkeypatch.setattr(plotting, 'plot_trajectory', draw)
-
-    def marked(problem, solution):
-        plot_solution(problem, solution, tmp_path / 'plan.svg')
-        return {
-            axis.get_ylabel(): text.xy[1]
-            for axis in drawn[-1].axes
-            for text in axis.texts
-            if text.get_text() == 'upright'
-        }
-
-    problem, solution = swing_up
-    end = solution.trajectory.state('theta')[-1]
-    assert marked(problem, solution) == {'theta [rad]': pytest.approx(end, abs=1e-3)}
-    names = ('x', 'theta', 'v', 'theta_dot')  # of another plant
-    foreign = replace(solution.trajectory, state_names=names)
-    other = replace(solution, trajectories={'cart': foreign})
-    assert marked(Foreign(), other) == {}
-
-
-def test_margins_of_a_stated_problem_are_what_it_states() -> None:
-    @dataclass(frozen=True)
-    class Cart(DirectProblem, Validated):
-        name: ClassVar[str] = 'cart'
-        state_names, state_units = ('x', 'v'), ('m', 'm/s')
-        control_names, control_units = ('u',), ('m/s^2',)
-        solver: SolverParameters = group(SolverParameters)
-
-        def outputs(self):
-            return {'x': Output((1.0, 0.0), (0.0, 0.0), free=1)}
-
-        def duration(self):
-            return Duration(2.0, fixed=True)
-
-        def invert(self, y, z):
-            return y['x'][:2], y['x'][2:]
-
-        def derivative(self, x, u):
-            return x[1], u[0]
-
-        def margins(self, t, x, u):
-            return {'push': 2.0 - u[0], 'pull': 2.0 + u[0]}
-
-        def running_cost(self, t, x, u):
-            return u[0] ** 2
-
-    problem = Cart()
-    solution = problem.solve(deadline=10.0)
-    margins = {m.name: m.values for m in plan_margins(problem, solution.trajectory)}
+            check = (solution.verifications or {name: solution.verification})[name]
+            margins = {m.name: m.values for m in plan_margins(problem, trajectory)}
+            assert margins
+            for margin, values in margins.items():
+                assert values.min() == pytest.approx(check.worst[margin], abs=2e-3), margin
     assert list(margins) == ['push', 'pull']
     np.testing.assert_allclose(margins['push'] + margins['pull'], 4.0)
-    for name, values in margins.items():
-        assert values.min() == pytest.approx(solution.verification.worst[name], abs=1e-3)
+    # of a problem with a search of its own
+    plan = swing_up[1].trajectory
+    assert plan_margins(Foreign(), plan) == ()
+    (rate,) = plan_margins(Limited(), plan)
+    assert (rate.name, rate.unit) == ('rate', 'rad/s')
+    fastest = np.abs(plan.state('theta_dot')).max()
+    extremes = (rate.values.max(), rate.values.min())
+    assert extremes == pytest.approx((2 * fastest, fastest), rel=1e-2)
 
 
-def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up):
+def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planned) -> None:
     problem, solution = swing_up
     margins = plan_margins(problem, solution.trajectory)
     figure = plot_trajectory(solution.trajectory, plot_limits(problem), margins=margins)
-    assert titles(figure) == [
+    found = axes(figure)
+    assert list(found) == [
         'theta [rad]',
         'psi [rad]',
         'theta_dot [rad/s]',
@@ -170,45 +138,60 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up):
         'margin of\ntorque [N m]',
         'margin of\ndisk_angle [rad]',
     ]
-    by_title = dict(zip(titles(figure), figure.axes, strict=True))
-    assert sorted(y for _, y in levels(by_title['torque [N m]'], LIMIT)) == [-0.02, 0.02]
-    assert sorted(y for _, y in levels(by_title['psi [rad]'], LIMIT)) == [-2.0, 2.0]
+    assert sorted(levels(found['torque [N m]'], LIMIT)) == [-0.02, 0.02]
+    assert sorted(levels(found['psi [rad]'], LIMIT)) == [-2.0, 2.0]
     torque = solution.trajectory.control('torque')
     jumps = solution.trajectory.times[1:-1][np.diff(torque[:-1]) != 0]
     assert jumps.size
     for axis in figure.axes:
-        assert [x for x, _ in levels(axis, SWITCH)] == pytest.approx(jumps.tolist())
+        assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
 
 
-def test_a_formation_has_every_quantity_of_every_robot(formation):
+def test_a_formation_has_every_quantity_of_every_robot(formation: Planned) -> None:
     problem, solution = formation
     margins = {n: plan_margins(problem, t) for n, t in solution.trajectories.items()}
     figure = plot_formation(FormationView.of(problem), solution.trajectories, margins=margins)
     plan = next(iter(solution.trajectories.values()))
-    shown = titles(figure)
-    for name in (*plan.state_names, *plan.control_names):
-        assert any(title.startswith(f'{name} [') for title in shown), name
-    for name in ('thrust', 'thruster_rate', 'torque', 'walls'):
-        assert any(title.startswith(f'margin of\n{name} [') for title in shown), name
-    thrust = next(a for a in figure.axes if a.get_ylabel() == 'thrust [N]')
+    constraints = ('thrust', 'thruster_rate', 'torque', 'walls')
+    named = {title.partition(' [')[0] for title in axes(figure)}
+    assert named >= {*plan.state_names, *plan.control_names}
+    assert named >= {f'margin of\n{name}' for name in constraints}
+    thrust = axes(figure)['thrust [N]']
     assert len(thrust.get_lines()) == len(solution.trajectories) + 2
-    assert [y for _, y in levels(thrust, LIMIT)] == [0.0, problem.limits.thrust]
-    x = next(a for a in figure.axes[2:] if a.get_ylabel() == 'x [m]')
+    assert levels(thrust, LIMIT) == [0.0, problem.limits.thrust]
+    x = next(axis for axis in figure.axes[2:] if axis.get_ylabel() == 'x [m]')
     half = problem.arena.minimum_separation / 2
-    assert [y for _, y in levels(x, LIMIT)] == [half, problem.arena.length - half]
+    assert levels(x, LIMIT) == [half, problem.arena.length - half]
 
 
-@pytest.mark.parametrize(
-    ('ending', 'start'), [('.png', b'\x89PNG'), ('.pdf', b'%PDF'), ('.svg', b'<?xml')]
-)
-def test_kinds_of_files(swing_up, tmp_path, ending, start):
+def test_upright_is_marked_for_the_pendulum_alone_in_every_kind_of_file(
+    swing_up: Planned, formation: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+
+    def draw(*arguments: Any, **options: Any) -> Any:
+        drawn.append(plot_trajectory(*arguments, **options))
+        return drawn[-1]
+
+    monkeypatch.setattr(plotting, 'plot_trajectory', draw)
+
+    def marked(problem: Problem, solution: Solution, ending: str, start: bytes) -> dict[str, Any]:
+        path = tmp_path / f'plan{ending}'
+        plot_solution(problem, solution, path)
+        assert path.read_bytes().startswith(start)
+        return {
+            title: text.xy[1]
+            for title, axis in axes(drawn[-1]).items()
+            for text in axis.texts
+            if text.get_text() == 'upright'
+        }
+
     problem, solution = swing_up
-    path = tmp_path / f'plan{ending}'
-    plot_solution(problem, solution, path)
-    assert path.read_bytes().startswith(start)
-
-
-def test_a_formation_as_a_file(formation, tmp_path):
-    problem, solution = formation
-    plot_solution(problem, solution, tmp_path / 'plan.svg')
-    assert (tmp_path / 'plan.svg').stat().st_size > 50_000
+    end = pytest.approx(solution.trajectory.state('theta')[-1], abs=1e-3)
+    assert marked(problem, solution, '.png', b'\x89PNG') == {'theta [rad]': end}
+    names = ('x', 'theta', 'v', 'theta_dot')  # of another plant
+    foreign = replace(solution.trajectory, state_names=names)
+    other = replace(solution, trajectories={'cart': foreign})
+    assert marked(Foreign(), other, '.pdf', b'%PDF') == {}
+    plot_solution(*formation, tmp_path / 'robots.svg')
+    assert (tmp_path / 'robots.svg').stat().st_size > 50_000

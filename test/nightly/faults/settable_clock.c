@@ -1,20 +1,15 @@
 // Copyright 2026 The tdm_planner authors
 //
-// Licensed under the Apache License, Version 2.0 (the "License");
-// you may not use this file except in compliance with the License.
-// You may obtain a copy of the License at
-//
-//     http://www.apache.org/licenses/LICENSE-2.0
-//
-// Unless required by applicable law or agreed to in writing, software
-// distributed under the License is distributed on an "AS IS" BASIS,
-// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-// See the License for the specific language governing permissions and
-// limitations under the License.
+// Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+// in compliance with the License. You may obtain a copy of the License at
+// http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+// writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+// WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+// language governing permissions and limitations under the License.
 
 // Preloaded into a process, lets its time of day be set without that of the machine: it is off by
-// the nanoseconds in the file that TIME_OF_DAY_OFFSET names. Steady clocks are left alone. What waits
-// until a time of day is told that of the machine, which the kernel goes by.
+// the nanoseconds in the file that TIME_OF_DAY_OFFSET names. Steady clocks are left alone. What
+// waits until a time of day is told that of the machine, which the kernel goes by.
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>

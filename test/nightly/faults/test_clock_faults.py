@@ -11,31 +11,21 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 import math
-import os
 from pathlib import Path
 import shutil
 import struct
 import subprocess
-import time
 
 from builtin_interfaces.msg import Time
-from faulty_relay import SECOND
-from pendulum_rig import PATIENCE, PendulumRig
+from pendulum_rig import note, PATIENCE, PendulumRig, SECOND
 import pytest
 from ros_harness import Ros
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from tdm_planner.nodes.messages import nanoseconds_of
 
-STEPS = [5.0, -5.0]
-ALL = os.environ.get('TDM_FAULTS') == 'all'
-pytestmark = pytest.mark.skipif(not ALL, reason='missions of minutes: set TDM_FAULTS=all')
-
-
-def told(*what: object) -> None:
-    """Print what was measured, for the documentation; shown with pytest's -rP."""
-    print('measured:', *what)
+by_steps = pytest.mark.parametrize('step', [5.0, -5.0])
 
 
 class TimeOfDay:
@@ -43,7 +33,7 @@ class TimeOfDay:
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / 'offset'
-        self._file.write_bytes(struct.pack('q', 0))
+        self.put_off(0.0)
         library = folder / 'settable_clock.so'
         source = Path(__file__).with_name('settable_clock.c')
         compiler = shutil.which('cc') or shutil.which('gcc')
@@ -57,82 +47,52 @@ class TimeOfDay:
 
     def put_off(self, seconds: float) -> None:
         """Set it to what it really is and so much more."""
+        self._file.touch()
         with self._file.open('r+b') as file:
             file.write(struct.pack('q', round(seconds * SECOND)))
 
 
-@pytest.fixture
-def time_of_day(tmp_path: Path) -> TimeOfDay:
-    return TimeOfDay(tmp_path)
-
-
-@pytest.mark.parametrize('step', STEPS)
-def test_the_time_of_day_is_set_and_nothing_stops(
-    ros: Ros, time_of_day: TimeOfDay, step: float
+@by_steps
+@pytest.mark.parametrize('phase', ['swing', 'hold'])
+def test_the_time_of_day_is_set_and_the_mission_goes_on(
+    ros: Ros, tmp_path: Path, step: float, phase: str
 ) -> None:
     """Timers fire, states are fresh; without mending, all would stand still for five seconds."""
-    space = 'forth' if step > 0 else 'back'
-    plant = ros.start(
-        'tdm_sim.pendulum_plant', namespace=space, environment=time_of_day.environment
-    )
-    tracker = ros.start(
-        'tdm_planner.nodes.tracker', namespace=space, environment=time_of_day.environment
-    )
-    states = ros.subscribe(f'/{space}/joint_states', JointState, 100)
-    commands = ros.subscribe(f'/{space}/joint_command', JointState, 100)
-    assert ros.spin_until(lambda: len(states) > 50 and len(commands) > 50, PATIENCE)
-    time_of_day.put_off(step)
-    counts = len(states), len(commands)
-    began = time.monotonic()
-    assert ros.spin_until(
-        lambda: len(states) > counts[0] + 100 and len(commands) > counts[1] + 100, PATIENCE
-    )
-    took = time.monotonic() - began
-    told('time of day set by', step, f's: 100 states and commands more in {took:.2f} s')
-    leap = nanoseconds_of(states[-1].header.stamp) - nanoseconds_of(states[0].header.stamp)
-    assert leap * step > 0
-    assert ros.spin_until(lambda: 'the clock was set by' in tracker.output, PATIENCE)
-    assert 'the process was stalled' not in plant.output
-    for process in (tracker, plant):
-        process.end_cleanly()
-
-
-@pytest.mark.parametrize('phase', ['swing', 'hold'])
-@pytest.mark.parametrize('step', STEPS)
-def test_the_time_of_day_is_set_and_the_mission_goes_on(
-    ros: Ros, time_of_day: TimeOfDay, step: float, phase: str
-) -> None:
+    time_of_day = TimeOfDay(tmp_path)
     namespace = f'{"forth" if step > 0 else "back"}_{phase}'
-    rig = PendulumRig(ros, namespace, lockstep=False, environment=time_of_day.environment)
-    if phase == 'hold':
-        rig.swing_up()
-    else:
-        start, end = rig.begin()
-        assert rig.wait_until(0.5 * (start + end))
-    time_of_day.put_off(step)
-    known = len(rig.states)
-    assert rig.wait(lambda: len(rig.states) > known + 400)
-    first = known + 100
-    del rig.states[:first]
-    lean = rig.lean(-math.inf)
-    told('time of day set by', step, phase, f'lean {lean:.3f} rad')
-    assert rig.says('holding'), rig.story()
-    assert lean < 0.3, rig.story()
-    for process in (rig.plant, rig.relay, rig.tracker, rig.planner):
-        process.end_cleanly()
+    environment = time_of_day.environment
+    with closing(PendulumRig(ros, namespace, relayed=True, environment=environment)) as rig:
+        if phase == 'hold':
+            rig.swing_up()
+        else:
+            start, end = rig.begin()
+            rig.wait_until(0.5 * (start + end))
+        time_of_day.put_off(step)
+        before, known, commanded = rig.now, len(rig.states), len(rig.commands)
+        rig.wait(lambda: len(rig.states) > known + 400 and len(rig.commands) > commanded + 100)
+        assert (rig.now - before) * step > 0
+        del rig.states[: known + 100]
+        lean = rig.lean(-math.inf)
+        note(f'time of day set by {step} s in {phase}', lean=lean)
+        assert rig.says('tracker', 'holding'), rig.story()
+        assert lean < 0.3, rig.story()
+        rig.wait(lambda: 'the clock was set by' in rig.processes['tracker'].output)
+        assert 'the process was stalled' not in rig.processes['plant'].output
+        for process in rig.processes.values():
+            process.end_cleanly()
 
 
 @pytest.fixture(scope='module')
 def rig(ros: Ros) -> PendulumRig:
-    return PendulumRig(ros, 'simulated')
+    return PendulumRig(ros, 'simulated', relayed=True, lockstep=True)
 
 
 def test_a_simulated_clock_that_leaps_ahead_stops_no_hold(rig: PendulumRig) -> None:
     rig.swing_up()
     rig.clock(leap=5.0)
-    at = rig.newest[0]
-    assert rig.wait_until(at + 1.0)
-    told('simulated clock +5 s', f'lean {rig.lean(at):.3f} rad')
+    at = rig.now
+    rig.wait_until(at + 1.0)
+    note('simulated clock +5 s', lean=rig.lean(at))
     assert rig.is_upright, rig.story()
     assert rig.lean(at) < 0.2, rig.story()
 
@@ -141,12 +101,11 @@ def test_a_simulated_clock_set_back_is_safe_and_it_swings_up_again(rig: Pendulum
     rig.swing_up()
     known = len(rig.states)
     rig.clock(leap=-5.0)
-    assert rig.wait(lambda: 'the clock was set back' in rig.tracker.output), rig.story()
+    rig.wait(lambda: 'the clock was set back' in rig.processes['tracker'].output)
     del rig.states[:known]
-    at = rig.newest[0]
-    assert rig.wait_until(at + 0.5)
+    at = rig.now
+    rig.wait_until(at + 0.5)
     torques = rig.measured(at + 0.2)[:, 3]
-    told('simulated clock -5 s: torque', abs(torques).max(), 'N m')
     assert not torques.any(), rig.story()
     rig.swing_up()
 
@@ -154,18 +113,16 @@ def test_a_simulated_clock_set_back_is_safe_and_it_swings_up_again(rig: Pendulum
 def test_negative_simulated_times_are_left_out(rig: PendulumRig) -> None:
     rig.swing_up()
     rig.clock(odd=(-5.0, -(2.0**31)))
-    at = rig.newest[0]
-    assert rig.wait_until(at + 1.0), rig.story()
-    assert rig.wait(lambda: 'must not be negative' in rig.tracker.output), rig.story()
+    rig.wait_until(rig.now + 1.0)
+    rig.wait(lambda: 'must not be negative' in rig.processes['tracker'].output)
     rig.clock()
     assert rig.is_upright, rig.story()
-    assert all(p.running for p in (rig.plant, rig.tracker, rig.planner, rig.relay))
+    assert all(process.running for process in rig.processes.values())
 
 
 @pytest.mark.parametrize('instants', [(0.0,), (-1.0, 0.0, 3.0), (2147483647.0, 1.0, 5.0)])
 def test_nodes_live_through_any_simulated_time(ros: Ros, instants: tuple[float, ...]) -> None:
     space = f'odd{len(instants)}_{abs(int(instants[0]))}'
-    ticks = 0
     nodes = [
         ros.start(
             module,
@@ -177,6 +134,7 @@ def test_nodes_live_through_any_simulated_time(ros: Ros, instants: tuple[float, 
     ]
     publisher = ros.node.create_publisher(Clock, f'/{space}/clock', 10)
     commands = ros.subscribe(f'/{space}/joint_command', JointState, 100)
+    ticks = 0
 
     def ticked() -> bool:
         nonlocal ticks

@@ -8,51 +8,39 @@
 # language governing permissions and limitations under the License.
 
 """
-Nodes that are killed, restarted, started twice or starved, over real DDS.
+Nodes that are killed, restarted, started twice or starved, over real DDS, over and over.
 
-What goes on, what falls safe, what recovers; the figures are those of docs/reliability.md.
+The figures are those of docs/reliability.md; `python -m tools.measure_faults` collects them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import copy
-from functools import partial
-import json
 import os
 import subprocess
 import sys
-import time
 
-from fault_figures import EVERYTHING, note
+from killing import held_rig, SCENARIOS
 import numpy as np
-from process_rig import COMMAND_TIMEOUT, ProcessRig, STATE_TIMEOUT
+from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig, STATE_TIMEOUT
 import pytest
-from ros_harness import NodeProcess, Ros
-from std_msgs.msg import String
+from ros_harness import Ros
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, seconds_of, to_stamp
 from trajectory_msgs.msg import JointTrajectory
 
 ON_THE_WAY = 0.1  # s that messages may take on a busy machine
-pytestmark = pytest.mark.skipif(
-    not EVERYTHING, reason='kills and starves processes for minutes: set TDM_FAULTS=all'
-)
-again = pytest.mark.parametrize('repetition', range(5 if EVERYTHING else 1))
+again = pytest.mark.parametrize('repetition', range(5))
 
 
 @pytest.fixture(scope='module')
-def rig(ros: Ros) -> ProcessRig:
-    """Return a pendulum that is held upright, and planned for anew where it is not."""
-    made = ProcessRig(
-        ros, 'faults', tracker={'replan.on_deviation': True}, planner={'replan.rate': 5.0}
-    )
-    made.held_since(made.plan())
-    return made
+def rig(ros: Ros) -> PendulumRig:
+    return held_rig(ros)
 
 
 @pytest.fixture(autouse=True)
-def never_stale(rig: ProcessRig) -> Iterator[None]:
+def never_stale(rig: PendulumRig) -> Iterator[None]:
     """Whatever happens, no command acts for longer than `command_timeout`."""
     rig.held_since(rig.now)
     yield
@@ -60,51 +48,21 @@ def never_stale(rig: ProcessRig) -> Iterator[None]:
 
 
 @again
-@pytest.mark.parametrize('moment', ['holding', 'tracking'])
-def test_a_plant_is_killed_and_restarted(rig: ProcessRig, moment: str, repetition: int) -> None:
-    if moment == 'tracking':
-        rig.fall()
-    rig.wait(lambda: rig.says('tracker', moment))
-    killed = rig.kill('plant')
-    rig.wait(lambda: rig.says('tracker', 'older than state_timeout'))
-    rig.wait(lambda: rig.commands[-1].effort[0] == 0.0)
-    safe = rig.last_command() - killed
-    seen = len(rig.states)
-    rig.start('plant')
-    rig.wait(lambda: len(rig.states) > seen)
-    back = seconds_of(rig.states[seen].header.stamp)
-    assert rig.last_command() < back, 'nothing may be commanded without a state'
-    held = rig.held_since(back)
-    note(f'plant killed, {moment}', safe=safe, recovered=held - back)
-    assert safe < STATE_TIMEOUT + ON_THE_WAY
+@pytest.mark.parametrize('scenario', SCENARIOS)
+def test_a_node_is_killed_and_restarted(rig: PendulumRig, scenario: str, repetition: int) -> None:
+    figures = SCENARIOS[scenario](rig)
+    note(scenario, **figures)
+    assert figures['safe'] < STATE_TIMEOUT + ON_THE_WAY
 
 
-@again
-def test_a_tracker_is_killed_and_restarted_in_mid_swing(rig: ProcessRig, repetition: int) -> None:
-    rig.fall()
-    rig.wait(lambda: rig.says('tracker', 'tracking'))
-    killed = rig.kill('tracker')
-    rig.wait(lambda: rig.now > killed + 1.0)
-    safe = rig.last_torque(killed)
-    restarted = time.time()
-    rig.start('tracker')
-    held = rig.held_since(restarted)
-    note('tracker killed in mid-swing', safe=safe, recovered=held - restarted)
-    assert safe < COMMAND_TIMEOUT + ON_THE_WAY
-
-
-def told_of_another(process: NodeProcess) -> bool:
-    return '2 planners publish' in process.output
-
-
-def test_two_planners_run_by_mistake(ros: Ros, rig: ProcessRig) -> None:
-    started = time.time()
-    other = ros.start('tdm_planner.nodes.planner', rig.parameters['planner'], namespace='faults')
+def test_two_planners_run_by_mistake(ros: Ros, rig: PendulumRig) -> None:
+    began = rig.now
+    other = ros.start('tdm_planner.nodes.planner', rig.parameters('planner'), namespace='faults')
     rig.wait(lambda: rig.says('tracker', '2 planners publish /faults/trajectory'))
-    detected = time.time() - started
+    detected = rig.now - began
     rig.wait(lambda: rig.says('planner', '2 planners publish /faults/plan_summary'))
     for process in (rig.processes['planner'], rig.processes['tracker'], other):
-        rig.wait(partial(told_of_another, process))
+        rig.wait(lambda process=process: '2 planners publish' in process.output)
     # A request reaches both: each plans, each publishes.
     rig.fall()
     ros.request('/faults/plan', Trigger)
@@ -118,7 +76,7 @@ def test_two_planners_run_by_mistake(ros: Ros, rig: ProcessRig) -> None:
     assert rig.lean(held + 0.5) < 0.2
 
 
-def test_of_two_planners_the_plan_that_starts_last_is_followed(ros: Ros, rig: ProcessRig) -> None:
+def test_of_two_planners_the_plan_that_starts_last_is_followed(ros: Ros, rig: PendulumRig) -> None:
     publisher = ros.publisher('/faults/trajectory', JointTrajectory, LATCHED)
     rig.plan()
     rig.wait(lambda: nanoseconds_of(rig.followed[-1].header.stamp) == rig.newest_start)
@@ -133,46 +91,7 @@ def test_of_two_planners_the_plan_that_starts_last_is_followed(ros: Ros, rig: Pr
 
 
 @again
-def test_a_planner_is_killed_while_it_plans_and_restarted(
-    ros: Ros, rig: ProcessRig, repetition: int
-) -> None:
-    rig.fall()
-    rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))
-    ros.request('/faults/plan', Trigger)
-    rig.wait(lambda: rig.says('planner', 'planning'))
-    rig.kill('planner')
-    fell = rig.now
-    held = rig.held_since(fell)
-    accepted = rig.figure('tracker', 'trajectories accepted')
-    refused = rig.figure('tracker', 'trajectories refused')
-    plan = rig.followed[-1]
-    rig.plans.clear()
-    restarted = time.time()
-    rig.start('planner')
-    rig.wait(lambda: bool(rig.plans))
-    back = time.time()
-    rig.wait(lambda: rig.says('planner', 'plan 1 in force') or rig.says('planner', 'publish'))
-    late = ros.subscribe('/faults/trajectory', JointTrajectory, LATCHED)
-    summaries = ros.subscribe('/faults/plan_summary', String, LATCHED)
-    rig.wait(lambda: late and summaries)
-    assert late[-1].header.stamp == plan.header.stamp
-    assert [p.positions for p in late[-1].points] == [p.positions for p in plan.points]
-    assert [p.effort for p in late[-1].points] == [p.effort for p in plan.points]
-    assert json.loads(summaries[-1].data)['verification']['ok']
-    ros.spin_for(0.5)
-    assert rig.figure('tracker', 'trajectories accepted') == accepted
-    assert rig.figure('tracker', 'trajectories refused') == refused
-    assert rig.lean(held + 0.5) < 0.2
-    note('planner killed while planning', safe=0.0, recovered=back - restarted)
-
-
-def test_the_restarted_planner_plans_on_request(ros: Ros, rig: ProcessRig) -> None:
-    done, answer = ros.trigger('/faults/plan')
-    assert done, answer
-
-
-@again
-def test_busy_processes_take_the_processors(rig: ProcessRig, repetition: int) -> None:
+def test_busy_processes_take_the_processors(rig: PendulumRig, repetition: int) -> None:
     """Two for every core: the motion follows the clock all the same."""
     hogs = [
         subprocess.Popen([sys.executable, '-c', 'while True: pass'])

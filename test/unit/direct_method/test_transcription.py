@@ -7,6 +7,8 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""From a stated problem to a nonlinear program, and how its functions are differentiated."""
+
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +24,7 @@ from tdm_planner.direct_method import (
     transcription,
 )
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.direct_method.differentiation import absolute, arctan2, choose_scheme, jacobians
 
 
 class Pendulum(Formulation):
@@ -64,17 +66,12 @@ class Pendulum(Formulation):
         return u[0] ** 2
 
 
-def programs():
-    plain, sines = Pendulum(), Pendulum()
-    sines.shapes = SineSeries(5)
-    equal = Pendulum()
-    equal.speed_factor_order = 0
-    return [Transcription(p, chebyshev_nodes(41)) for p in (plain, sines, equal)]
-
-
-@pytest.fixture(params=range(3), ids=['polynomial', 'sines', 'tau = t'])
+@pytest.fixture(params=['polynomial', 'sines', 'tau = t'])
 def program(request):
-    made = programs()[request.param]
+    formulation = Pendulum()
+    formulation.shapes = SineSeries(5) if request.param == 'sines' else None
+    formulation.speed_factor_order = 0 if request.param == 'tau = t' else 2
+    made = Transcription(formulation, chebyshev_nodes(41))
     made.begin(made.first_guess)
     return made
 
@@ -131,69 +128,12 @@ def test_jacobian_agrees_with_differences(program):
     assert (np.linalg.eigvalsh(at.hessian) > 0).all()
 
 
-def test_quadrature_is_exact_for_polynomials():
+def test_quadrature_is_exact_for_polynomials_and_that_of_a_spline_on_other_nodes():
     nodes = chebyshev_nodes(12)
     for power in range(12):
         assert quadrature_weights(nodes) @ nodes**power == pytest.approx(1 / (power + 1))
-
-
-def begin(formulation):
-    program = Transcription(formulation, chebyshev_nodes(41))
-    program.begin(program.first_guess)
-
-
-@pytest.mark.parametrize(
-    ('change', 'words'),
-    [
-        (
-            {'invert': lambda s, y, z: ((y['x'][0],), (0.0,))},
-            '1 components, expected 4',
-        ),
-        (
-            {'invert': lambda s, y, z: ((y['x'][0], np.zeros(7), 0.0, 0.0), (0.0,))},
-            r'components of shape \(7,\)',
-        ),
-        ({'derivative': lambda s, x, u: (x[1],)}, 'derivative returns has 1 components'),
-        ({'outputs': lambda s: {}}, 'at least one output'),
-        ({'integrated': lambda s: {'speed': Integrated(0.0)}}, "'speed' is not one of the states"),
-        (
-            {'margins': lambda s, t, x, u: {'depth': np.log(-1.0 - t)}},
-            r"margins gives 'depth' = nan at node 0 of 41 \(s = 0, t = 0 s\)",
-        ),
-        (
-            {'final_cost': lambda s, t, x: np.inf * t},
-            'final_cost gives J = inf',
-        ),
-        (
-            {
-                'invert': lambda s, y, z: (
-                    (*y['x'][:2], z['angle'], z['rate']),
-                    (np.sqrt(y['x'][0] - 0.5),),
-                )
-            },
-            r"invert gives control 'u' = nan at node 0 of 41",
-        ),
-    ],
-)
-def test_mistakes_are_named(change, words):
-    wrong = type('Wrong', (Pendulum,), change)()
-    with pytest.raises(InvalidProblem, match=words):
-        begin(wrong)
-
-
-@pytest.mark.parametrize(
-    'arguments',
-    [
-        {'guess': 0.0},
-        {'guess': np.inf},
-        {'guess': 1.0, 'shortest': 2.0},
-        {'speed_factor_order': -1},
-        {'fixed': True, 'speed_factor_order': 2},
-    ],
-)
-def test_durations_that_make_no_sense(arguments):
-    with pytest.raises(InvalidProblem):
-        Duration(**arguments)
+    nodes = np.linspace(0, 1, 101)
+    assert quadrature_weights(nodes) @ np.exp(nodes) == pytest.approx(np.e - 1, rel=1e-8)
 
 
 def test_no_time_is_spent_on_a_hessian_past_the_deadline(program):
@@ -214,6 +154,36 @@ def test_the_hessian_is_the_same_in_batches(program, monkeypatch):
     np.testing.assert_allclose(program.linearise(point, None).hessian, at_once, atol=1e-9)
 
 
-def test_quadrature_on_other_nodes_is_that_of_a_spline():
-    nodes = np.linspace(0, 1, 101)
-    assert quadrature_weights(nodes) @ np.exp(nodes) == pytest.approx(np.e - 1, rel=1e-8)
+POINTS = np.array([[0.3, -1.2], [2.0, 0.5]])
+
+
+def smooth(x):
+    return np.stack([np.sin(x[:, 0]) * x[:, 1], np.exp(x[:, 0]), x[:, 1] ** 3], axis=1)
+
+
+@pytest.mark.parametrize(('scheme', 'accuracy'), [('complex_step', 1e-15), ('central', 1e-8)])
+def test_both_schemes(scheme, accuracy):
+    assert choose_scheme(smooth, POINTS[0]) == 'complex_step'
+    found = jacobians(smooth, POINTS, scheme)
+    expected = [[[np.cos(x) * y, np.sin(x)], [np.exp(x), 0.0], [0.0, 3 * y**2]] for x, y in POINTS]
+    np.testing.assert_allclose(found, expected, atol=10 * accuracy)
+
+
+@pytest.mark.parametrize(
+    'function', [lambda x: np.abs(x), lambda x: np.arctan2(x, 1.0), lambda x: np.real(x) ** 2]
+)
+def test_differences_where_it_does_not(function):
+    assert choose_scheme(function, POINTS[0]) == 'central'
+
+
+def test_functions_that_let_a_complex_step_pass():
+    def function(x):
+        return np.stack([arctan2(x[:, 1], x[:, 0]), absolute(x[:, 1])], axis=1)
+
+    assert choose_scheme(function, POINTS[0]) == 'complex_step'
+    x, y = POINTS[0]
+    square = x**2 + y**2
+    expected = [[-y / square, x / square], [0.0, -1.0]]
+    np.testing.assert_allclose(jacobians(function, POINTS[:1], 'complex_step')[0], expected)
+    assert arctan2(-1.0, -1.0) == np.arctan2(-1.0, -1.0)
+    np.testing.assert_array_equal(absolute(np.array([-2.0, 3.0])), [2.0, 3.0])

@@ -21,13 +21,14 @@ from collections.abc import Callable, Sequence
 from copy import deepcopy
 import itertools
 import math
-from pathlib import Path
+import re
 from typing import Any
 from xml.etree import ElementTree
 
+from builtin_interfaces.msg import Duration
 import numpy as np
-from pages import blocks
 import pytest
+from ros_harness import SOURCE
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS, pendulum_message, to_stamp
 from tdm_planner.nodes.tracked_plants import TrackedPendulum
@@ -39,9 +40,15 @@ from tdm_sim.pendulum_plant import PendulumPlant
 from trajectory_msgs.msg import JointTrajectory
 import yaml
 
-PAGE = Path(__file__).resolve().parents[3] / 'docs' / 'hardware.md'
+PAGE = (SOURCE / 'docs' / 'hardware.md').read_text(encoding='utf-8')
 SECOND = 1_000_000_000
 FLOAT_EPSILON = float(np.finfo(np.float32).eps)  # below it the controller takes a speed for zero
+
+
+def block(language: str) -> str:
+    """Return the one code block of the page that is in a language."""
+    (text,) = re.findall(rf'^```{language}\n(.*?)^```$', PAGE, re.DOTALL | re.MULTILINE)
+    return text
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -86,11 +93,10 @@ def planned(request: pytest.FixtureRequest) -> JointTrajectory:
     return pendulum_message(plan, to_stamp(100 * SECOND))
 
 
-def test_controller_takes_planned_trajectories(planned: JointTrajectory):
+def test_controller_takes_planned_trajectories_in_time(planned: JointTrajectory):
     assert refusal(planned, ['pendulum', 'disk'], effort=True, now=99 * SECOND) == ''
-
-
-def test_every_field_is_as_the_page_says(planned: JointTrajectory):
+    assert refusal(planned, PENDULUM_JOINTS, effort=False, now=0) == 'effort'
+    assert refusal(planned, PENDULUM_JOINTS, effort=True, now=200 * SECOND) == 'in the past'
     for point in planned.points:
         for values in (point.positions, point.velocities, point.accelerations, point.effort):
             assert len(values) == 2
@@ -100,42 +106,17 @@ def test_every_field_is_as_the_page_says(planned: JointTrajectory):
     assert planned.points[-1].positions[1] == pytest.approx(0.0, abs=1e-4)
 
 
-def reversed_times(message: JointTrajectory) -> None:
-    message.points[1].time_from_start = message.points[0].time_from_start
+def test_the_rules_would_notice(planned: JointTrajectory):
+    def noticed(reason: str, change: Callable[[JointTrajectory], Any]) -> None:
+        message = deepcopy(planned)
+        change(message)
+        assert refusal(message, PENDULUM_JOINTS, effort=True, now=0) == reason
 
-
-def still_moving(message: JointTrajectory) -> None:
-    message.points[-1].velocities[0] = 1e-6
-
-
-def one_position(message: JointTrajectory) -> None:
-    message.points[0].positions = [0.0]
-
-
-def one_joint(message: JointTrajectory) -> None:
-    message.joint_names = ['pendulum']
-
-
-def no_points(message: JointTrajectory) -> None:
-    message.points = []
-
-
-@pytest.mark.parametrize(
-    ('spoil', 'reason'),
-    [
-        (reversed_times, 'times'),
-        (still_moving, 'moving at the end'),
-        (one_position, 'positions'),
-        (one_joint, 'joints'),
-        (no_points, 'no points'),
-    ],
-)
-def test_the_rules_would_notice(
-    planned: JointTrajectory, spoil: Callable[[JointTrajectory], None], reason: str
-):
-    message = deepcopy(planned)
-    spoil(message)
-    assert refusal(message, PENDULUM_JOINTS, effort=True, now=0) == reason
+    noticed('times', lambda m: setattr(m.points[1], 'time_from_start', Duration()))
+    noticed('moving at the end', lambda m: setattr(m.points[-1], 'velocities', [1e-6, 0.0]))
+    noticed('positions', lambda m: setattr(m.points[0], 'positions', [0.0]))
+    noticed('joints', lambda m: setattr(m, 'joint_names', ['pendulum']))
+    noticed('no points', lambda m: setattr(m, 'points', []))
 
 
 def carried_out(
@@ -172,6 +153,9 @@ def test_the_pages_controller_waits_for_the_start_and_comes_near_upright(
 ):
     parameters = controller()
     assert parameters['interpolation_method'] == 'none'
+    assert sorted(parameters['joints']) == sorted(planned.joint_names)
+    assert parameters['command_joints'] == ['disk']
+    assert parameters['command_interfaces'] == ['effort']
     limit = request.node.callspec.params['planned'][0]
     at_start, at_end = carried_out(planned, limit, parameters['gains']['disk'])
     assert at_start == pytest.approx([math.pi, 0.0, 0.0, 0.0], abs=1e-9)
@@ -185,28 +169,12 @@ def test_a_controller_that_keeps_the_last_point_keeps_no_torque():
     assert list(pendulum_message(plan, to_stamp(0)).points[-1].effort) == [0.0, 0.0]
 
 
-def test_controller_without_effort_interface_and_late_messages_are_refused(
-    planned: JointTrajectory,
-):
-    assert refusal(planned, PENDULUM_JOINTS, effort=False, now=0) == 'effort'
-    assert refusal(planned, PENDULUM_JOINTS, effort=True, now=200 * SECOND) == 'in the past'
-
-
 def controller() -> dict[str, Any]:
-    (text,) = blocks(PAGE, 'yaml')
-    return dict(yaml.safe_load(text)['swing_up']['ros__parameters'])
-
-
-def test_the_pages_controller_is_for_these_joints(planned: JointTrajectory):
-    parameters = controller()
-    assert sorted(parameters['joints']) == sorted(planned.joint_names)
-    assert parameters['command_joints'] == ['disk']
-    assert parameters['command_interfaces'] == ['effort']
+    return dict(yaml.safe_load(block('yaml'))['swing_up']['ros__parameters'])
 
 
 def hardware() -> list[dict[str, dict[str, list[str]]]]:
     """Return the page's ros2_control components: interfaces of the joints of each."""
-    (text,) = blocks(PAGE, 'xml')
     return [
         {
             str(joint.get('name')): {
@@ -215,7 +183,7 @@ def hardware() -> list[dict[str, dict[str, list[str]]]]:
             }
             for joint in component.findall('joint')
         }
-        for component in ElementTree.fromstring(text).findall('ros2_control')
+        for component in ElementTree.fromstring(block('xml')).findall('ros2_control')
     ]
 
 
@@ -237,15 +205,12 @@ def test_topic_hardware_understands_the_states_it_gets():
     assert joint_motion(state, PENDULUM_JOINTS).tolist() == [2.0, 1.0, 4.0, 3.0]
 
 
-def test_plant_obeys_the_commands_that_topic_hardware_sends():
+def test_plant_obeys_the_commands_that_topic_hardware_and_tracker_send():
     motor, encoder = hardware()
     read = PendulumPlant.read_command
     assert read(None, sent_by(motor, 0.01)).tolist() == [0.01]  # type: ignore[arg-type]
     # As one component the two joints would send a command that nobody can read for sure.
     with pytest.raises(MalformedCommand, match='1 values for 2 named joints'):
         read(None, sent_by({**motor, **encoder}, 0.01))  # type: ignore[arg-type]
-
-
-def test_the_tracker_commands_the_same_joint():
     message = TrackedPendulum().command_message(np.array([0.012]))
     assert (list(message.name), list(message.effort)) == (['disk'], [0.012])

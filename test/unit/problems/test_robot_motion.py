@@ -7,19 +7,28 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Reference motions of robots and their thrusters' directions; motions that late robots keep."""
+
+from __future__ import annotations
+
 from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method import arc_derivatives, time_derivatives, TimeFactor
+from tdm_planner.direct_method import time_derivatives, TimeFactor
 from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.inverse_dynamics import InverseDynamics
+from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
 from tdm_planner.problems.reference_motion import end_derivatives, ReferenceMotion
+from tdm_planner.problems.thrust_direction import ThrustDirection
+from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanInForce
 
 TASK = RobotFormation().task
+
+
 FORMS = [(5, 5, 0, True), (7, 7, 0, False), (9, 5, 0, True), (7, 5, 2, False), (7, 7, 3, True)]
 
 
@@ -60,33 +69,19 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     task = moving_task(seed)
     model = ReferenceMotion(task, *form)
     motion = model.unpack(random_parameters(model, seed))
-    start = np.concatenate([task.departure, task.departure_yaw[:, None]], axis=1)
-    assert in_time(model, motion, 0.0, 0) == pytest.approx(start, abs=1e-9)
-    goal = np.concatenate([task.goal, task.goal_yaw[:, None]], axis=1)
-    assert in_time(model, motion, 1.0, 0) == pytest.approx(goal, abs=1e-9)
-    rates = np.concatenate([task.velocity, task.yaw_rate[:, None]], axis=1)
-    assert in_time(model, motion, 0.0, 1) == pytest.approx(rates, abs=1e-9)
-    assert in_time(model, motion, 1.0, 1) == pytest.approx(np.zeros((3, 3)), abs=1e-9)
+
+    def expect(s, derivative, places, yaws, axes=slice(0, 3)):
+        expected = np.concatenate([places, yaws[:, None]], axis=1)[:, axes]
+        assert in_time(model, motion, s, derivative)[:, axes] == pytest.approx(expected, abs=1e-9)
+
     given_axes = slice(0, 3) if not model.vary_ends else slice(2, 3)
-    bends = np.concatenate([task.acceleration, task.yaw_acceleration[:, None]], axis=1)
-    assert in_time(model, motion, 0.0, 2)[:, given_axes] == pytest.approx(
-        bends[:, given_axes], abs=1e-9
-    )
-    assert in_time(model, motion, 1.0, 2)[:, given_axes] == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize('form', FORMS)
-def test_initial_rates_become_derivatives_along_the_arc_as_everywhere(form):
-    task = moving_task(11)
-    model = ReferenceMotion(task, *form)
-    motion = model.unpack(random_parameters(model, 11))
-    speed = reciprocal([(motion.rates @ model.speed_basis(0.0, d))[:, None] for d in range(2)])
-    expected = arc_derivatives([task.departure, task.velocity, task.acceleration], speed)
-    given = 2 if model.vary_ends else 3
-    assert np.moveaxis(motion.position, -1, 0)[:given] == pytest.approx(np.array(expected[:given]))
-    yaw = [task.departure_yaw, task.yaw_rate, task.yaw_acceleration]
-    expected = arc_derivatives([value[:, None] for value in yaw], speed)
-    assert motion.yaw.T[:3] == pytest.approx(np.array(expected)[..., 0])
+    rest = np.zeros((3, 2)), np.zeros(3)
+    expect(0.0, 0, task.departure, task.departure_yaw)
+    expect(0.0, 1, task.velocity, task.yaw_rate)
+    expect(0.0, 2, task.acceleration, task.yaw_acceleration, given_axes)
+    expect(1.0, 0, task.goal, task.goal_yaw)
+    expect(1.0, 1, *rest)
+    expect(1.0, 2, *rest, given_axes)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -100,23 +95,20 @@ def test_inverse_dynamics_are_those_of_the_virtual_domain(form):
     assert found == pytest.approx(np.moveaxis(np.array(expected), 0, -1))
 
 
-def test_time_along_the_arc_is_that_of_a_time_factor():
-    model = ReferenceMotion(moving_task(17), 7, 5, 2)
+def test_time_along_the_arc_is_that_of_a_time_factor_and_robots_coast_and_are_parked():
+    task = moving_task(17)
+    model = ReferenceMotion(task, 7, 5, 2)
     motion = model.unpack(random_parameters(model, 17))
     t = np.linspace(0.0, 40.0, 41)
-    expected = [
-        TimeFactor(rates, 1.0).arc_at(t - coast)
-        for rates, coast in zip(motion.rates, model.task.coast, strict=True)
-    ]
-    assert model.arc_at(motion, t) == pytest.approx(np.array(expected), abs=1e-12)
+    arcs = zip(motion.rates, task.coast, strict=True)
+    expected = np.array([TimeFactor(rates, 1.0).arc_at(t - coast) for rates, coast in arcs])
+    assert model.arc_at(motion, t) == pytest.approx(expected, abs=1e-12)
     robots = np.arange(t.size) % 3
-    chosen = np.array(expected)[robots, np.arange(t.size)]
+    chosen = expected[robots, np.arange(t.size)]
     assert model.arcs(motion, robots, t) == pytest.approx(chosen, abs=1e-12)
-
-
-def test_the_papers_variant_has_21_varied_parameters():
-    model = ReferenceMotion(TASK, 7, 7, 0, vary_ends=False)
-    assert 3 * model.size == 21
+    places = model.position_at(motion, np.array([0.0, 1e4]))
+    assert places[:, :, 0] == pytest.approx(task.start)
+    assert places[:, :, 1] == pytest.approx(task.goal)
 
 
 @pytest.mark.parametrize('order', [7, 9, 11])
@@ -127,27 +119,6 @@ def test_free_shapes_are_orthonormal_in_their_curvature(order, vary):
     curvature = polynomials.basis.values((nodes + 1) / 2, 2) @ polynomials.free
     gram = curvature.T @ (weights[:, None] / 2 * curvature)
     assert gram == pytest.approx(np.eye(len(gram)), abs=1e-8)
-
-
-@pytest.mark.parametrize('form', FORMS)
-def test_time_along_the_arc_is_inverted(form):
-    task = moving_task(3)
-    model = ReferenceMotion(task, *form)
-    motion = model.unpack(random_parameters(model, 3))
-    t = np.linspace(0.0, 40.0, 41)
-    s = model.arc_at(motion, t)
-    time = np.einsum('nkb,nb->nk', model.speed_basis(s, -1), motion.rates) + task.coast[:, None]
-    last = (motion.durations + task.coast)[:, None]
-    assert time == pytest.approx(np.clip(t, task.coast[:, None], last), abs=1e-8)
-
-
-def test_robots_coast_before_and_are_parked_after():
-    task = moving_task(5)
-    model = ReferenceMotion(task)
-    motion = model.unpack(random_parameters(model, 5))
-    places = model.position_at(motion, np.array([0.0, 1e4]))
-    assert places[:, :, 0] == pytest.approx(task.start)
-    assert places[:, :, 1] == pytest.approx(task.goal)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -170,3 +141,146 @@ def test_derivatives_of_points(form, at_fixed_time):
         step[:, column] = 1e-6
         numeric = (places(z + step) - places(z - step)) / 2e-6
         assert jacobian[:, :, column] == pytest.approx(numeric, abs=1e-5)
+
+
+TIMES = np.linspace(0.0, 20.0, 401)
+
+
+RATE, THRUST = 1.0, 0.1
+
+
+def lateral_error(wanted, yaw, alpha):
+    """Largest component of the wanted acceleration across the thrust, or against it."""
+    heading = alpha + yaw
+    across = wanted[:, 1] * np.cos(heading) - wanted[:, 0] * np.sin(heading)
+    along = wanted[:, 0] * np.cos(heading) + wanted[:, 1] * np.sin(heading)
+    return float(np.hypot(across, np.minimum(along, 0.0)).max())
+
+
+def flip(offset=0.0, turns=1):
+    """Accelerate and brake `turns` times along x, passing zero at a lateral `offset`."""
+    along = THRUST * np.cos(turns * np.pi * TIMES / TIMES[-1])
+    return np.stack([along, np.full_like(along, offset)], axis=1)
+
+
+def follow(wanted, alpha=np.nan, rate=RATE):
+    return ThrustDirection(TIMES, wanted, np.zeros(TIMES.size), rate, THRUST, alpha).follow(wanted)
+
+
+@given(
+    seed=st.integers(0, 500),
+    alpha=st.one_of(st.just(np.nan), st.floats(-3.0, 3.0)),
+    rate=st.floats(0.2, 3.0),
+)
+@settings(deadline=None, max_examples=40, derandomize=True)
+def test_never_turns_faster_than_the_limit(seed, alpha, rate):
+    rng = np.random.default_rng(seed)
+    coefficients = rng.normal(0, 1, (2, 4))
+    s = 2 * TIMES / TIMES[-1] - 1
+    wanted = THRUST * np.stack([np.polynomial.chebyshev.chebval(s, c) for c in coefficients], 1)
+    yaw = 0.3 * np.sin(TIMES * rng.uniform(0.1, 0.6))
+    angle, speed = ThrustDirection(TIMES, wanted, yaw, rate, THRUST, alpha).follow(wanted)
+    assert np.abs(speed).max() <= rate
+    steps = np.diff(TIMES) * (speed[1:] + speed[:-1]) / 2
+    assert np.diff(angle) == pytest.approx(steps, abs=1e-12)
+    if not np.isnan(alpha):
+        assert angle[0] == alpha
+
+
+def test_follows_a_slow_direction_exactly():
+    heading = 0.5 * np.sin(0.5 * TIMES)
+    wanted = 0.05 * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    yaw = 0.2 * TIMES
+    angle, _ = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan).follow(wanted)
+    assert angle == pytest.approx(heading - yaw, abs=1e-3)
+
+
+def test_turns_round_while_little_thrust_is_wanted_and_a_slower_thruster_errs_more():
+    wanted = flip()
+    angles = [follow(wanted, rate=rate)[0] for rate in (2.0, RATE, 0.5)]
+    assert abs(angles[1][-1] - angles[1][0]) == pytest.approx(np.pi, abs=1e-6)
+    # Half a turn takes pi s; while it is more than pi / 2 off, at most as long to either side, the
+    # wanted acceleration is under sin(pi^2 / 40) F_max.
+    errors = [lateral_error(wanted, 0.0, angle) for angle in angles]
+    assert errors[1] < 1.3 * THRUST * np.sin(np.pi**2 / 40)
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_the_branch_survives_small_changes():
+    """The direction of a turn must not change when the wanted acceleration changes a little."""
+    wanted, yaw = flip(1e-4 * THRUST, turns=3), np.zeros(TIMES.size)
+    direction = ThrustDirection(TIMES, wanted, yaw, RATE, THRUST, np.nan)
+    first, _ = direction.follow(wanted)
+    second, _ = direction.follow(flip(-1e-4 * THRUST, turns=3))
+    assert second == pytest.approx(first, abs=0.2)
+
+
+def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
+    angle, speed = follow(np.where(TIMES[:, None] < 3.0, 0.0, [[0.08, 0.0]]), 2.5)
+    assert angle[0] == 2.5
+    assert angle[TIMES > 3.0] == pytest.approx(0.0, abs=1e-3)
+    assert np.abs(speed).max() <= RATE
+    resting, speed = follow(np.zeros((401, 2)), 0.7)
+    assert (resting == 0.7).all()
+    assert not speed.any()
+
+
+AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
+
+
+@pytest.fixture(scope='module')
+def crossing() -> PlanInForce:
+    problem = RobotFormation()
+    return PlanInForce(problem, problem.solve(deadline=60.0), start=0.0)
+
+
+def late(plan: PlanInForce) -> float:
+    """Return an instant at which the first robot is on its last leg."""
+    rate = plan.problem.limits.thruster_rate
+    return plan.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
+
+
+def asked_at(plan: PlanInForce, at: float, asked=None, **away: np.ndarray) -> RobotFormation:
+    """Return the problem `asked`, or that of the plan, from where the robots are seen then."""
+    seen = {
+        name: Observation(motion.sample(at).state + away.get(name, 0.0), at, Mode.FOLLOWING)
+        for name, motion in plan.solution.trajectories.items()
+    }
+    execution = FormationExecution(plan.problem)
+    return execution.problem_from(asked or plan.problem, execution.foresee(plan, seen, at))
+
+
+def test_a_robot_about_to_arrive_keeps_its_motion(crossing: PlanInForce) -> None:
+    at = late(crossing)
+    problem = asked_at(crossing, at, robot1=AWAY, robot3=2 * AWAY)
+    new = problem.solve(deadline=60.0, warm_start=crossing.remainder(at))
+    assert new.verification.ok
+    old = crossing.solution.trajectories['robot1']
+    kept = new.trajectories['robot1']
+    assert kept.duration == pytest.approx(old.duration - at, abs=1e-6)
+    times = np.linspace(0.0, kept.duration, 200)
+    controls = kept.controls_at(times), old.controls_at(times + at)
+    np.testing.assert_allclose(*controls, atol=1e-6)
+    states = kept.sample(times).state, old.sample(times + at).state
+    np.testing.assert_allclose(*states, atol=1e-3)
+    # Another robot's deviation, with more time left, is planned from.
+    away = np.abs(new.trajectories['robot3'].states[0, :2] - problem.task.start[2]).max()
+    assert away < 1e-9
+
+
+@pytest.mark.parametrize('push', [0.0, 0.1])
+@pytest.mark.parametrize('elsewhere', [0.0, 0.1])
+def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(crossing, push, elsewhere) -> None:
+    at, formation = late(crossing), crossing.problem.formation
+    x, y, turn = formation.anchor
+    moved = replace(formation, anchor=[x + elsewhere, y, turn])
+    asked = replace(crossing.problem, formation=moved)
+    away = AWAY + push * np.eye(7)[2]
+    planned = crossing.solution.trajectories['robot1'].sample(at).state[:2]
+    task = asked_at(crossing, at, asked, robot1=away).task
+    expected = planned + AWAY[:2] if push or elsewhere else planned
+    np.testing.assert_allclose(task.start[0], expected, atol=1e-9)
+    for seen in (task, asked_at(crossing, at, asked, robot1=0 * AWAY).task):
+        kept = kept_motions(seen, crossing.remainder(at).trajectories, LATE)
+        keeps = not elsewhere and not (push and seen is task)
+        assert ('robot1' in kept) == keeps

@@ -7,6 +7,8 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""The nonlinear program over robots' motions: derivatives, nearest approaches, minimum."""
+
 from dataclasses import replace
 import itertools
 
@@ -28,6 +30,11 @@ FORMS = {
     'speed factor': (7, 5, 2, False),
     'both': (9, 7, 1, True),
 }
+
+
+@pytest.fixture(params=[(form, moving) for form in FORMS for moving in (False, True)], ids=str)
+def made(request):
+    return program_and_point(*request.param)
 
 
 def crowded_task(moving):
@@ -64,22 +71,13 @@ def central(function, xi, step=1e-6):
     return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', FORMS)
-def test_gradient_of_the_performance_index(form, moving):
-    program, xi = program_and_point(form, moving)
-    at = program.linearise(program.evaluate(xi), None)
+def test_gradient_and_rows_against_differences(made):
+    program, xi = made
+    point = program.evaluate(xi)
+    at = program.linearise(point, None)
     gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
     numeric = central(lambda x: np.array(program.evaluate(x).cost), xi)
     assert gradient == pytest.approx(numeric, abs=1e-6)
-
-
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', FORMS)
-def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
-    program, xi = program_and_point(form, moving)
-    point = program.evaluate(xi)
-    at = program.linearise(point, None)
     values = point.cache.values
     near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
     assert all(mask.any() for mask in near[::2])
@@ -94,11 +92,10 @@ def test_derivatives_of_thrust_torque_and_wall_rows(form, moving):
     assert at.inequality_jacobian[:count] == pytest.approx(central(margins, xi), abs=1e-5)
 
 
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', FORMS)
-def test_derivatives_of_separations_at_fixed_instants(form, moving):
-    program, xi = program_and_point(form, moving)
-    pairs, circles = program.grid.pairs, program.grid.circles
+def test_separations_and_thruster_rows_against_differences(made):
+    """At fixed instants, and at fixed arcs."""
+    program, xi = made
+    pairs, circles, thruster = program.grid.pairs, program.grid.circles, program.thruster
     pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
     robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
     motion = program.motion(xi)
@@ -110,6 +107,16 @@ def test_derivatives_of_separations_at_fixed_instants(form, moving):
     slopes = circles.rows(motion, circles.at(motion, robot, circle, s))
     numeric = central(lambda x: circles.at(program.motion(x), robot, circle, s).margins, xi)
     assert slopes.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+
+    robots, arcs = np.array([0, 0, 1, 2]), np.array([0.1, 0.4, 0.7, 0.95])
+    jacobian = np.zeros((2, 4, 3, program.model.size))
+    jacobian[:, np.arange(4), robots] = thruster.margins(motion, robots, arcs, linearise=True)[1]
+    numeric = central(
+        lambda x: thruster.margins(program.motion(x), robots, arcs, linearise=False)[0].ravel(), xi
+    )
+    assert jacobian.reshape(8, -1)[:, program.free] == pytest.approx(
+        numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max()
+    )
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -125,25 +132,6 @@ def test_nearest_approaches_are_those_of_a_dense_sampling(form):
             assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
 
 
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', FORMS)
-def test_derivatives_of_the_thruster_rows_at_fixed_arcs(form, moving):
-    program, xi = program_and_point(form, moving)
-    rows = program.thruster
-    robots = np.array([0, 0, 1, 2])
-    arcs = np.array([0.1, 0.4, 0.7, 0.95])
-
-    def margins(x):
-        return rows.margins(program.motion(x), robots, arcs, linearise=False)[0].ravel()
-
-    slopes = rows.margins(program.motion(xi), robots, arcs, linearise=True)[1]
-    jacobian = np.zeros((2, 4, 3, program.model.size))
-    jacobian[:, np.arange(4), robots] = slopes
-    jacobian = jacobian.reshape(8, -1)[:, program.free]
-    numeric = central(margins, xi)
-    assert jacobian == pytest.approx(numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max())
-
-
 def test_where_no_thruster_row_is_near_its_limit_there_is_none(monkeypatch):
     program, point = program_and_point(next(iter(FORMS)))
     rows = program.linearise(program.evaluate(point), None).inequality_jacobian.shape[0]
@@ -155,39 +143,35 @@ def test_where_no_thruster_row_is_near_its_limit_there_is_none(monkeypatch):
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', FORMS)
-def test_hessian_of_gas_and_thrust_rows(form, moving, with_multipliers):
+def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
     """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
-    program, xi = program_and_point(form, moving)
-    point = program.evaluate(xi)
-    at = program.linearise(point, None)
+    program, xi = made
+    at = program.linearise(program.evaluate(xi), None)
     robots, nodes = at.tags
     dual = np.zeros(at.inequalities.size)
     if with_multipliers:
         dual[: robots.size] = np.random.default_rng(0).uniform(0, 1, robots.size)
-    multipliers = Multipliers(np.zeros(0), dual, at.tags)
-    hessian = program.linearise(point, multipliers).hessian
+    hessian = program.linearise(
+        program.evaluate(xi), Multipliers(np.zeros(0), dual, at.tags)
+    ).hessian
+    size = program.model.size
 
     def gradient(x):
         """Of the smooth part of J less the multipliers times the thrust rows."""
-        here = program.evaluate(x)
         motion = program.motion(x)
         values = program.grid.dynamics.at(motion)
         slopes = program.grid.dynamics.slopes(motion, values)
+        rows = np.zeros((robots.size, 3, size))
         own = program.grid.gas.margin_rows(values, slopes.y, robots, nodes)
-        rows = np.zeros((robots.size, 3, program.model.size))
         rows[np.arange(robots.size), robots] = own
         rows = rows.reshape(robots.size, -1)[:, program.free]
-        return program.linearise(here, None).gradient - dual[: robots.size] @ rows
+        return program.linearise(program.evaluate(x), None).gradient - dual[: robots.size] @ rows
 
     numeric = central(gradient, xi, 1e-5)
-    blocks = np.zeros((3 * program.model.size,) * 2)
+    blocks = np.zeros((3 * size,) * 2)
     blocks[np.ix_(program.free, program.free)] = 0.5 * (numeric + numeric.T)
-    size = program.model.size
-    per_robot = np.stack(
-        [blocks[own, own] for own in (slice(i * size, (i + 1) * size) for i in range(3))]
-    )
+    robot = np.arange(3)
+    per_robot = blocks.reshape(3, size, 3, size)[robot, :, robot]
     expected = program.definite(per_robot)
     assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
 
@@ -220,13 +204,10 @@ def test_compiled_terms_are_those_of_the_arrays(form, moving, stays):
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-def test_quadrature_is_exact_for_polynomials():
+def test_quadrature_is_exact_for_polynomials_and_gas_that_of_a_dense_sum():
     nodes, weights = clenshaw_curtis(9)
     for power in range(9):
         assert weights @ nodes**power == pytest.approx(1 / (power + 1))
-
-
-def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
     dense = FormationProgram(program.model, nodes=401)
     gas, exact = (p.values(xi).gas for p in (program, dense))
@@ -259,10 +240,33 @@ def test_staying_robots_have_only_their_times_varied():
 
 
 def test_names_the_constraint_that_is_violated_most():
-    task = replace(RobotFormation().task, torque=1e-5)
-    program, xi = program_and_point('default', task=task)
-    assert 'limits.torque' in program.binding(program.evaluate(xi))
-    task = replace(RobotFormation().task, separation=2.5)
-    program, xi = program_and_point('default', task=task)
-    words = program.binding(program.evaluate(xi))
-    assert 'arena.minimum_separation' in words or 'walls' in words
+    for change, words in (({'torque': 1e-5}, 'limits.torque'), ({'separation': 2.5}, 'arena.')):
+        program, xi = program_and_point('default', task=replace(RobotFormation().task, **change))
+        assert words in program.binding(program.evaluate(xi))
+
+
+def test_held_motions_are_avoided_and_not_varied() -> None:
+    task = RobotFormation().task
+    model = ReferenceMotion(task)
+    every = FormationProgram(model)
+    guess = np.random.default_rng(3).normal(scale=0.05, size=(task.n, model.size))
+    guess[:, 0] = 1.0
+    held = np.full_like(guess, np.nan)
+    held[1] = guess[1]
+    program = FormationProgram(model, held=held)
+    xi = program.reduce(guess)
+    assert xi.size == every.reduce(guess).size - model.size
+    np.testing.assert_array_equal(program.full(xi)[1], guess[1])
+    np.testing.assert_allclose(program.full(xi), guess)
+    with_it, without = program.values(xi), every.values(guess.ravel())
+    np.testing.assert_allclose(with_it.gas, without.gas)
+    np.testing.assert_allclose(with_it.pairs.margins, without.pairs.margins)
+    assert (with_it.thrust[1] > 1.0).all()
+    np.testing.assert_array_equal(with_it.thrust[[0, 2]], without.thrust[[0, 2]])
+    rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
+    assert rows.shape[1] == xi.size
+    held[0] = guess[0]  # two kept robots leave the third all the room there is
+    program = FormationProgram(model, held=held)
+    values = program.values(program.reduce(guess))
+    first, second = program.grid.pairs.robots(values.pairs)
+    assert (values.pairs.margins[(first < 2) & (second < 2)] > 1.0).all()

@@ -7,144 +7,173 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Charts show every state and control, with limits, switches, and planned beside measured."""
+"""Numbers out of recorded bytes, histories of them by name, and the clock they were stamped by."""
 
-from dataclasses import replace
+from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from missions import joint_state, odometry, SECOND, store
 import numpy as np
-from page_missions import (
-    ARENA_PARAMETERS,
-    DURATION,
-    pendulum_mission,
-    pendulum_plan,
-    pendulum_states,
-    robots_mission,
-)
 import pytest
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json
-from tdm_sim.report.comparison import compare
-from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
-from tdm_sim.report.embedding import unpacked
-from tdm_sim.report.histories import (
-    control_chart,
-    limits_of,
-    plan_instants,
-    state_chart,
-    switching_instants,
-)
-from tdm_sim.report.mission import PlanInForce
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.report.cdr_columns import columns
+from tdm_sim.report.mission import Mission, PlanInForce, Signals, thinned_indices, Vehicle
+from tdm_sim.report.recorded_clock import RecordedClock
+from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+
+names = st.lists(st.text(max_size=8), max_size=4, unique=True)
+stamps = st.integers(0, 2**31 * SECOND - 1)
 
 
-def curves(panel, kind):
-    return [curve for curve in panel.curves if curve.kind == kind]
+def written(message: Any, little: bool = True) -> bytes:
+    return bytes(store().serialize_cdr(message, message.__msgtype__, little_endian=little))
 
 
-def test_every_state_and_control_planned_and_measured():
-    for mission in (pendulum_mission(), robots_mission()):
-        plan = mission.vehicles[0].plans[0].trajectory
-        count = len(mission.vehicles)
-        for chart, names in (
-            (state_chart(mission), plan.state_names),
-            (control_chart(mission), plan.control_names),
-        ):
-            assert tuple(panel.title for panel in chart.panels) == names
-            for panel in chart.panels:
-                assert len(curves(panel, 'planned')) == count
-                assert len(curves(panel, 'measured')) == count
+def of(kind: str, messages: list[bytes]) -> list[Any]:
+    return list(columns(store().fielddefs, kind, messages))
 
 
-def test_planned_values_and_switches():
-    (torque,) = control_chart(pendulum_mission()).panels
-    (planned,) = curves(torque, 'planned')
-    assert planned.held
-    assert torque.limits == (-0.02, 0.02)
-    assert torque.unit == 'N m'
-    assert torque.switches == pytest.approx([0.8])
-    theta = state_chart(pendulum_mission()).panels[0]
-    (planned,) = curves(theta, 'planned')
-    known = np.isfinite(planned.values)
-    expected = pendulum_states(planned.times[known])[:, 0]
-    assert planned.values[known] == pytest.approx(expected, abs=1e-9)
+GOOD = written(joint_state(7, ['a'], position=[1.5]))
 
 
-def test_a_plan_is_drawn_as_long_as_it_was_followed():
-    mission = pendulum_mission()
-    plan = pendulum_plan()
-    plans = (PlanInForce('1', 0.0, plan, until=0.7), PlanInForce('2', 0.7, plan))
-    mission = replace(mission, vehicles=(replace(mission.vehicles[0], plans=plans),))
-    theta = state_chart(mission).panels[0]
-    (planned,) = curves(theta, 'planned')
-    gaps = np.flatnonzero(np.isnan(planned.values))
-    assert planned.times[gaps] == pytest.approx([0.7, 0.7 + DURATION])
-    first = planned.times[: gaps[0]]
-    assert first[0] == 0.0
-    assert first[-1] == pytest.approx(0.7)
-    assert switching_instants(plans[0]) == []
-    assert switching_instants(plans[1]) == pytest.approx([1.5])
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(st.lists(st.tuples(names, st.booleans(), stamps), max_size=6), st.booleans())
+def test_numbers_are_those_of_the_library(rows: list[Any], little: bool) -> None:
+    """Messages of mixed layouts, in either order of bytes."""
+    made = [
+        joint_state(
+            at,
+            joints,
+            position=np.arange(len(joints)) + 0.25 * k,
+            effort=np.full(len(joints), float(k)) if full else (),
+        )
+        for k, (joints, full, at) in enumerate(rows)
+    ]
+    seen = []
+    for found in of(JOINT_STATE, [written(message, little) for message in made]):
+        for k, row in enumerate(found.rows.tolist()):
+            seen.append(row)
+            expected = made[row]
+            if '\0' not in ''.join(expected.name):
+                assert found.strings['name'] == tuple(expected.name)
+            stamp = expected.header.stamp
+            assert found.numbers['header.stamp.sec'][k, 0] == stamp.sec
+            assert found.numbers['header.stamp.nanosec'][k, 0] == stamp.nanosec
+            for quantity in ('position', 'velocity', 'effort'):
+                value = found.numbers[quantity][k]
+                assert value.tolist() == getattr(expected, quantity).tolist()
+    assert sorted(seen) == list(range(len(rows)))
 
 
-@pytest.mark.parametrize('most', [20, 200, 3000])
-def test_instants_of_a_plan_increase_and_hold_its_switches(most):
-    plan = PlanInForce('1', 0.1, pendulum_plan())
-    at = plan_instants(plan, most)
-    assert (np.diff(at) > 0).all()
-    assert at.size <= most + 2
-    assert np.abs(at - 0.9).min() < 1e-9
-    assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
+def test_an_odometry() -> None:
+    message = odometry(5, 'robot1', [1.0, 2.0, 0.5, 0.0, 0.0, 0.25])
+    (found,) = of(message.__msgtype__, [written(message)] * 3)
+    assert found.rows.tolist() == [0, 1, 2]
+    assert found.strings['header.frame_id'] == ('arena',)
+    assert found.numbers['pose.pose.position.x'].tolist() == [[1.0]] * 3
+    assert found.numbers['twist.twist.angular.z'].tolist() == [[0.25]] * 3
+    assert found.numbers['pose.covariance'].shape == (3, 36)
 
 
-def test_limits_of_robots():
-    mission = robots_mission()
-    half = ARENA_PARAMETERS['arena.minimum_separation'] / 2
-    assert limits_of(mission, 'robot', 'x') == (half, 4.0 - half)
-    assert limits_of(mission, 'robot', 'y') == (half, 3.0 - half)
-    assert limits_of(mission, 'robot', 'thrust') == (0.0, 1.0)
-    assert limits_of(mission, 'robot', 'torque') == (-0.02, 0.02)
-    assert limits_of(mission, 'robot', 'yaw') == ()
-    assert limits_of(replace(mission, parameters={}), 'robot', 'thrust') == ()
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(st.lists(st.binary(max_size=80), max_size=5))
+def test_bytes_that_are_no_message_are_left_out_quietly(data: list[bytes]) -> None:
+    for found in of(JOINT_STATE, data):
+        assert found.numbers['position'].ndim == 2
+    assert len(data) in [row for found in of(JOINT_STATE, [*data, GOOD]) for row in found.rows]
 
 
-def test_distances_of_the_closest_pairs():
-    mission = robots_mission(names=[f'r{k}' for k in range(5)])
-    chart = distance_chart(mission, compare(mission))
-    (panel,) = chart.panels
-    assert panel.limits == (0.4,)
-    series = {curve.series for curve in panel.curves}
-    assert {f'r{k} - r{k + 1}' for k in range(4)} <= series  # neighbours, 1 m apart
-    assert len(series) == 6
-    assert 'of 10 pairs' in chart.note
-    nearest = next(c for c in curves(panel, 'planned') if c.series == 'r0 - r1')
-    assert nearest.values == pytest.approx(np.ones(nearest.values.size))
+def test_a_message_cut_short_or_of_absurd_length_is_left_out() -> None:
+    absurd = GOOD[:20] + b'\xff\xff\xff\x7f' + GOOD[24:]  # number of names
+    assert of(JOINT_STATE, [GOOD[:-9], absurd, b'']) == []
 
 
-def test_margins_and_errors():
-    mission = pendulum_mission(parameters={})
-    assert margin_chart(mission, compare(mission)).panels == ()
-    mission = pendulum_mission()
-    margins = {p.title: p for p in margin_chart(mission, compare(mission)).panels}
-    assert set(margins) == {'torque', 'disk_angle'}
-    (planned,) = curves(margins['torque'], 'planned')
-    assert planned.values[:-1] == pytest.approx(np.full(planned.values.size - 1, 0.006))
-    errors = error_chart(mission, compare(mission)).panels
-    assert [panel.title for panel in errors] == ['theta', 'psi', 'theta_dot', 'psi_dot']
-    (error,) = errors[0].curves
-    assert error.values[np.isfinite(error.values)] == pytest.approx(0.02, abs=1e-6)
+def test_histories_by_name() -> None:
+    values = np.array([[0, 5], [2, np.nan], [4, 7.0]])
+    found = Signals(np.array([0.0, 1.0, 2.0]), values, ('a', 'b'), ('m', 's'))
+    assert 'a' in found
+    assert 'c' not in found
+    assert found.unit('b') == 's'
+    assert found.column('a').tolist() == [0, 2, 4]
+    chosen = found.select('b', 'a')
+    assert (chosen.names, chosen.units) == (('b', 'a'), ('s', 'm'))
+    assert chosen.values[2].tolist() == [7, 4]
+    assert found.between(0.5, 2.0).times.tolist() == [1, 2]
+    between = found.at(np.array([-1.0, 0.5, 1.5, 3.0]))
+    np.testing.assert_array_equal(between[:, 0], [np.nan, 1.0, 3.0, np.nan])
+    assert np.isnan(between[2, 1])
+    assert Signals(np.zeros(0), np.zeros((0, 1)), ('a',), ('',)).at(np.zeros(3)).shape == (3, 1)
 
 
-def test_one_plotly_figure_for_a_chart():
-    t = np.array([0.0, 1.0])
-    first = Panel(
-        'a<b', 'm', (Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y'),), '', (2.0,)
-    )
-    second = Panel('c', '', (Curve('measured', t, t, 9),))
-    data = plotly_json(plotly_figure(Chart('key', 'title', (first, second)), (0.0, 1.0)))
-    planned, limit, measured = data['data']
-    assert planned['name'] == 'x&amp;y planned'
-    assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
-    assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
-    assert np.isnan(unpacked(planned['y'])[1])
-    assert data['layout']['annotations'][0]['text'] == '<b>a&lt;b</b>'
-    domains = [data['layout'][axis]['domain'] for axis in ('yaxis', 'yaxis2')]
-    assert 0.0 <= domains[1][0] < domains[1][1] < domains[0][0] < domains[0][1] <= 1.0
-    low, high = data['layout']['yaxis']['range']
-    assert low < 0.0 < 2.0 < high
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(st.integers(0, 3000), st.integers(1, 3), st.integers(10, 400), st.integers(0, 2**31))
+def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(n, m))
+    values[rng.random((n, m)) < 0.1] = np.nan
+    kept = thinned_indices(values, most)
+    assert (np.diff(kept) > 0).all()
+    assert kept.size <= max(most, 2 + 2 * m)
+    if n:
+        assert (kept[0], kept[-1]) == (0, n - 1)
+    for k in range(m):
+        if np.isfinite(values[:, k]).any():
+            assert np.nanmin(values[kept, k]) == np.nanmin(values[:, k])
+            assert np.nanmax(values[kept, k]) == np.nanmax(values[:, k])
+
+
+def plan(start: float, until: float | None = None) -> PlanInForce:
+    states = np.array([[0.0], [4.0]])
+    motion = Trajectory(np.array([0.0, 2.0]), states, 0.5 * states, ('x',), ('u',), 'linear')
+    return PlanInForce('1', start, motion, until)
+
+
+def test_a_plan_is_followed_until_the_next_one_starts() -> None:
+    assert (plan(1.0).end, plan(1.0).carried_out_until) == (3.0, 3.0)
+    assert plan(1.0, 2.5).carried_out_until == 2.5
+    assert plan(1.0).states(np.array([1.0, 2.0, 9.0]))[:, 0].tolist() == [0, 2, 4]
+    assert plan(1.0).controls(np.array([1.0, 2.0]))[:, 0].tolist() == [0, 1]
+    states = Signals(np.array([-1.0, 5.0]), np.zeros((2, 1)), ('x',), ('m',))
+    mission = Mission('', '', (Vehicle('a', 'other', (plan(1.0),), states=states),))
+    assert mission.span == (-1.0, 5.0)
+    assert mission.was_carried_out
+    assert not Mission('', '', (Vehicle('a', 'other', (plan(1.0),)),)).was_carried_out
+
+
+def test_parameters_that_are_no_numbers_are_none() -> None:
+    values = [2, None, 'x', True, np.nan, np.inf, [1, 2.5], ['x'], [np.nan]]
+    mission = Mission('', '', (), parameters={str(k): value for k, value in enumerate(values)})
+    assert [mission.number(str(k)) for k in range(len(values))] == [2.0] + [None] * 8
+    lists = [mission.numbers(str(k)) for k in range(len(values))]
+    found = lists.pop(6)
+    assert found is not None
+    assert found.tolist() == [1.0, 2.5]
+    assert lists == [None] * 8
+
+
+def clock(count: int, speed: float) -> RecordedClock | None:
+    messages = []
+    for k in range(count):
+        second, nanosecond = divmod(round(k * speed * SECOND), SECOND)
+        shown = SimpleNamespace(sec=100 + second, nanosec=nanosecond)
+        messages.append(Received(SimpleNamespace(clock=shown), (50 + k) * SECOND))
+    told, types = {'/clock': messages}, {'/clock': CLOCK}
+    return RecordedClock.of(RecordedTopics({}, told, types, malformed={}, not_finite={}))
+
+
+@pytest.mark.parametrize('speed', [0.5, 1.0, 4.0])
+def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
+    found = clock(20, speed)
+    assert found is not None
+    assert found.speed == pytest.approx(speed)
+    for recorded in (40.0, 50.0, 52.25, 69.0, 80.0):
+        expected = 100 + (recorded - 50) * speed
+        assert found.instant(round(recorded * SECOND)) / SECOND == pytest.approx(expected)
+    assert clock(0, speed) is None
+    assert clock(1, speed) is None

@@ -12,28 +12,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html.parser import HTMLParser
+from dataclasses import fields, is_dataclass
 import json
 from pathlib import Path
 from typing import Any
 
-from mission_bags import (
-    header,
+from missions import (
     Item,
-    joint_plan,
-    joint_state,
     log,
-    odometry,
+    Parts,
     pendulum_recording,
     robot_recording,
-    STANDARD,
+    SECOND,
     START,
     status,
     summary,
     without,
     write,
 )
-import numpy as np
 import pytest
 from tdm_planner.cli import main
 from tdm_planner.problems import PendulumSwingUp
@@ -46,124 +42,80 @@ EVIL = (
 )
 
 
-class Elements(HTMLParser):
-    """Elements of a page, with their attributes; scripts are text."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[str] = []
-        self.texts: list[str] = []
-        self._script = False
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag: str, attributes: Any) -> None:
-        self.found.append((tag, dict(attributes)))
-        self._script = tag == 'script'
-        if self._script:
-            self.scripts.append('')
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == 'script':
-            self._script = False
-
-    def handle_data(self, data: str) -> None:
-        if self._script:
-            self.scripts[-1] += data
-        else:
-            self.texts.append(data)
-
-    def shows(self, string: str) -> bool:
-        """Whether people can read a string: as text, or in a chart by way of the page's data."""
-        written = json.dumps(string)[1:-1].replace('<', r'\u003c').replace('>', r'\u003e')
-        return any(string in text for text in self.texts) or any(
-            written in text for text in self.scripts
-        )
+def shows(page: Parts, string: str) -> bool:
+    """Whether people can read a string: as text, or in a chart by way of the page's data."""
+    written = json.dumps(string)[1:-1].replace('<', r'\u003c').replace('>', r'\u003e')
+    return any(string in text for text in page.texts) or any(
+        written in text for _, text in page.scripts
+    )
 
 
-def renamed(items: list[Item]) -> list[Item]:
-    """Put the attacks wherever a message has a name or a frame."""
-    for number, item in enumerate(items):
-        message, evil = item.message, EVIL[number % len(EVIL)]
-        if hasattr(message, 'header'):
-            message.header.frame_id = evil
-        if hasattr(message, 'child_frame_id'):
-            message.child_frame_id = evil
-        if hasattr(message, 'points'):
-            message.header.frame_id = ''
-    return items
+def poisoned(message: Any, evil: str) -> Any:
+    """Return a copy of a message, or of a part of it, every string of which is an attack."""
+    if isinstance(message, str):
+        return evil
+    if isinstance(message, list):
+        return [poisoned(item, evil) for item in message]
+    if not is_dataclass(message):
+        return message
+    parts = {field.name: getattr(message, field.name) for field in fields(message)}
+    return type(message)(**{
+        name: value if name == '__msgtype__' else poisoned(value, evil)
+        for name, value in parts.items()
+    })  # fmt: skip
 
 
-def foreign_joints(namespace: str, at: int) -> list[Item]:
-    """Messages of joints and vehicles that nobody knows, among those that belong there."""
-    found = []
-    for number, evil in enumerate(EVIL):
-        names = [evil, 'disk' if number % 2 else 'pendulum', *EVIL]
-        values = {'position': np.zeros(6), 'velocity': np.zeros(6), 'effort': np.zeros(6)}
-        when = at + number * 10**7
-        for topic in ('joint_states', 'joint_command', 'tracking_error'):
-            message = joint_state(when, names, **values)
-            message.header = header(when, evil)
-            found.append(Item(f'{namespace}/{topic}', STANDARD['JointState'], when, message))
-        plan = joint_plan(when, EVIL, [0.0, 1.0], positions=np.zeros((2, 4)))
-        found.append(Item(f'{namespace}/trajectory', STANDARD['JointTrajectory'], when, plan))
+def with_strangers(items: list[Item]) -> list[Item]:
+    """Add what others send on each topic, and on those of evil names: frames, joints, vehicles."""
+    found = list(items)
+    for topic in {item.topic for item in items if not item.topic.endswith('plan_summary')}:
+        *_, last = [item for item in items if item.topic == topic]
+        for number, evil in enumerate(EVIL):
+            message, at = poisoned(last.message, evil), START + number * SECOND // 100
+            found.append(Item(topic, at, message))
+            found.append(Item(f'/{evil}/{topic.split("/")[-1]}', at, message))
     return found
 
 
-def robots_from_elsewhere() -> list[Item]:
-    items = []
-    for number, evil in enumerate(EVIL):
-        for k in range(20):
-            when = START + (k + number) * 10**7
-            message = odometry(when, evil, np.zeros(6), evil)
-            items.append(Item(f'/{evil}/odom', STANDARD['Odometry'], when, message))
-    return items
-
-
-def what_nodes_say(namespace: str, at: int) -> list[Item]:
+def what_nodes_say() -> list[Item]:
     """Diagnostics and log messages, of this planner's nodes and of others."""
-    found = []
+    found = pendulum_recording()
     for number, evil in enumerate(EVIL):
-        for node in (f'{namespace}/{evil}', f'{namespace}/planner', f'/{evil}'):
-            when = at + number * 10**8
+        when = START + number * SECOND // 10
+        for node in (f'/pendulum/{evil}', '/pendulum/planner', f'/{evil}'):
             names = {'plan id': '1', f'margin of {evil}': '-0.5', evil: evil, 'cost': evil}
             told = status(when, node, 1 + number % 2, f'{evil} {node}', **names)
             told.status[0].name = f'{node}: {evil}'
             told.status[0].hardware_id = evil
-            found.append(Item('/diagnostics', STANDARD['DiagnosticArray'], when, told))
-        said = log(at + number * 10**8, 40, f'pendulum.{evil}', f'said {evil}')
+            found.append(Item('/diagnostics', when, told))
+        said = log(when, 40, f'pendulum.{evil}', f'said {evil}')
         said.file = said.function = evil
-        found.append(Item('/rosout', STANDARD['Log'], at + number * 10**8, said))
+        found.append(Item('/rosout', when, said))
     return found
 
 
 def said_of_a_plan() -> list[Item]:
     """Return a recording whose summary has the attacks wherever it has a string."""
-    found = []
-    for item in pendulum_recording():
-        if item.topic.endswith('/plan_summary'):
-            worst = dict.fromkeys(EVIL, -0.5)
-            check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL}
-            check |= {'units': dict.fromkeys([*EVIL, 'torque'], '<i>'), 'terminal_error': worst}
-            units = {'theta': '<b id=x>', 'psi': '<i>', 'torque': '</script>'}
-            vehicle = {'interpolation': 'zero_order_hold', 'units': units}
-            parameters = PendulumSwingUp().to_parameters() | {f'limits.{e}': e for e in EVIL}
-            more: dict[str, Any] = {e: {e: [e]} for e in EVIL}
-            message = summary(
-                START,
-                'pendulum_swing_up',
-                parameters | {'method': EVIL[0], 'list': list(EVIL), EVIL[1]: list(EVIL)},
-                plan_id=EVIL[2],
-                summary=' '.join(EVIL),
-                vehicles={'pendulum': vehicle, **dict.fromkeys(EVIL, vehicle)},
-                verification=check,
-                cost_terms=worst,
-                **more,
-            )
-            item = item._replace(message=message)
-        found.append(item)
-    return found
+    worst = dict.fromkeys(EVIL, -0.5)
+    check = {'worst': worst, 'worst_times': worst, 'reasons': EVIL}
+    check |= {'units': dict.fromkeys([*EVIL, 'torque'], '<i>'), 'terminal_error': worst}
+    units = {'theta': '<b id=x>', 'psi': '<i>', 'torque': '</script>'}
+    vehicle = {'interpolation': 'zero_order_hold', 'units': units}
+    parameters = PendulumSwingUp().to_parameters() | {f'limits.{e}': e for e in EVIL}
+    more: dict[str, Any] = {e: {e: [e]} for e in EVIL}
+    message = summary(
+        START,
+        'pendulum_swing_up',
+        parameters | {'method': EVIL[0], 'list': list(EVIL), EVIL[1]: list(EVIL)},
+        plan_id=EVIL[2],
+        summary=' '.join(EVIL),
+        vehicles={'pendulum': vehicle, **dict.fromkeys(EVIL, vehicle)},
+        verification=check,
+        cost_terms=worst,
+        **more,
+    )
+    items = without(pendulum_recording(), '/plan_summary')
+    return [*items, Item('/pendulum/plan_summary', START - SECOND, message)]
 
 
 def robots_of_evil_names() -> list[Item]:
@@ -173,12 +125,10 @@ def robots_of_evil_names() -> list[Item]:
         message = item.message
         if hasattr(message, 'data'):
             message.data = message.data.replace('robot1', json.dumps(EVIL[1])[1:-1])
-        for name in ('joint_names', 'name'):
-            given = getattr(message, name, [])
-            if 'robot1' in given:
-                setattr(message, name, [EVIL[1]])
+        if 'robot1' in getattr(message, 'joint_names', []):
+            message.joint_names = [EVIL[1]]
         found.append(item._replace(topic=item.topic.replace('robot1', EVIL[1])))
-    return renamed(found)
+    return found
 
 
 def another_planner() -> list[Item]:
@@ -186,46 +136,46 @@ def another_planner() -> list[Item]:
     return [*pendulum_recording(), *without(pendulum_recording(f'/{EVIL[1]}'), '/trajectory')]
 
 
-RECORDINGS = {
-    'frames': lambda: renamed(pendulum_recording()),
-    'foreign joints': lambda: [*pendulum_recording(), *foreign_joints('/pendulum', START)],
-    'namespace': lambda: pendulum_recording(f'/{EVIL[1]}'),
-    'another planner': another_planner,
-    'robots from elsewhere': lambda: [*renamed(robot_recording()), *robots_from_elsewhere()],
-    'robots of evil names': robots_of_evil_names,
-    'diagnostics': lambda: [*pendulum_recording(), *what_nodes_say('/pendulum', START)],
-    'summary': said_of_a_plan,
+# Recordings, and which of the attacks people can read in the page, as the strings that they are.
+RECORDINGS: dict[str, tuple[Any, Sequence[str]]] = {
+    'strangers': (lambda: with_strangers(pendulum_recording()), ()),
+    'namespace': (lambda: with_strangers(pendulum_recording(f'/{EVIL[1]}')), ()),
+    'another planner': (another_planner, EVIL[1:2]),
+    'strange robots': (lambda: with_strangers(robot_recording()), ()),
+    'robots of evil names': (robots_of_evil_names, EVIL[1:2]),
+    'diagnostics': (what_nodes_say, EVIL),
+    'summary': (said_of_a_plan, EVIL),
 }
-# Which of the attacks people can read in the page, as the plain strings that they are.
-SHOWN: dict[str, Sequence[str]] = {
-    'foreign joints': EVIL[:1],
-    'another planner': EVIL[1:2],
-    'robots of evil names': EVIL[1:2],
-    'diagnostics': EVIL,
-    'summary': EVIL,
-}
+
+
+def page_of(folder: Path, items: list[Item]) -> Parts:
+    write(folder / 'bag', items)
+    page = folder / 'report.html'
+    assert main(['report', str(folder / 'bag'), '-o', str(page), '--quiet']) == 0
+    return Parts(page.read_text())
+
+
+@pytest.fixture(scope='module')
+def scripts(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, int]:
+    """Return how many scripts pages without attacks have, of robots and of a pendulum."""
+    plain = {True: robot_recording(), False: pendulum_recording()}
+    pages = {k: page_of(tmp_path_factory.mktemp('plain'), items) for k, items in plain.items()}
+    return {k: len(page.scripts) for k, page in pages.items()}
 
 
 @pytest.mark.parametrize('kind', RECORDINGS)
 def test_no_string_of_a_recording_becomes_markup(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, kind: str, scripts: dict[bool, int], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The page has no element and no script that the same recording without attacks has not."""
-    plain, report = tmp_path / 'plain.html', tmp_path / 'report.html'
-    write(tmp_path / 'plain', robot_recording() if 'robots' in kind else pendulum_recording())
-    assert main(['report', str(tmp_path / 'plain'), '-o', str(plain), '--quiet']) == 0
-    write(tmp_path / 'bag', RECORDINGS[kind]())
-    code = main(['report', str(tmp_path / 'bag'), '-o', str(report), '--quiet'])
-    said = capsys.readouterr()
-    assert 'Traceback' not in said.err
-    assert code == 0, said.err
-    page, harmless = Elements(report.read_text()), Elements(plain.read_text())
-    for tag, attributes in page.found:
+    make, shown = RECORDINGS[kind]
+    page = page_of(tmp_path, make())
+    assert 'Traceback' not in capsys.readouterr().err
+    for tag, attributes in page.elements:
         assert tag not in ('img', 'iframe', 'object', 'embed', 'base', 'form', 'i')
         assert not {name for name in attributes if name.startswith('on')}
         assert not any('javascript:' in (value or '') for value in attributes.values())
         assert attributes.get('id') != 'x'
-    assert len(page.scripts) == len(harmless.scripts)
-    assert not any('hacked()</script' in text or '<!--' in text for text in page.scripts[:-1])
-    for evil in SHOWN.get(kind, ()):
-        assert page.shows(evil), evil
+    assert len(page.scripts) == scripts['robots' in kind]
+    assert not any('hacked()</script' in text or '<!--' in text for _, text in page.scripts[:-1])
+    for evil in shown:
+        assert shows(page, evil), evil

@@ -7,132 +7,174 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The report's page as a file: complete, small, and nothing from a recording is markup."""
+"""The report's page: complete, small, figures as people write them, and nothing is markup."""
+
+from __future__ import annotations
 
 import base64
+from dataclasses import replace
 import hashlib
-from html.parser import HTMLParser
 import json
+from pathlib import Path
 import re
+from typing import Any
 
+from missions import Parts, pendulum_mission, robots_mission
 import numpy as np
-from page_missions import pendulum_mission, robots_mission
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.embedding import json_for_html, packed, unpacked
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
+from tdm_sim.report.tables import events_table, number, parameters_table, summary_table
+from tdm_sim.verdict import Verdict
 
 LARGEST = 8_000_000
+MINUS = '\N{MINUS SIGN}'
 
 
-class Parts(HTMLParser):
-    """Scripts, texts and addresses of a page."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.scripts, self.addresses, self.text = [], [], []
-        self._script = None
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        attributes = dict(attrs)
-        self.addresses += [v for k, v in attributes.items() if k in ('src', 'href')]
-        if tag == 'script':
-            self._script = len(self.scripts)
-            self.scripts.append((attributes, ''))
-
-    def handle_endtag(self, tag):
-        if tag == 'script':
-            self._script = None
-
-    def handle_data(self, data):
-        if self._script is None:
-            self.text.append(data)
-        else:
-            attributes, text = self.scripts[self._script]
-            self.scripts[self._script] = attributes, text + data
-
-
-def embedded(page):
-    (data,) = [s for a, s in Parts(page).scripts if a.get('id') == 'report-data']
-    return json.loads(data)
+def rows(table: str) -> list[list[str]]:
+    return Parts(table.partition('<details>')[0]).rows
 
 
 @pytest.mark.parametrize('make', [pendulum_mission, robots_mission])
 @pytest.mark.parametrize('measured', [True, False])
-def test_self_contained(make, measured):
+def test_self_contained(make: Any, measured: bool) -> None:
     page = report_page(make(measured=measured))
     parts = Parts(page)
-    assert parts.addresses == ['data:,']
+    addresses = [a[key] for _, a in parts.elements for key in ('src', 'href') if key in a]
+    assert addresses == ['data:,']
     assert not re.search(r'url\(\s*["\']?https?:', page)
-    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
+    policy = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)[0]
     assert policy.startswith("default-src 'none'")
-    scripts = [s for a, s in parts.scripts if 'type' not in a]
+    scripts = [script for attributes, script in parts.scripts if 'type' not in attributes]
     assert len(scripts) == 2
     for script in scripts:
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
         assert f"'sha256-{digest}'" in policy
 
 
-def test_size_stays_below_the_limit_however_much_was_recorded(tmp_path):
+def test_size_stays_below_the_limit_and_peaks_survive_thinning(tmp_path: Path) -> None:
     names = [f'robot{k}' for k in range(16)]
     mission = robots_mission(names=names, rate=200.0, after=58.0)
-    size = write_report(mission, tmp_path / 'report.html')
-    assert size == (tmp_path / 'report.html').stat().st_size < LARGEST
-
-
-def test_peaks_survive_thinning():
-    mission = robots_mission(names=['one'], rate=200.0, after=120.0)
     states = mission.vehicles[0].states
-    states.values[12_345, 0] = 3.9
-    data = embedded(report_page(mission))
-    (chart,) = [c for c in data['charts'] if c['key'] == 'states']
+    assert states is not None
+    states.values[1_234, 0] = 3.9
+    file = tmp_path / 'report.html'
+    assert write_report(mission, file) == file.stat().st_size < LARGEST
+    (data,) = [s for a, s in Parts(file.read_text()).scripts if a.get('id') == 'report-data']
+    (chart,) = [chart for chart in json.loads(data)['charts'] if chart['key'] == 'states']
     measured = next(t for t in chart['data'] if t['meta']['kind'] == 'measured')
     y = unpacked(measured['y'])
     assert y.max() == np.float32(3.9)
     assert y.size < 4000
+    with pytest.raises(InvalidProblem, match='cannot be written'):
+        write_report(mission, tmp_path)
 
 
-def test_the_time_shown_first_is_the_motions():
+def test_the_time_shown_first_is_the_motions() -> None:
     start, end = motion_span(pendulum_mission())
     assert -0.5 <= start <= 0.0
     assert 2.0 < end <= 4.0
     assert playing_speed(pendulum_mission()) < 1.0
-
-
-@pytest.mark.parametrize(
-    'mission', [Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))]
-)
-def test_a_mission_of_nothing_is_still_a_page(mission):
-    assert '<h1>t</h1>' in report_page(mission)
-
-
-def test_events_beyond_a_page_are_counted():
-    events = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
-    page = report_page(pendulum_mission(events=events))
-    assert 'event 299<' in page
-    assert 'event 300<' not in page
-    assert 'and 700 more' in page
-
-
-def test_a_file_that_cannot_be_written(tmp_path):
-    with pytest.raises(InvalidProblem, match='cannot be written'):
-        write_report(Mission('t', '', ()), tmp_path)
+    for mission in (Mission('t', '', ()), Mission('t', 'other', (), missing=('x',))):
+        assert '<h1>t</h1>' in report_page(mission)
 
 
 @pytest.mark.parametrize('text', ['</script>', '<!--', ']]>', '&lt;', '\u2028', '"\\'])
-def test_json_can_stand_in_html(text):
+def test_json_can_stand_in_html(text: str) -> None:
     written = json_for_html({text: [text]})
     assert json.loads(written) == {text: [text]}
     assert not set('<>&\u2028') & set(written)
-
-
-def test_json_refuses_what_it_cannot_hold():
     with pytest.raises(ValueError, match='JSON'):
         json_for_html({'x': float('nan')})
 
 
-def test_numbers_are_packed_in_single_precision_with_gaps():
+def test_numbers_are_packed_in_single_precision_with_gaps() -> None:
     values = [0.0, -1.5, np.nan, 1e-20, 3.14159265]
     assert unpacked(packed(values)) == pytest.approx(np.float32(values), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [
+        (None, ''),
+        (0.0, '0'),
+        (-1e-15, '0'),
+        (1.49207, '1.492'),
+        (-0.05, f'{MINUS}0.05'),
+        (1.36314e-6, f'1.36&thinsp;&middot;&thinsp;10<sup>{MINUS}6</sup>'),
+        (22.0348, '22.03'),
+    ],
+)
+def test_numbers(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+def test_the_worst_of_all_robots() -> None:
+    entries = (
+        Entry('margin', 'margin of thrust', 'N', 0.2, 0.1, 1.0, 2.0, vehicle='a'),
+        Entry('margin', 'margin of thrust', 'N', 0.1, 0.3, 3.0, 4.0, vehicle='b'),
+        Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, -0.2, vehicle='a'),
+        Entry('landing', 'error of yaw at the planned end', 'rad', 0.0, 0.1, vehicle='b'),
+    )
+    found = rows(summary_table(robots_mission(), Comparison(entries)))
+    assert ['thrust [N]a', '0.1 at 3.00 s', '0.1 at 2.00 s'] in found
+    assert ['error of yaw [rad]a', '0', f'{MINUS}0.2'] in found
+
+
+def test_a_violation_and_saturation_stand_out() -> None:
+    entries = (
+        Entry('margin', 'margin of torque', 'N m', 0.1, -0.02, 1.0, 1.5),
+        Entry('margin', 'margin of thrust', 'N', 0.1, 0.0, 1.0, 1.5, mark='saturated'),
+    )
+    table = summary_table(pendulum_mission(), Comparison(entries))
+    assert f'<td class="bad">{MINUS}0.02' in table
+    assert table.count('class="bad"') == 1
+    assert ['thrust [N]', '0.1 at 1.00 s', '0 at 1.50 s saturated'] in rows(table)
+
+
+def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None:
+    events = (
+        Event(-1.0, Severity.ERROR, '/p/tracker', 'idle'),
+        Event(1.0, Severity.WARN, '/p/tracker', 'late'),
+    )
+    table = events_table(replace(pendulum_mission(), events=events))
+    assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
+    events = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
+    table = events_table(pendulum_mission(events=events))
+    assert 'event 299<' in table
+    assert 'event 300<' not in table
+    assert 'and 700 more' in table
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'kind', 'text'),
+    [
+        (Verdict((), ()), ' good', 'Goal reached and held'),
+        (Verdict(('fell <b>',), ()), ' bad', 'Goal missed</p><ul class="reasons"><li>fell &lt;b'),
+        (Verdict((), (), 'it ends at 5.2 s'), '', 'Not known: it ends at 5.2 s</p>'),
+    ],
+)
+def test_the_verdict_is_said_first(verdict: Verdict, kind: str, text: str) -> None:
+    table = summary_table(pendulum_mission(), Comparison((), verdict=verdict))
+    assert table.startswith(f'<p class="verdict{kind}">{text}')
+
+
+def test_a_plan_alone_has_no_column_for_what_was_achieved() -> None:
+    entries = (
+        Entry('duration', 'time to the goal', 's', 2.0),
+        Entry('planner', 'time to solve', 's', 0.5, 0.125),
+    )
+    found = rows(summary_table(pendulum_mission(measured=False), Comparison(entries)))
+    assert found[0] == ['', 'planned']
+    assert ['time to the goal [s]', '2'] in found
+    assert ['time to solve [s]', '0.125'] in found
+
+
+def test_parameters_are_escaped_and_sorted() -> None:
+    table = parameters_table({'b': [1.0, 2], 'a<': None, 'c': True})
+    assert table.index('a&lt;') < table.index('<code>b') < table.index('<code>c')
+    assert '>1, 2<' in table
+    assert '>unset<' in table

@@ -1,0 +1,49 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Messages of a bag, for tests of what records: by topic, in the order they were written in."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+
+def read_with_mcap(bag: Path) -> dict[str, list[Any]]:
+    """Read a bag by a reader that has nothing in common with the writer."""
+    reader = pytest.importorskip('mcap_ros2.reader')
+    messages = defaultdict(list)
+    for item in reader.read_ros2_messages(bag / f'{bag.name}.mcap'):
+        messages[item.channel.topic].append(item.ros_msg)
+    return messages
+
+
+def read_with_rosbags(bag: Path) -> dict[str, list[Any]]:
+    rosbag2 = pytest.importorskip('rosbags.rosbag2')
+    typesys = pytest.importorskip('rosbags.typesys')
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    messages = defaultdict(list)
+    with rosbag2.Reader(bag) as reader:
+        for connection, _, data in reader.messages():
+            messages[connection.topic].append(store.deserialize_cdr(data, connection.msgtype))
+    return messages
+
+
+def metadata(bag: Path) -> Any:
+    """Return what rosbag2's own file says of a bag."""
+    return yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+
+
+def numbers(messages: list[Any]) -> list[int]:
+    """Return the numbers that the texts of messages begin with."""
+    return [int(message.data[:6]) for message in messages]

@@ -1,0 +1,176 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+What tests of trackers and of the replanner share: plans, and closed loops stepped by a clock.
+
+`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make
+a tracker with its simulated plant, a `Vehicle`; `Loop` steps one of them, `RecedingHorizon` of
+`tdm_sim.receding` several with a replanner. Nothing here looks at the computer's clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.replanning import PlanInForce
+from tdm_planner.tracking import (
+    Command,
+    PendulumTracker,
+    PendulumTrackerParameters,
+    RobotTracker,
+    RobotTrackerParameters,
+    TrajectoryTracker,
+)
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.mismatch import mismatched, mismatched_gains
+from tdm_sim.receding import Vehicle
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+
+WEAK, STRONG = 0.02, 0.09  # N m
+STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
+HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
+PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
+ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.005])
+SWING = build(PendulumSwingUp, {'limits.torque': WEAK})
+FORMATION = RobotFormation()
+
+
+@functools.cache
+def swing_up() -> PlanInForce:
+    """Return the swing-up by a weak motor, from 0 s on."""
+    return PlanInForce(SWING, SWING.solve(deadline=10.0), start=0.0)
+
+
+@functools.cache
+def strong_swing_up() -> Trajectory:
+    """Return a swing-up in less than half a second, with torque kept for the feedback."""
+    return build(PendulumSwingUp, STRONGLY).solve(deadline=10.0).trajectory
+
+
+@functools.cache
+def smooth_swing_up() -> PlanInForce:
+    """Return a strong motor's swing-up by a torque without jumps, from 0 s on."""
+    problem = build(PendulumSwingUp, {'limits.torque': STRONG, 'method': 'smooth'})
+    return PlanInForce(problem, problem.solve(deadline=60.0), start=0.0)
+
+
+@functools.cache
+def crossing() -> PlanInForce:
+    """Return a plan of three robots, from 0 s on."""
+    return PlanInForce(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+
+
+def moved(state: np.ndarray, *change: float) -> np.ndarray:
+    """Return states (..., nx) with `change` added."""
+    return np.asarray(state + np.array(change))
+
+
+def dotted(values: dict[str, Any]) -> dict[str, Any]:
+    """Return parameters by their names, `__` for the dot."""
+    return {name.replace('__', '.'): value for name, value in values.items()}
+
+
+def pendulum_tracker(limit: float = STRONG, **values: Any) -> PendulumTracker:
+    """Return a tracker for a motor; `values` are its other parameters, `__` for the dot."""
+    asked = {'limits.torque': limit, **dotted(values)}
+    return PendulumTracker(build(PendulumTrackerParameters, asked))
+
+
+def pendulum(
+    tracker: PendulumTracker,
+    initial: np.ndarray = HANGING,
+    mismatch: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> Vehicle:
+    """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
+    limit = np.array([tracker.parameters.limits.torque])
+    plant = mismatched(tracker.parameters.plant, mismatch, seed)
+    setup = PlantSetup(plant, initial, -limit, limit, noise * PENDULUM_NOISE)
+    return Vehicle(tracker, SimulatedPlant(setup, seed))
+
+
+def robot(
+    initial: np.ndarray,
+    mismatch: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 0,
+    gains: bool = True,
+    **values: Any,
+) -> Vehicle:
+    """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
+    tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(values)}))
+    limits = tracker.parameters.limits
+    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
+    setup = PlantSetup(
+        mismatched(tracker.parameters.plant, mismatch, seed),
+        initial,
+        upper * [0.0, -1.0, -1.0],
+        upper,
+        noise * ROBOT_NOISE,
+        # a thruster that is turned too fast or slowly is no matter: its angle is measured
+        gains=mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None,
+        largest_step=0.005,
+    )
+    return Vehicle(tracker, SimulatedPlant(setup, seed))
+
+
+@dataclass
+class Loop:
+    """A vehicle stepped by its tracker's rate; `delay` ticks pass before a state is seen."""
+
+    vehicle: Vehicle
+    delay: int = 0
+    seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
+    states: list[np.ndarray] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.tracker: TrajectoryTracker = self.vehicle.tracker
+        self.plant = self.vehicle.plant
+        self.tick = self.tracker.parameters.interval
+        self._samples: list[tuple[np.ndarray, float]] = []
+
+    @property
+    def now(self) -> float:
+        return len(self.states) * self.tick
+
+    @property
+    def controls(self) -> np.ndarray:
+        return np.array([command.control for command in self.commands])
+
+    def run(self, duration: float) -> None:
+        for _ in range(round(duration / self.tick)):
+            now = self.now
+            self._samples.append((self.plant.measure(), now))
+            if len(self._samples) > self.delay:
+                state, stamp = self._samples[-1 - self.delay]
+                self.tracker.observe(self.seen_as(state), stamp)
+            self.commands.append(self.tracker.command(now))
+            self.plant.command(self.commands[-1].control)
+            self.plant.step(self.tick)
+            self.states.append(self.plant.state)
+
+    def begin(self, plan: Trajectory, start: float = 0.1) -> None:
+        """Measure for a moment, then accept a plan that starts `start` s after the beginning."""
+        begun = self.now
+        self.run(0.06)
+        self.tracker.accept(plan, begun + start, self.now)
+
+    def push(self, *change: float) -> None:
+        """Add to the state at once."""
+        self.plant.push(lambda state: moved(state, *change))

@@ -1,0 +1,721 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+What users, files and the network may hand over, and what must become of it.
+
+Cases are made by Hypothesis of plain values (numbers, strings, lists, mappings), so that one that
+escapes can be kept as JSON: fuzz_corpus.json holds every case that ever did, with what it did.
+
+- `parameter_sets`, `forbidden_settings`, `yaml_texts`: valid in every corner, or wrong.
+- `messages(type, **hints)`: a message of any type as a mapping, `fill` makes it one.
+- `outcome`: what a call came to; all but a result and a `TdmError` of one line fails the test.
+- `PROPERTIES`: by name the cases, what is asked of each, and how many a quick run makes; `try_out`
+  does it: test/unit/test_fuzz.py with few cases, always the same, test/nightly with many new ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+import json
+import math
+from pathlib import Path
+import signal
+import tempfile
+from typing import Any
+
+from hypothesis import given, HealthCheck, Phase, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
+from tdm_planner.nodes.reading import (
+    joint_motion,
+    odometry_state,
+    PENDULUM_JOINTS,
+    pendulum_trajectory,
+    robot_trajectory,
+    thruster_angle,
+)
+from tdm_planner.parameter_files import read_parameters
+from tdm_planner.parameters import build, flatten, ParameterSpec, Range, shown, specifications
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking.tracker import TrajectoryRefused
+from tdm_planner.trajectory import Trajectory
+
+DEADLINE = 0.05  # s a search may take in these tests
+ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check, the interpreter
+BIGGEST = 1.7976931348623157e308
+PROBLEMS: dict[str, type[Problem]] = {
+    'pendulum_swing_up': PendulumSwingUp,
+    'robot_formation': RobotFormation,
+}
+SPECIFICATIONS = {name: kind.parameter_specifications({}) for name, kind in PROBLEMS.items()}
+TRACKERS: dict[str, Any] = {
+    'pendulum': (PendulumTracker, PendulumTrackerParameters),
+    'robot': (RobotTracker, RobotTrackerParameters),
+}
+
+# Numbers and parameters.
+
+SPECIAL_NUMBERS = [
+    math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e-30, -1e-30, 1e-9,
+    1.0, -1.0, 3.0, math.pi, 1e3, 1e6, 1e12, 1.0000001e12, 1e18, -1e18, 1e150, 1e154, 1e300,
+    BIGGEST, -BIGGEST,
+]  # fmt: skip
+SPECIAL_INTEGERS = [0, 1, -1, 2, 4, 7, 32, 33, 401, 1000, 2**31, 2**63 - 1, -(2**63), 2**64]
+HUGE_INTEGERS = [10**309, -(10**309), 10**4000]
+ROBOTS = ['robot1', 'robot2', 'robot3']
+NAMES = [*ROBOTS, 'a', 'b', 'arena', 'start', 'solver', '', ' ', '1st',
+         '../x', 'a.b', 'a/b', 'é', 'x' * 300, '\x00', 'ros__parameters']  # fmt: skip
+
+numbers = st.one_of(
+    st.sampled_from(SPECIAL_NUMBERS), st.floats(), st.floats(-10, 10), st.floats(1e-6, 1e-2)
+)
+integers = st.one_of(
+    st.sampled_from(SPECIAL_INTEGERS), st.integers(-10, 50), st.sampled_from(HUGE_INTEGERS)
+)
+scalars = st.one_of(numbers, integers, st.booleans(), st.none(), st.text(max_size=8))
+anything = st.recursive(
+    scalars,
+    lambda inner: (
+        st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+robot_lists = st.one_of(
+    st.lists(st.sampled_from(ROBOTS), min_size=1, max_size=3, unique=True),
+    st.lists(st.sampled_from(NAMES), max_size=4),
+    st.lists(st.text(max_size=4), max_size=3),
+)
+
+
+def inside(allowed: Range) -> st.SearchStrategy[float]:
+    """Numbers of an interval, its ends and its smallest and largest members above all."""
+    lower = allowed.lower if math.isfinite(allowed.lower) else -BIGGEST
+    upper = allowed.upper if math.isfinite(allowed.upper) else BIGGEST
+    ends = [x for x in (lower, upper, *SPECIAL_NUMBERS) if math.isfinite(x) and x in allowed]
+    if allowed.lower_open:
+        ends.append(math.nextafter(lower, math.inf))
+    if allowed.upper_open:
+        ends.append(math.nextafter(upper, -math.inf))
+    whole = st.floats(lower, upper, exclude_min=allowed.lower_open, exclude_max=allowed.upper_open)
+    return st.one_of(st.sampled_from(ends), whole)
+
+
+def near(spec: ParameterSpec) -> st.SearchStrategy[Any]:
+    """Values of a kind that people try: about the default."""
+    factor = st.floats(0.3, 3.0)
+    if spec.kind is float and spec.default:
+        return factor.map(lambda f: f * spec.default).filter(lambda x: x in spec.range)
+    return valid(spec)
+
+
+def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
+    """Values that a declaration allows, its corners above all."""
+    found: st.SearchStrategy[Any]
+    if spec.choices:
+        found = st.sampled_from(spec.choices)
+    elif spec.kind is bool:
+        found = st.booleans()
+    elif spec.kind is str:
+        found = st.text(max_size=12)
+    elif spec.kind is int:
+        lower = math.ceil(max(spec.range.lower, -(2.0**62)))
+        upper = math.floor(min(spec.range.upper, 2.0**62))
+        ends = [lower, upper, *(x for x in SPECIAL_INTEGERS if lower <= x <= upper)]
+        found = st.one_of(st.sampled_from(ends), st.integers(lower, min(upper, lower + 50)))
+    elif spec.kind is float:
+        found = inside(spec.range)
+    elif spec.length is not None:
+        found = st.lists(inside(spec.range), min_size=spec.length, max_size=spec.length)
+    elif spec.name == 'robots':
+        found = robot_lists
+    else:
+        found = st.lists(inside(spec.range), max_size=6)
+    return st.one_of(found, st.none()) if spec.optional else found
+
+
+@st.composite
+def parameter_sets(draw: Any, specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
+    """Parameters by dotted name: some near their defaults, some in corners, some of any kind."""
+    kind = draw(st.sampled_from(['near', 'near', 'corner', 'corner', 'wild', 'mixed']))
+    values: dict[str, Any] = {}
+    for name in draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True)):
+        how = draw(st.sampled_from(['near', 'corner', 'wild'])) if kind == 'mixed' else kind
+        made = {'near': near, 'corner': valid}.get(how, lambda _: anything)
+        values[name] = draw(made(specs[name]))
+    if draw(st.integers(0, 19)) == 0:
+        values[draw(st.text(max_size=10))] = draw(anything)
+    return values
+
+
+@st.composite
+def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
+    """Draw a problem, and one of its parameters with a value that is surely not allowed."""
+    problem = draw(st.sampled_from(sorted(PROBLEMS)))
+    name = draw(st.sampled_from(sorted(SPECIFICATIONS[problem])))
+    spec = SPECIFICATIONS[problem][name]
+    wrong: list[Any] = [{'x': 1}, 'no such thing', '1.0x']
+    if not spec.optional:
+        wrong.append(None)
+    if spec.kind is not bool:
+        wrong.append(True)
+    if spec.kind in (float, int):
+        wrong += [math.nan, math.inf, -math.inf, *HUGE_INTEGERS[:2], [1.0], []]
+        wrong += [x for x in (-1e-300, -1.0, 0.0, 2e12, 1e300) if x not in spec.range]
+        if spec.kind is int:
+            wrong += [1.5, 1e300, '1']
+    elif spec.kind is str:
+        wrong += [1.5, 7, ['a']]
+        if not spec.choices:
+            wrong = [value for value in wrong if not isinstance(value, str)]
+    elif spec.kind == list[float]:
+        wrong += [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
+        if spec.length is not None:
+            wrong += [[], [0.0] * (spec.length + 1), [0.0] * 2000]
+    elif spec.kind == list[str]:
+        wrong += [1.5, [1, 2], [None], ['a', 'a'], ['']]
+    return problem, name, draw(st.sampled_from(wrong))
+
+
+@st.composite
+def arenas(draw: Any) -> dict[str, Any]:
+    """Robots anywhere in an arena: mostly valid, often too near to one another or to a wall."""
+    names = [f'robot{k + 1}' for k in range(draw(st.integers(1, 4)))]
+    place, offset = st.floats(0.1, 3.9), st.floats(-1.5, 1.5)
+    values: dict[str, Any] = {
+        'robots': names,
+        'formation.anchor': [2.0, 2.0, draw(st.floats(-4.0, 4.0))],
+        'arena.minimum_separation': draw(st.sampled_from([0.05, 0.3, 0.4, 0.6, 5.0])),
+    }
+    for name in names:
+        for axis in 'xy':
+            values[f'{name}.start.{axis}'] = draw(place)
+        for axis in ('u', 'v', 'omega'):
+            values[f'{name}.start.{axis}'] = draw(st.sampled_from([0.0, 0.0, 0.05, -0.2, 3.0]))
+        values[f'formation.{name}'] = [draw(offset), draw(offset), draw(st.floats(-7.0, 7.0))]
+    if draw(st.booleans()):
+        values['arena.obstacles'] = [draw(place), draw(place), draw(st.floats(0.05, 0.5))]
+    return values
+
+
+# Parameter files.
+
+_keys = st.one_of(
+    st.sampled_from(['plant', 'limits', 'start', 'mass', 'torque', 'theta', 'x', 'robots', '/**',
+                     '/**/planner', 'planner', 'ros__parameters', 'tracker', '*', '/a/b/planner']),
+    st.text(max_size=6),
+)  # fmt: skip
+_pieces = st.sampled_from(
+    ['!!python/object/apply:os.system [touch /tmp/owned]', '!!python/name:os.system',
+     '!!binary x', '!!int ""', '!!int x', '!!float ""', '!!timestamp x', '!!bool x',
+     '2001-99-99', '0x', '0b', '1_0', '190:20:30', '.inf', '.NaN', '-.inf', '1e400', '9' * 5000,
+     '&a [*a]', '*nowhere', '&a {b: *a}', '!!set {a}', '!!omap [a: 1]', '!!pairs [a: 1]',
+     '{? [1, 2] : 3}', '? {a: 1}\n: 2', '\t', '%YAML 1.3', '---\n---', '...', '<<: 1',
+     '{<<: [1]}', '=', '!', '!!str', '!x y', '[' * 60, '{a: ' * 40, '\ufeff', '"\\ud800"', "'",
+     '"', '|', '>', '@', '`', 'ros__parameters:', '- a', '0o17', '0777', '"\\x00"', '~', 'null',
+     'yes', 'on', '1e5', '1.e+3', '08', '!!null x', '2020-01-01T25:00:00Z']
+)  # fmt: skip
+_contents = st.recursive(
+    st.one_of(numbers, st.integers(-5, 5), st.text(max_size=5), st.none(), st.booleans()),
+    lambda v: st.lists(v, max_size=3) | st.dictionaries(_keys, v, max_size=3),
+    max_leaves=6,
+)
+
+
+@st.composite
+def yaml_texts(draw: Any) -> str:
+    """YAML: well-formed parameter files, such with one odd piece, and noise."""
+    import yaml
+
+    kind = draw(st.sampled_from(['document', 'piece', 'noise']))
+    if kind == 'noise':
+        return draw(st.text(max_size=40))
+    inner = draw(_contents)
+    where = draw(st.sampled_from([None, '/**/planner', 'planner', '/**', '/ns', 'tracker']))
+    document = inner if where is None else {where: {'ros__parameters': inner}}
+    text: str = yaml.safe_dump(document)
+    if kind == 'piece':
+        piece = draw(_pieces)
+        text = draw(st.sampled_from(
+            [piece, f'a: {piece}\n', f'planner:\n  ros__parameters:\n    start: {piece}\n',
+             f'{text}\n{piece}', f'- {piece}'])
+        )  # fmt: skip
+    return text
+
+
+# Messages, as mappings.
+
+FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
+texts = st.one_of(
+    st.sampled_from(['', 'arena', 'world', 'map', '/arena', '../../etc', '<script>', 'é\n', '%s%n',
+                     '$(touch owned)', FORGED, FORGED * 500]),
+    st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=8),
+)  # fmt: skip
+JOINTS = (['pendulum', 'disk'], ['thruster', 'reaction_wheel'])
+joint_names = st.one_of(
+    *(st.permutations(names) for names in JOINTS),
+    st.lists(st.sampled_from([*JOINTS[0], *JOINTS[1], '', 'é', 'Disk', FORGED]), max_size=4),
+)
+doubles = st.one_of(*[st.floats(-4, 4)] * 3, numbers)
+stamps = st.one_of(
+    st.just({'sec': 0, 'nanosec': 0}),
+    st.fixed_dictionaries(
+        {'sec': st.sampled_from([0, 1, -1, 2**31 - 1, -(2**31), 1_700_000_000]),
+         'nanosec': st.sampled_from([0, 1, 999_999_999, 2**32 - 1])}
+    ),
+)  # fmt: skip
+
+
+@st.composite
+def quaternions(draw: Any) -> dict[str, float]:
+    """About the vertical, of another length, or of anything."""
+    kind = draw(st.sampled_from(['yaw', 'yaw', 'yaw', 'scaled', 'any']))
+    if kind == 'any':
+        return {axis: draw(doubles) for axis in 'xyzw'}
+    yaw = draw(st.floats(-10, 10))
+    scale = 1.0 if kind == 'yaw' else draw(st.sampled_from([0.0, 0.9995, 1.01, 2.0, 1e200]))
+    return {'x': 0.0, 'y': 0.0, 'z': scale * math.sin(yaw / 2), 'w': scale * math.cos(yaw / 2)}
+
+
+# By type or by name of a field; `messages` makes all others of what their types allow.
+HINTS: dict[str, Any] = {
+    'double': doubles,
+    'boolean': st.booleans(),
+    'octet': st.binary(min_size=1, max_size=1),
+    'string': texts,
+    'builtin_interfaces/Time': stamps,
+    'builtin_interfaces/Duration': stamps,
+    'geometry_msgs/Quaternion': quaternions(),
+    'name': joint_names,
+    'joint_names': joint_names,
+    'accelerations': st.just([]),
+    'covariance': st.just([0.0] * 36),
+}
+_SIZES = {'double': [2] * 40 + [0, 1, 3, 4]}  # two joints, one body: more often than not
+_OTHER_SIZES = [1] * 20 + [0, 2]
+
+
+def few(item: st.SearchStrategy[Any], sizes: list[int]) -> st.SearchStrategy[list[Any]]:
+    return st.sampled_from(sizes).flatmap(lambda n: st.lists(item, min_size=n, max_size=n))
+
+
+def messages(kind: Any, **hints: Any) -> st.SearchStrategy[dict[str, Any]]:
+    """Any message of a ROS type as a mapping; `hints` go before `HINTS`."""
+    every = {**HINTS, **hints}
+
+    def of(name: str, text: str) -> st.SearchStrategy[Any]:
+        if name in every or text in every:
+            found: st.SearchStrategy[Any] = every[name] if name in every else every[text]
+            return found
+        if text.startswith('sequence<'):
+            inner = text.removeprefix('sequence<').removesuffix('>')
+            return few(of('', inner), _SIZES.get(inner, _OTHER_SIZES))
+        if text.endswith(']'):
+            inner, _, count = text.removesuffix(']').rpartition('[')
+            return few(of('', inner), [int(count)])
+        if '/' in text:
+            return messages(message_type(text), **hints)
+        bits = int(text.lstrip('uint'))
+        least, most = (
+            (0, 2**bits - 1) if text[0] == 'u' else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        )
+        return st.one_of(st.sampled_from([least, most]), st.integers(0, 10))
+
+    return st.fixed_dictionaries(
+        {name: of(name, text) for name, text in kind.get_fields_and_field_types().items()}
+    )
+
+
+def message_type(text: str) -> Any:
+    package, name = text.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+def fill(message: Any, value: Mapping[str, Any]) -> Any:
+    """Set the fields of a ROS message from a mapping, and return it."""
+    kinds = message.get_fields_and_field_types()
+    for name, item in value.items():
+        kind = kinds[name].removeprefix('sequence<').removesuffix('>')
+        if '/' not in kind:
+            setattr(message, name, item)
+        elif isinstance(item, list):
+            setattr(message, name, [fill(message_type(kind)(), part) for part in item])
+        else:
+            fill(getattr(message, name), item)
+    return message
+
+
+def message(text: str, value: Mapping[str, Any]) -> Any:
+    """Return a message of the type `package/Name`."""
+    return fill(message_type(text)(), value)
+
+
+@st.composite
+def plans(draw: Any, kind: str, names: Any = joint_names) -> dict[str, Any]:
+    """Draw a trajectory: its instants increase mostly, some hold one state."""
+    plan = draw(messages(message_type(f'trajectory_msgs/{kind}'), joint_names=names,
+                         points=st.just([])))  # fmt: skip
+    point = messages(message_type(f'trajectory_msgs/{kind}Point'))
+    count = draw(st.sampled_from([0, 1, 2, 3, 5]))
+    same = draw(point) if draw(st.booleans()) else None
+    plan['points'] = [dict(same) if same else draw(point) for _ in range(count)]
+    if draw(st.integers(0, 4)):
+        step = draw(st.sampled_from([1, 1_000_000, 50_000_000, 1_000_000_000, 10**12]))
+        for k, point in enumerate(plan['points']):
+            point['time_from_start'] = _instant(k * step)
+    return plan
+
+
+def _instant(nanoseconds: int) -> dict[str, int]:
+    return {'sec': min(nanoseconds // 10**9, 2**31 - 1), 'nanosec': nanoseconds % 10**9}
+
+
+@st.composite
+def robot_plans(draw: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the two halves of a robot's plan, which belong together more often than not."""
+    names = st.sampled_from([['robot1']] * 3 + [[], ['other'], ['robot1', 'robot1']])
+    motion = draw(plans('MultiDOFJointTrajectory', names))
+    if draw(st.integers(0, 3)) == 0:
+        return motion, draw(plans('JointTrajectory'))
+    point = messages(message_type('trajectory_msgs/JointTrajectoryPoint'))
+    points = [{**draw(point), 'time_from_start': p['time_from_start']} for p in motion['points']]
+    return motion, {'header': motion['header'], 'joint_names': JOINTS[1], 'points': points}
+
+
+@st.composite
+def quiet_plans(draw: Any, plant: str) -> Any:
+    """Return a plan that a tracker at rest takes: small numbers, alike at all points."""
+    small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
+    efforts = few(st.one_of(small, doubles.filter(math.isfinite)), [2])
+    step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
+    times = [_instant(k * step) for k in range(draw(st.sampled_from([2, 4, 20])))]
+    header = {'stamp': _instant(0), 'frame_id': ''}
+    rates = draw(few(small, [2]))
+    joints = {
+        'header': header,
+        'joint_names': JOINTS[plant == 'robot'],
+        'points': [
+            {'positions': [0.0, 0.0], 'velocities': rates, 'effort': draw(efforts),
+             'time_from_start': time}
+            for time in times
+        ],
+    }  # fmt: skip
+    if plant == 'pendulum':
+        return joints
+    point = {
+        'transforms': [{'rotation': {'w': 1.0}}],
+        'velocities': [{'linear': {'x': rates[0]}}],
+    }
+    points = [{**point, 'time_from_start': time} for time in times]
+    return {'header': header, 'joint_names': ['robot1'], 'points': points}, joints
+
+
+def states(plant: str) -> st.SearchStrategy[Any]:
+    """Draw a measured state, as `read_state` takes it."""
+    joints = messages(message_type('sensor_msgs/JointState'))
+    if plant == 'pendulum':
+        return joints
+    odometry, calm = message_type('nav_msgs/Odometry'), st.floats(-4, 4)
+    return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
+
+
+def read_state(plant: str, value: Any) -> np.ndarray:
+    """Read a state as the node does."""
+    if plant == 'pendulum':
+        return joint_motion(message('sensor_msgs/JointState', value), PENDULUM_JOINTS)
+    odometry = message('nav_msgs/Odometry', value[0])
+    joints = message('sensor_msgs/JointState', value[1])
+    return np.append(odometry_state(odometry), thruster_angle(joints))
+
+
+def read_plan(plant: str, value: Any) -> Trajectory:
+    """Read a plan as the node does."""
+    kind = 'trajectory_msgs/JointTrajectory'
+    if plant == 'pendulum':
+        return pendulum_trajectory(message(kind, value))
+    motion = message('trajectory_msgs/MultiDOFJointTrajectory', value[0])
+    return robot_trajectory(motion, message(kind, value[1]), 'robot1')
+
+
+def any_plans(plant: str) -> st.SearchStrategy[Any]:
+    return plans('JointTrajectory') if plant == 'pendulum' else robot_plans()
+
+
+def of_both(made: Callable[[str], Any]) -> st.SearchStrategy[Any]:
+    """Draw a plant, and something of that plant."""
+    return st.sampled_from(sorted(TRACKERS)).flatmap(
+        lambda plant: st.tuples(st.just(plant), made(plant))
+    )
+
+
+# A tracker's life without ROS: messages, ticks and jumps of the clock in any order.
+
+
+@st.composite
+def histories(draw: Any, plant: str) -> dict[str, Any]:
+    """Parameters of a tracker and the events of its life; an instant [s] goes with every event."""
+    events: list[Any] = []
+    now = 100.0
+    for _ in range(draw(st.integers(1, 12))):
+        now += draw(st.sampled_from([0.0, 0.005, 0.005, 0.05, 1.0, -5.0, 5.0]))
+        kind = draw(
+            st.sampled_from(['tick', 'state', 'plan', *['good state'] * 3, *['good plan'] * 2])
+        )
+        if kind == 'state':
+            events.append([kind, now, draw(states(plant))])
+        elif kind == 'plan':
+            start = now + draw(st.sampled_from([0.0, 0.01, 1.0, -1.0, 1e9]))
+            events.append([kind, now, draw(any_plans(plant)), start])
+        elif kind == 'good plan':
+            start = now + draw(st.sampled_from([0.0, 0.005, 0.05]))
+            events.append(['plan', now, draw(quiet_plans(plant)), start])
+        else:
+            events.append([kind, now])
+    chosen: dict[str, Any] = {}
+    if draw(st.booleans()):
+        chosen = draw(parameter_sets(specifications(TRACKERS[plant][1])))
+    return {'plant': plant, 'parameters': chosen, 'events': events}
+
+
+def live_through(history: dict[str, Any]) -> bool:
+    """
+    Check that only refusals are raised, and every command is finite and within the limits.
+
+    Returns whether a plan was accepted.
+    """
+    plant = history['plant']
+    made, parameters = TRACKERS[plant]
+    flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
+    try:
+        tracker = made(build(parameters, flat))
+        if plant == 'pendulum':
+            tracker.prepare_hold()
+    except InvalidProblem:
+        return False
+    accepted = False
+    for kind, now, *rest in history['events']:
+        try:
+            if kind == 'state':
+                tracker.observe(read_state(plant, rest[0]), now)
+            elif kind == 'good state':
+                tracker.observe(np.zeros(4 if plant == 'pendulum' else 7), now)
+            elif kind == 'plan':
+                tracker.accept(read_plan(plant, rest[0]), rest[1], now)
+                accepted = True
+        except (InvalidProblem, TrajectoryRefused) as refusal:
+            assert str(refusal)
+            assert '\n' not in str(refusal)
+        control, limits = tracker.command(now).control, tracker.parameters.limits
+        assert np.isfinite(control).all(), control
+        if plant == 'pendulum':
+            most = [limits.torque]
+        else:
+            most = [limits.thrust, limits.thruster_rate, limits.torque]
+            assert control[0] >= 0.0
+        assert (abs(control) <= most).all(), control
+    return accepted
+
+
+# What must hold for every case: a plan that was verified, or a refusal that says why, in time.
+
+
+class Hang(BaseException):
+    """A case took far longer than it may; no handler of errors must swallow it."""
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Interrupt what takes more than `seconds` of processor time: other load does not count."""
+
+    def interrupt(number: int, frame: Any) -> None:
+        raise Hang(f'more than {seconds:g} s of processor time')
+
+    before = signal.signal(signal.SIGPROF, interrupt)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def outcome(act: Callable[[], Any], case: Any, seconds: float = DEADLINE + ALLOWANCE) -> Any:
+    """Return what `act` returns, or the package's own error; all else is an escape of `case`."""
+    try:
+        with limited(seconds):
+            return act()
+    except TdmError as error:
+        sentence = str(error)
+        assert sentence, case
+        assert '\n' not in sentence, (sentence, case)
+        assert len(sentence) < 2000, (len(sentence), case)
+        return error
+    except (Exception, Hang) as error:  # noqa: B902
+        raise AssertionError(
+            f'{type(error).__name__}: {str(error)[:300]}\nto be kept in test/fuzz_corpus.json: '
+            + json.dumps(case, default=repr)[:4000]
+        ) from error
+
+
+def planned(problem: str, parameters: Any, deadline: float = DEADLINE) -> Solution | TdmError:
+    """Plan with a short deadline; a solution must be verified, a refusal must name its cause."""
+    found = outcome(
+        lambda: PROBLEMS[problem].from_parameters(parameters).solve(deadline=deadline, seed=0),
+        {'problem': problem, 'parameters': parameters},
+        deadline + ALLOWANCE,
+    )
+    if isinstance(found, Solution):
+        assert found.verification.ok
+        assert json.dumps(found.to_dict(), allow_nan=False)
+    else:
+        assert isinstance(found, InvalidProblem | Infeasible), found
+        if isinstance(found, InvalidProblem):
+            _names_a_field(problem, parameters, str(found))
+    return found
+
+
+def _names_a_field(problem: str, parameters: Mapping[str, Any], sentence: str) -> None:
+    """Check that a refusal says which parameter, group of parameters or robot it is about."""
+    try:
+        flat = list(flatten(parameters))
+    except InvalidProblem:
+        flat = []
+    names = {shown(str(name)) for name in [*parameters, *flat]} | set(SPECIFICATIONS[problem])
+    robots = {name.split('.')[0] for name in names if '.start.' in name}
+    groups = {name.rsplit('.', 1)[0] + '.*' for name in names if '.' in name}
+    found = any(f"'{name}'" in sentence or f' {name} ' in sentence for name in names | groups)
+    found = found or any(f"'{name[:77]}" in sentence for name in names if len(name) > 77)
+    assert found or any(f"'{robot}'" in sentence for robot in robots), sentence
+
+
+def refused_by_name(case: tuple[str, str, Any]) -> None:
+    problem, name, value = case
+    error = outcome(lambda: PROBLEMS[problem].from_parameters({name: value}), case)
+    assert isinstance(error, InvalidProblem), (name, value, error)
+    assert name in str(error) or (name == 'robots' and "'robots'" in str(error))
+
+
+def read_file(content: str | bytes) -> Any:
+    """Make a problem of what is in a parameter file of this content."""
+    data = content if isinstance(content, bytes) else content.encode('utf-8', 'surrogatepass')
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'parameters.yaml')
+        path.write_bytes(data)
+        return outcome(
+            lambda: PendulumSwingUp.from_parameters(read_parameters(path)), repr(content)
+        )
+
+
+def read_setting(text: str) -> Any:
+    outcome(lambda: read_parameters(None, [text]), text)
+    return outcome(lambda: read_parameters(None, [f'start.psi={text}']), text)
+
+
+def read_goal(case: dict[str, Any]) -> np.ndarray:
+    from tdm_planner.nodes.adapters.goal_tool import arena_pose
+
+    return np.array(arena_pose(message('geometry_msgs/PoseStamped', case)))
+
+
+def becomes(act: Callable[[Any], Any], *kinds: type) -> Callable[[Any], bool]:
+    """Check that a case becomes one of those kinds, of finite numbers, or is refused."""
+
+    def check(case: Any) -> bool:
+        found = outcome(lambda: act(case), case)
+        assert isinstance(found, (*kinds, InvalidProblem)), found
+        assert not isinstance(found, np.ndarray) or np.isfinite(found).all()
+        return isinstance(found, kinds)
+
+    return check
+
+
+def survived(history: dict[str, Any]) -> bool:
+    return bool(outcome(lambda: live_through(history), history))
+
+
+# By name: the cases, what is checked of each, how many a quick run makes.
+PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] = {
+    'pendulums': (
+        parameter_sets(SPECIFICATIONS['pendulum_swing_up']),
+        lambda case: planned('pendulum_swing_up', case),
+        20,
+    ),
+    'formations': (
+        parameter_sets(SPECIFICATIONS['robot_formation']),
+        lambda case: planned('robot_formation', case),
+        20,
+    ),
+    'arenas': (arenas(), lambda case: planned('robot_formation', case), 10),
+    'forbidden settings': (forbidden_settings(), refused_by_name, 60),
+    'no mappings': (anything, becomes(PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
+    'files': (yaml_texts(), becomes(read_file, PendulumSwingUp), 60),
+    'bytes': (st.binary(max_size=60), becomes(read_file, PendulumSwingUp), 30),
+    'settings': (yaml_texts(), becomes(read_setting, dict), 30),
+    'states': (of_both(states), becomes(lambda case: read_state(*case), np.ndarray), 40),
+    'plans': (
+        of_both(lambda p: any_plans(p) | quiet_plans(p)),
+        becomes(lambda case: read_plan(*case), Trajectory),
+        30,
+    ),
+    'goals': (
+        st.deferred(lambda: messages(message_type('geometry_msgs/PoseStamped'))),
+        becomes(read_goal, np.ndarray),
+        10,
+    ),
+    'pendulum trackers': (histories('pendulum'), survived, 40),
+    'robot trackers': (histories('robot'), survived, 40),
+}
+OF_MESSAGES = {'states', 'plans', 'goals', 'pendulum trackers', 'robot trackers'}
+
+
+def profile(cases: int, *, new: bool = False) -> settings:
+    """Return settings for so many cases: always the same, or new ones, which are not shrunk."""
+    phases = [Phase.explicit, Phase.generate]
+    return settings(
+        max_examples=cases,
+        deadline=None,
+        derandomize=not new,
+        database=None,
+        print_blob=True,
+        suppress_health_check=list(HealthCheck),
+        phases=phases if new else [*phases, Phase.shrink],
+    )
+
+
+def try_out(name: str, factor: int = 1) -> None:
+    """Try so many times as many new cases of a property, or the few that are always the same."""
+    if name in OF_MESSAGES:
+        pytest.importorskip('rclpy')
+    made, check, cases = PROPERTIES[name]
+    taken = []
+
+    @profile(cases * factor, new=factor > 1)
+    @given(made)
+    def holds(case: Any) -> None:
+        taken.append(check(case))
+
+    holds()
+    assert True in taken or False not in taken, 'whoever refuses everything would pass'
+
+
+def corpus(kind: str) -> list[Any]:
+    """Return the cases of a kind as parameters of a test, named for what they once did."""
+    entries = json.loads(Path(__file__).with_name('fuzz_corpus.json').read_text(encoding='utf-8'))
+    return [
+        pytest.param(entry['case'], id=f'{number}: {entry["was"]}')
+        for number, entry in enumerate(entries[kind])
+    ]

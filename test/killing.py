@@ -1,0 +1,110 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Plant, tracker or planner killed, and started again: what goes on, falls safe, recovers.
+
+Each function does it to a `PendulumRig` that is held upright, and returns figures in s; used once
+in test/system/test_killed.py, over and over in test/nightly/faults/test_process_faults.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import time
+
+from pendulum_rig import PendulumRig
+from ros_harness import Ros
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import LATCHED, seconds_of
+from trajectory_msgs.msg import JointTrajectory
+
+
+def held_rig(ros: Ros) -> PendulumRig:
+    """Return a pendulum that is held upright, and planned for anew where it is not."""
+    rig = PendulumRig(ros, 'faults', planner={'replan.rate': 5.0})
+    rig.held_since(rig.plan()[0])
+    return rig
+
+
+def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
+    """Nothing is commanded without a state."""
+    if moment == 'tracking':
+        rig.fall()
+    rig.wait(lambda: rig.says('tracker', moment))
+    newest = rig.kill('plant')
+    rig.wait(lambda: rig.says('tracker', 'older than state_timeout'))
+    rig.wait(lambda: rig.commands[-1].effort[0] == 0.0)
+    safe = rig.last_command() - newest
+    seen = len(rig.states)
+    rig.start('plant')
+    rig.wait(lambda: len(rig.states) > seen)
+    back = seconds_of(rig.states[seen].header.stamp)
+    assert rig.last_command() < back
+    return {'safe': safe, 'recovered': rig.held_since(back) - back}
+
+
+def plant_killed_in_mid_swing(rig: PendulumRig) -> dict[str, float]:
+    return plant_killed(rig, 'tracking')
+
+
+def tracker_killed(rig: PendulumRig) -> dict[str, float]:
+    """In mid-swing: the plant's torque goes off by itself."""
+    rig.fall()
+    rig.wait(lambda: rig.says('tracker', 'tracking'))
+    killed = rig.kill('tracker')
+    rig.wait(lambda: rig.now > killed + 1.0)
+    rig.wait(lambda: rig.states[-1].effort[1] == 0.0)
+    safe = rig.last_torque(killed)
+    restarted = time.time()
+    rig.start('tracker')
+    return {'safe': safe, 'recovered': rig.held_since(restarted) - restarted}
+
+
+def planner_killed(rig: PendulumRig) -> dict[str, float]:
+    """While it plans: all goes on, and the plan in force comes back as it was."""
+    ros, space = rig.ros, f'/{rig.namespace}'
+    rig.fall()
+    rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))
+    ros.request(f'{space}/plan', Trigger)
+    rig.wait(lambda: rig.says('planner', 'planning'))
+    held = rig.held_since(rig.kill('planner'))
+    accepted, refused = 'trajectories accepted', 'trajectories refused'
+    before = rig.figure('tracker', accepted), rig.figure('tracker', refused)
+    plan = rig.followed[-1]
+    rig.plans.clear()
+    restarted = time.time()
+    rig.start('planner')
+    rig.wait(lambda: rig.plans)
+    back = time.time()
+    rig.wait(lambda: rig.says('planner', 'plan 1 in force') or rig.says('planner', 'publish'))
+    late = ros.subscribe(f'{space}/trajectory', JointTrajectory, LATCHED)
+    summaries = ros.subscribe(f'{space}/plan_summary', String, LATCHED)
+    rig.wait(lambda: late and summaries)
+    assert late[-1].header.stamp == plan.header.stamp
+    assert [p.positions for p in late[-1].points] == [p.positions for p in plan.points]
+    assert [p.effort for p in late[-1].points] == [p.effort for p in plan.points]
+    assert json.loads(summaries[-1].data)['verification']['ok']
+    told = len(rig.statuses('tracker'))
+    rig.wait(lambda: len(rig.statuses('tracker')) > told + 1)
+    assert before == (rig.figure('tracker', accepted), rig.figure('tracker', refused))
+    assert rig.lean(held + 0.5) < 0.2
+    done, answer = ros.trigger(f'{space}/plan')
+    assert done or answer['code'] == 'BUSY', answer
+    return {'safe': 0.0, 'recovered': back - restarted}
+
+
+SCENARIOS: dict[str, Callable[[PendulumRig], dict[str, float]]] = {
+    'plant killed while holding': plant_killed,
+    'plant killed in mid-swing': plant_killed_in_mid_swing,
+    'tracker killed in mid-swing': tracker_killed,
+    'planner killed while planning': planner_killed,
+}

@@ -1,0 +1,59 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The benchmark runs for real, and the peers solve the same problems as this package."""
+
+from __future__ import annotations
+
+from benchmark import runner
+from benchmark.peers.judge import judge_formation, judge_pendulum
+from benchmark.peers.pendulum_guesses import energy_swing, HARD
+from benchmark.pendulum import problem, start_state
+from benchmark.replanning import pendulum
+from benchmark.scenarios import crossing
+from benchmark.sections import SECTIONS
+import pytest
+from tdm_planner.problems import RobotFormation
+
+
+def test_collocation_finds_the_time_this_package_finds() -> None:
+    pytest.importorskip('casadi')
+    from benchmark.peers.pendulum_collocation import PendulumCollocation
+
+    task = problem(0.09, start_state(1)).task
+    guess = energy_swing(task, HARD)
+    collocation = PendulumCollocation(task, 50)
+    found = collocation.solve(task.start, task.goal_nearest(guess.states[-1]), guess)
+    motion = collocation.trajectory(found)
+    assert found.converged
+    assert judge_pendulum(task, motion) == ()
+    cost = problem(0.09, start_state(1)).solve(5.0).cost
+    assert motion.duration == pytest.approx(cost, rel=0.03)
+
+
+def test_collocation_of_the_robots_lands_within_the_limits() -> None:
+    pytest.importorskip('casadi')
+    from benchmark.peers.robots_collocation import FormationCollocation
+
+    task = RobotFormation.from_parameters(crossing(1, 2).parameters()).task
+    collocation = FormationCollocation(task, 20, 3, tol=1e-6, acceptable_tol=1e-4)
+    found = collocation.solve(task, collocation.guess_ways(task, 0.15))
+    motions = collocation.trajectories(task, found)
+    assert found.converged
+    assert judge_formation(task, motions) == ()
+
+
+def test_sections_for_real() -> None:
+    settings = {'scenarios': 1, 'teams': False, 'variants': False}
+    outcome = runner.run(SECTIONS['robots'], settings, lambda _: None)
+    assert not outcome.failure
+    assert outcome.figures is not None
+    assert outcome.figures['3 robots']['verified'] == 1
+    assert '1/1' in SECTIONS['robots'].table(outcome.figures)
+    assert pendulum(0.3, seeds=1, replanning=True)['runs'] == 1

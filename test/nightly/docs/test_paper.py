@@ -1,0 +1,112 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What the pages on the paper claim."""
+
+import sys
+
+import numpy as np
+import pytest
+from ros_harness import SOURCE
+
+
+@pytest.fixture(autouse=True)
+def _pages(monkeypatch):
+    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'paper'), *sys.path])
+
+
+def test_figure_1(tmp_path):
+    import figure_1
+
+    for tau_f in figure_1.ARCS:
+        curve = figure_1.path(tau_f)
+        np.testing.assert_allclose(curve[[0, -1]], [[0, 0], [4, 3]], atol=1e-12)
+    spread = np.ptp([figure_1.path(8.0, c)[50, 0] for c in figure_1.CURVATURES])
+    assert spread > 0.5
+    figure_1.draw(tmp_path / 'figure.png')
+    assert (tmp_path / 'figure.png').stat().st_size > 10_000
+
+
+def test_every_misprint_breaks_the_energy_balance_and_the_right_equations_are_the_plants():
+    import misprints
+    from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+    plant, state = RotaryPendulum(), np.array([0.7, 0.2, -3.0, 5.0])
+    expected = plant.derivative(state, np.array([0.01]))[2:]
+    np.testing.assert_allclose(misprints.accelerations(plant, state, 0.01, ()), expected)
+    assert misprints.energy_error(()) < 1e-9
+    for name in misprints.MISPRINTS:
+        assert misprints.energy_error((name,)) > 0.1, name
+
+
+def test_orders_of_the_pendulums_schemes():
+    import pendulum_scheme as scheme
+
+    switches = np.array([1.2])
+    right = scheme.truth(switches)
+    assert np.isnan(scheme.printed(101, switches).time)
+    mended = [abs(scheme.mended(n, 1.2).time / right.time - 1) for n in (101, 401)]
+    completed = [abs(scheme.printed(n, switches, True).time / right.time - 1) for n in (101, 401)]
+    assert mended[1] < 1e-4
+    assert mended[0] / mended[1] > 12  # second order
+    assert completed[1] > 100 * mended[1]
+
+
+def test_the_plant_follows_the_mended_scheme_ever_closer():
+    import pendulum_scheme as scheme
+
+    errors = list(scheme.landing_errors(0.4, 0.063, (80, 160, 320)).values())
+    assert errors[0] / errors[1] > 3  # second order
+    assert errors[1] / errors[2] > 3
+
+
+def test_virtual_arc_works_from_above_the_horizontal_not_from_hanging_with_weak_torque():
+    import pendulum_scheme as scheme
+
+    ratios = scheme.transfers(np.array([0.8, np.pi]), np.array([0.02, 0.04]))
+    assert np.isnan(ratios[:, 1]).all()
+    assert (ratios[:, 0] < 1.05).all()
+    assert (ratios[:, 0] > 1 - 1e-3).all()
+
+
+def test_gravity_forbids_falling_straight_to_upright():
+    import pendulum_scheme as scheme
+
+    plan = scheme.problem(0.4, 0.09, 'switching').solve(5.0).trajectory
+    theta, _, theta_dot, psi_dot = plan.states.T
+    rate = scheme.momentum_needed(theta, theta_dot, psi_dot)
+    gained = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(plan.times)))
+    assert abs(gained) < 0.01 * float(np.abs(rate).max() * plan.duration)
+    assert rate.min() < 0 < rate.max()
+    falling = scheme.momentum_needed(np.linspace(0.01, 1.5, 50), -3.0, np.linspace(0, 50, 50))
+    assert (falling > 0).all()
+
+
+def test_robots_scheme_misses_and_the_exact_inverse_does_not():
+    import robots_scheme as robots
+
+    for nodes in (101, 401):
+        moving, resting = robots.move(velocity=0.2), robots.move()
+        printed = robots.printed(moving, nodes)
+        assert printed.speed_factor[1:-3] == pytest.approx(1.0, abs=0.05)
+        printed = robots.printed(resting, nodes)
+        assert printed.speed_factor[nodes // 2] > 1.5
+        assert robots.open_loop_miss(resting, printed) > 0.5
+        assert robots.open_loop_miss(resting, robots.exact(resting, nodes)) < 2e-3
+    assert robots.yaw_rate_ripple(101) == pytest.approx(1.0)
+
+
+def test_rate_of_the_direction_of_thrust():
+    import robots_scheme as robots
+
+    exact = robots.exact(robots.move(velocity=0.2), 4001)
+    slope = np.gradient(exact.direction, exact.times) - exact.yaw_rate
+    np.testing.assert_allclose(exact.rate[500:1500], slope[500:1500], atol=1e-4)
+    printed = robots.printed(robots.move(velocity=0.2), 4001)
+    assert np.abs(printed.rate - slope)[500:1500].max() > 0.01

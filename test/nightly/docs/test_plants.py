@@ -1,0 +1,144 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The worked plants, each against what is known of its optimum."""
+
+from dataclasses import replace
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+from pages import install_own_plant
+import pytest
+from ros_harness import SOURCE
+from tdm_planner.plan_files import load_plan
+from tdm_planner.problems import SolverParameters
+
+LONG = SolverParameters(deadline=120.0)
+
+
+@pytest.fixture(autouse=True)
+def _pages(monkeypatch):
+    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'plants'), *sys.path])
+
+
+def check_plan(solution):
+    assert solution.verification.ok
+    assert min(solution.verification.worst.values(), default=0.0) > -1e-4
+
+
+def test_double_integrator_approaches_the_optimum_with_every_parameter():
+    from double_integrator import table
+
+    times = table((0, 2, 4, 8, 20))
+    assert times[0] == pytest.approx(np.sqrt(6.0), rel=1e-4)  # the cubic
+    assert all(b < a for a, b in zip(list(times.values()), list(times.values())[1:], strict=False))
+    assert 2.0 < times[20] < 2.02
+    assert times[4] < 1.05 * 2.0
+
+
+def test_double_integrator_from_elsewhere():
+    from double_integrator import DoubleIntegrator
+
+    problem = DoubleIntegrator.from_parameters(
+        {'start.x': 3.0, 'start.v': -0.5, 'limit': 2.0, 'solver.deadline': 20.0}
+    )
+    solution = problem.solve()
+    check_plan(solution)
+    # Bang-bang: brake after having gone on for a while.
+    switch = np.sqrt(3.0 / 2.0 + 0.5**2 / (2 * 2.0**2))
+    optimum = 2 * switch - 0.5 / 2.0
+    assert optimum < solution.cost < 1.05 * optimum
+
+
+def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path: Path):
+    install_own_plant(tmp_path)
+    words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
+    path = os.pathsep.join([str(tmp_path), str(SOURCE), os.environ.get('PYTHONPATH', '')])
+    subprocess.run(
+        [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': path},
+        check=True,
+    )
+    plan = load_plan(tmp_path / 'plan.json')
+    assert plan['verification']['ok']
+    assert plan['states']['x'][0] == 3.0
+    assert abs(plan['states']['x'][-1]) < 1e-9
+    assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5
+
+
+def test_brachistochrone_is_the_cycloid():
+    from brachistochrone import Brachistochrone, cycloid_time
+
+    for across, down in ((2.0, 1.0), (0.5, 1.0)):
+        problem = Brachistochrone(across=across, down=down, solver=LONG)
+        solution = problem.solve()
+        check_plan(solution)
+        best = cycloid_time(across, down, 9.81)
+        assert solution.cost == pytest.approx(best, rel=1e-4)
+        straight = replace(problem, free=1).solve()
+        slide = np.sqrt(2 * (across**2 + down**2) / (9.81 * down))
+        assert straight.cost == pytest.approx(slide, rel=1e-4)
+
+
+def test_round_the_obstacle():
+    from obstacle import RoundTheObstacle, shortest_time
+
+    best = shortest_time(2.0, 1.0, 1.0)
+    problem = RoundTheObstacle(solver=LONG)
+    plain = problem.solve()
+    quicker = replace(problem, speed_factor_order=3).solve()
+    for solution in (plain, quicker):
+        check_plan(solution)
+        x, y = solution.trajectory.states.T
+        assert np.hypot(x, y).min() > 1.0 - 1e-3
+    assert best * (1 - 1e-4) < quicker.cost < plain.cost
+    assert quicker.cost < 1.005 * best
+
+
+def test_landing_gains_by_the_speed_factor():
+    from landing import Landing
+
+    problem = Landing(free=3, solver=LONG)
+    solution = problem.solve()
+    check_plan(solution)
+    start, end = solution.trajectory.states[[0, -1]]
+    np.testing.assert_allclose(start, [0, 0, 60, 25, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(end, [500, 300, 2, 16, -0.06, 2.2], atol=1e-6)
+    plain = replace(problem, speed_factor_order=0).solve()
+    assert solution.cost < 0.999 * plain.cost
+
+
+def test_landing_against_collocation():
+    pytest.importorskip('casadi')
+    from landing import Landing
+    from landing_reference import collocation
+
+    problem = Landing(solver=LONG)
+    solution = problem.solve()
+    assert solution.parameters.size == 21
+    best, finer = (collocation(problem, solution.trajectory, n).cost for n in (40, 80))
+    assert best == pytest.approx(finer, rel=1e-4)  # the optimum of the problem, not of the grid
+    assert finer * (1 - 1e-4) < solution.cost < 1.01 * finer
+
+
+def test_the_pendulum_merely_stated_is_as_quick_as_the_built_in_problem():
+    import pendulum as page
+    from tdm_planner.problems import PendulumStart
+
+    start = PendulumStart(theta=np.pi)
+    stated = page.StatedSwingUp(start=start).solve(deadline=120.0)
+    own = page.built_in(start).solve(deadline=60.0)
+    assert stated.verification.ok
+    assert stated.cost == pytest.approx(own.cost, rel=0.03)
+    np.testing.assert_allclose(stated.trajectory.states[-1], 0.0, atol=2e-2)
+    assert np.abs(stated.trajectory.control('torque')).max() < page.STRONG.torque * (1 + 1e-4)

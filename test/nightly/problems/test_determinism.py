@@ -1,0 +1,20 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The same request and seed give the same plan, to the last bit, with kernels compiled anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from planned_apart import planned_apart
+
+
+def test_kernels_compiled_anew_change_nothing(tmp_path: Path) -> None:
+    assert planned_apart(NUMBA_CACHE_DIR=str(tmp_path)) == planned_apart()

@@ -1,0 +1,272 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Six nodes on a hostile network: every kind once, in an empty home, in the namespaces of the policy.
+
+`SixNodes.suffer` does whatever a participant of the network may do, with the types that the nodes
+themselves announce; `recover` shows that they serve afterwards as if nothing had been. Used with
+few cases by test/system/test_hostile_network.py, with many by test/nightly/fuzz/test_nodes.py.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from fuzzing import (
+    FORGED,
+    message,
+    message_type,
+    messages,
+    parameter_sets,
+    plans,
+    quiet_plans,
+    robot_plans,
+    SPECIFICATIONS,
+    texts,
+)
+from hypothesis import strategies as st
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+import rclpy.parameter
+from ros_harness import MODULES, NodeProcess, Ros
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.planning import CODES
+from tdm_planner.nodes.tracker import tracker_specifications
+from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.problems.request import RequestParameters
+from tdm_sim.pendulum_plant import PendulumPlantParameters
+from tdm_sim.robot_plant import RobotPlantParameters
+
+START = {'start.source': 'parameters', 'solver.deadline': 0.1, 'replan.rate': 1.0}
+NODES: dict[str, dict[str, Any]] = {
+    '/pendulum/planner': START,
+    '/pendulum/tracker': {},
+    '/pendulum/pendulum_plant': {},
+    '/robots/planner': {'problem': 'robot_formation', **START},
+    '/robots/robot1/tracker': {'kind': 'robot', 'planner_service': '/robots/plan'},
+    '/robots/robot1/robot_plant': {'initial.x': 0.6, 'initial.y': 0.7},  # as robot1 starts
+}
+REQUEST = specifications(RequestParameters)
+PARAMETERS: dict[str, dict[str, ParameterSpec]] = {
+    '/pendulum/planner': {**REQUEST, **SPECIFICATIONS['pendulum_swing_up']},
+    '/pendulum/tracker': tracker_specifications('pendulum'),
+    '/pendulum/pendulum_plant': specifications(PendulumPlantParameters),
+    '/robots/planner': {**REQUEST, **SPECIFICATIONS['robot_formation']},
+    '/robots/robot1/tracker': tracker_specifications('robot'),
+    '/robots/robot1/robot_plant': specifications(RobotPlantParameters),
+}
+NEVER_SET = ('solver.deadline', 'robot_name')  # what is asked for is kept: tests wait for it
+SPACES = {'/pendulum': '/pendulum', '/robots': '/robots/robot1'}  # of planners, of their plants
+ACTIONS = ['message'] * 5 + ['parameters'] * 4 + ['plan', 'push', 'reset', 'transition', 'restart']
+PATIENCE = 60.0  # s
+
+_odd_numbers = st.sampled_from(
+    ['1', '1e400', '-1e400', 'NaN', 'Infinity', '[1]', '{}', '"x"', 'true', 'null', '1e300',
+     '9' * 4000, '9223372036854775808', '4294967296', '-1']
+)  # fmt: skip
+summaries = st.one_of(
+    st.builds('{{"stamp": {{"sec": {}, "nanosec": {}}}}}'.format, _odd_numbers, _odd_numbers),
+    st.sampled_from(['', 'null', '[]', '{}', '9' * 5000, '[' * 100_000, '{"stamp":' * 20_000,
+                     '{"stamp": []}', '{"stamp": {"sec": 1}}', '\ufeff{"stamp": {"sec": 1}}']),
+)  # fmt: skip
+# Messages that reach further than any of their types would.
+SHAPED: dict[str, st.SearchStrategy[Any]] = {
+    'trajectory_msgs/JointTrajectory': st.one_of(
+        plans('JointTrajectory'), quiet_plans('pendulum'), robot_plans().map(lambda p: p[1])
+    ),
+    'trajectory_msgs/MultiDOFJointTrajectory': robot_plans().map(lambda plan: plan[0]),
+    'std_msgs/String': st.builds(dict, data=summaries | texts),
+}
+# What an active node can do is 4 (deactivate) and 7 (shut down), by number or else by name.
+transitions = st.one_of(
+    st.builds(Transition, id=st.integers(0, 255).filter(lambda n: n not in (4, 7))),
+    st.builds(
+        Transition,
+        id=st.sampled_from([0, 4, 7]),
+        label=(texts | st.sampled_from(['configure', 'Deactivate', ' deactivate'])).filter(bool),
+    ),
+)
+values = st.deferred(
+    lambda: messages(message_type('rcl_interfaces/ParameterValue'), type=st.integers(0, 12))
+)
+
+
+def sendable(text: str) -> str:
+    return text.replace('\x00', '').encode('utf-8', 'ignore').decode()
+
+
+@st.composite
+def parameters(draw: Any, node: str) -> list[Parameter]:
+    """Draw parameters to be set: values right and wrong, of the type they claim or another."""
+    found = []
+    for name, value in draw(parameter_sets(PARAMETERS[node])).items():
+        try:
+            made = rclpy.parameter.Parameter('name', value=value).to_parameter_msg()
+        except (AssertionError, AttributeError, OverflowError, TypeError, ValueError):
+            made = Parameter()
+        made.name = sendable(name)
+        made.value.string_value = sendable(made.value.string_value)
+        made.value.string_array_value = list(map(sendable, made.value.string_array_value))
+        found.append(made)
+    odd = [*PARAMETERS[node], 'use_sim_time_', '', 'qos_overrides.a', 'start', '.', FORGED]
+    for name in draw(st.lists(st.sampled_from(odd), max_size=3)):
+        value = message('rcl_interfaces/ParameterValue', draw(values))
+        found.append(Parameter(name=name, value=value))
+    return [item for item in found if item.name not in NEVER_SET]
+
+
+class SixNodes:
+    """The nodes of `NODES`, and what is done to them."""
+
+    def __init__(self, ros: Ros, home: Path) -> None:
+        self.ros, self.home = ros, home
+        for name in ('work', 'tmp', 'log'):
+            (home / name).mkdir(parents=True)
+        self._before = self._files()
+        places = {'HOME': '', 'TMPDIR': 'tmp', 'ROS_LOG_DIR': 'log',
+                  'XDG_CACHE_HOME': 'cache', 'XDG_CONFIG_HOME': 'config'}  # fmt: skip
+        environment = {name: str(home / place) for name, place in places.items()}
+        self.processes: dict[str, NodeProcess] = {}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(home / 'work')
+            for path, values in NODES.items():
+                namespace, _, name = path.rpartition('/')
+                self.processes[path] = ros.start(
+                    MODULES[name], values, namespace=namespace, environment=environment
+                )
+        self._publishers: dict[str, tuple[str, Any]] = {}
+
+    def _files(self) -> set[str]:
+        return {str(path.relative_to(self.home)) for path in self.home.rglob('*')}
+
+    def written(self) -> set[str]:
+        """Return what the nodes have written elsewhere than into the folder of logs."""
+        return {name for name in self._files() - self._before if not name.startswith('log/')}
+
+    def check(self) -> None:
+        """Check that all live, and that nothing was written into the log in their name."""
+        for path, process in self.processes.items():
+            assert process.running, f'{path}:\n{process.output[-3000:]}'
+            assert 'Traceback' not in process.output, process.output[-3000:]
+            assert not any(s.startswith('[ERROR] [1.0]') for s in process.output.splitlines())
+
+    def meet(self) -> None:
+        """Make a publisher for every topic that a node subscribes, with the type it names."""
+        subscribed = self.ros.node.get_subscriber_names_and_types_by_node
+        for path in NODES:
+            self.set_items(path, [])  # so that it is there
+            namespace, _, name = path.rpartition('/')
+            for topic, (kind, *_) in subscribed(name, namespace):
+                if topic in ('/clock', '/parameter_events', *self._publishers):
+                    continue
+                kind = kind.replace('/msg/', '/')
+                publisher = self.ros.node.create_publisher(message_type(kind), topic, LATCHED)
+                self._publishers[topic] = kind, publisher
+
+    # What is done to them.
+
+    def suffer(self, draw: Any) -> None:
+        """Do something to one of them; who is asked something answers."""
+        action = draw(st.sampled_from(ACTIONS))
+        space = draw(st.sampled_from(sorted(SPACES)))
+        if action == 'message':
+            topic = draw(st.sampled_from(sorted(self._publishers)))
+            kind, publisher = self._publishers[topic]
+            made = SHAPED[kind] if kind in SHAPED else messages(message_type(kind))
+            for value in draw(st.lists(made, min_size=1, max_size=3)):
+                publisher.publish(message(kind, value))
+            self.ros.spin_for(0.01)
+        elif action == 'parameters':
+            node = draw(st.sampled_from(sorted(NODES)))
+            self.set_items(node, draw(parameters(node)), draw(st.booleans()))
+        elif action == 'plan':
+            self.plan(space)
+        elif action == 'transition':
+            assert not self.change(space, draw(transitions))
+        elif action == 'restart':  # with whatever latched topics hold
+            for number in (4, 2, 1, 3):
+                assert self.change(space, Transition(id=number)), number
+        else:
+            assert self.ros.call(f'{SPACES[space]}/{action}', Trigger).success
+        self.check()
+
+    def set_items(self, node: str, items: list[Parameter], atomically: bool = False) -> list[Any]:
+        """Set parameters; what is not set has a reason, which is not the node's own error."""
+        service, kind = ('set_parameters', SetParameters)
+        if atomically:
+            service, kind = 'set_parameters_atomically', SetParametersAtomically
+        request = kind.Request(parameters=items)
+        response = self.ros.call(f'{node}/{service}', kind, request, PATIENCE)
+        results = [response.result] if atomically else response.results
+        assert len(results) == (1 if atomically else len(items))
+        for result in results:
+            assert bool(result.reason) != result.successful, result
+            assert 'internal error' not in result.reason, (items, result.reason)
+            assert '\n' not in result.reason
+        return results
+
+    def plan(self, space: str) -> bool:
+        fine, answer = self.ros.trigger(f'{space}/plan', PATIENCE)
+        assert fine or answer['code'] in CODES
+        assert fine or 'internal error' not in answer['reason'], answer
+        return fine
+
+    def change(self, space: str, transition: Transition) -> bool:
+        request = ChangeState.Request(transition=transition)
+        service = f'{space}/planner/change_state'
+        return bool(self.ros.call(service, ChangeState, request, PATIENCE).success)
+
+    def refuse_types_that_do_not_exist(self) -> None:
+        """They once ended every node: rclpy raises out of the callback."""
+        for node in NODES:
+            for kind in (10, 99, 255):
+                for atomically in (False, True):
+                    item = Parameter(name='mass', value=ParameterValue(type=kind))
+                    (result,) = self.set_items(node, [item], atomically)
+                    assert not result.successful
+
+    def recover(self) -> None:
+        """With the defaults set again, plans are made and followed, all numbers are finite."""
+        for _, publisher in self._publishers.values():
+            self.ros.node.destroy_publisher(publisher)
+        self._publishers.clear()
+        for node, specs in PARAMETERS.items():
+            wanted = {name: spec.default for name, spec in specs.items() if not spec.read_only}
+            wanted = {name: value for name, value in wanted.items() if name not in NEVER_SET}
+            wanted |= {name: value for name, value in NODES[node].items() if name in wanted}
+            for _ in range(2):  # values that depend on one another
+                refused = [r for r in self.ros.set_parameter_mapping(node, wanted) if r]
+            assert not refused, refused
+        self.ros.set_parameter_mapping('/pendulum/planner', {'solver.deadline': PATIENCE})
+        self.ros.set_parameter_mapping('/robots/planner', {'solver.deadline': PATIENCE})
+        for planner, plant in SPACES.items():
+            heard = [
+                self.ros.subscribe(f'{plant}/{topic}', JointState, 1000)
+                for topic in ('joint_states', 'joint_command')
+            ]
+
+            def moved(planner: str = planner, plant: str = plant, heard: Any = heard) -> bool:
+                assert self.ros.call(f'{plant}/reset', Trigger).success
+                assert self.plan(planner)
+                return self.ros.spin_until(lambda: any(any(s.effort) for s in heard[0]), 3.0)
+
+            assert self.ros.spin_until(moved, PATIENCE), self.processes[f'{plant}/tracker'].output
+            for received in heard:
+                for item in received[-100:]:
+                    numbers = [*item.position, *item.velocity, *item.effort]
+                    assert all(map(math.isfinite, numbers)), item
+        self.check()

@@ -1,0 +1,346 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Faults put into the solvers, each of a drawn size: what leaves them must be right still.
+
+`published` yields plans that leave sabotaged solvers of drawn problems, as they are written to
+files; replays.py tells what is wrong with them, by equations of its own.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+import itertools
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from replays import faults
+from tdm_planner.direct_method.nonlinear_program import NonlinearProgram
+from tdm_planner.direct_method.trust_region import TrustRegionOptions
+from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.plan_files import plan_document
+from tdm_planner.problems import (
+    formation_search,
+    PendulumSwingUp,
+    RobotFormation,
+    smooth_method,
+    swing_up_task,
+    switching_method,
+    switching_minimiser,
+    switching_search,
+    virtual_arc_method,
+)
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.formation_program import FormationProgram
+from tdm_planner.problems.formation_verification import FormationVerification
+from tdm_planner.problems.smooth_program import SmoothProgram
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.virtual_arc_program import VirtualArcProgram
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.verification import Verification
+
+Patch = pytest.MonkeyPatch
+Generator = np.random.Generator
+_PROGRAMS: tuple[type[NonlinearProgram], ...] = (
+    SmoothProgram,
+    VirtualArcProgram,
+    FormationProgram,
+)
+_MINIMISERS = (switching_search, smooth_method, virtual_arc_method, formation_search)
+
+
+def wrong_gradients(patch: Patch, rng: Generator, size: float) -> None:
+    """Every derivative that the minimiser is given is wrong by a share."""
+    for program in _PROGRAMS:
+        right = program.linearise
+
+        def linearise(self: Any, point: Any, multipliers: Any, right: Any = right) -> Any:
+            found = right(self, point, multipliers)
+            noisy = {
+                name: getattr(found, name)
+                * (1.0 + size * rng.normal(size=getattr(found, name).shape))
+                for name in ('gradient', 'equality_jacobian', 'inequality_jacobian')
+            }
+            return replace(found, **noisy)
+
+        patch.setattr(program, 'linearise', linearise)
+    wrong_model(patch, rng, size)  # the compiled minimiser has derivatives of its own
+
+
+def wrong_model(patch: Patch, rng: Generator, size: float) -> None:
+    """Make the compiled minimiser reckon with another pendulum, motions and derivatives alike."""
+    advance = switching_minimiser.advance
+
+    def elsewhere(program: Any, *others: Any) -> Any:
+        wrong = program.k * (1.0 + size * rng.normal(size=program.k.shape))
+        return advance(program._replace(k=wrong), *others)
+
+    patch.setattr(switching_minimiser, 'advance', elsewhere)
+
+
+def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
+    """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
+    for module in _MINIMISERS:
+        right = module.minimise
+
+        def minimise(
+            program: Any, xi: Any, options: Any = None, budget: Any = None, right: Any = right
+        ) -> Any:
+            return change(right, program, xi, options, budget)
+
+        patch.setattr(module, 'minimise', minimise)
+
+
+def early_stops(patch: Patch, rng: Generator, size: float) -> None:
+    """Make the minimiser end after a few steps and say that it has converged."""
+
+    def hasty(right: Any, program: Any, xi: Any, options: Any, budget: Any) -> Any:
+        few = replace(options or TrustRegionOptions(), iterations=int(rng.integers(1, 6)))
+        return replace(right(program, xi, few, budget), converged=True)
+
+    _minimisers(patch, hasty)
+
+
+def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
+    """Exchange the varied parameters Xi that the minimiser gives back."""
+
+    def noisy(right: Any, program: Any, *others: Any) -> Any:
+        found = right(program, *others)
+        xi = found.point.xi * (1.0 + size * rng.normal(size=found.point.xi.shape))
+        bounds = getattr(program, 'lower', 0.0), getattr(program, 'upper', np.inf)
+        return replace(found, point=replace(found.point, xi=np.clip(xi, *bounds)))
+
+    _minimisers(patch, noisy)
+
+
+def lenient_feasibility(patch: Patch, rng: Generator, size: float) -> None:
+    """Candidates pass for feasible that are not."""
+    patch.setattr(formation_search, '_NEARLY_FEASIBLE', 5e3 * size)
+    patch.setattr(switching_search, 'ARRIVED', max(size, switching_search.ARRIVED))
+    patch.setattr(
+        formation_search, 'initial_misalignment', lambda model, motion: np.zeros(model.task.n)
+    )
+
+
+def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
+    """Integrate the pendulum's motions in a few steps, write robots' in few samples."""
+    steps = int(rng.integers(3, 24))
+    for module in (switching_search, switching_method):
+        patch.setattr(module, 'COARSE_STEPS', steps)
+        patch.setattr(module, 'FINE_STEPS', steps)
+    patch.setattr(switching_search, '_SUBSTEPS', 1)
+    patch.setattr(switching_search, '_SAMPLE_TIME', 0.05)
+    patch.setattr('tdm_planner.problems.formation_plan._SAMPLES', int(rng.integers(9, 200)))
+
+
+def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
+    """Change every trajectory before it is checked."""
+    check = SwingUpTask.plan
+
+    def plan(self: Any, trajectory: Trajectory, parameters: Any, penalty: float) -> Any:
+        made = change(trajectory)
+        made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
+        return check(self, made, parameters, penalty)
+
+    write = formation_search.trajectory
+    patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
+    patch.setattr(formation_search, 'trajectory', lambda *arguments: change(write(*arguments)))
+
+
+def scaled_controls(patch: Patch, rng: Generator, size: float) -> None:
+    """More torque and thrust than the plan reckons with."""
+    factor = 1.0 + size * rng.choice([-1.0, 1.0])
+    _sabotaged(patch, lambda t: replace(t, controls=t.controls * factor, rates=None))
+
+
+def scaled_durations(patch: Patch, rng: Generator, size: float) -> None:
+    """Return the same motion, faster or slower."""
+    factor = 1.0 + size * rng.choice([-1.0, 1.0])
+    _sabotaged(patch, lambda t: replace(t, times=to_nanoseconds(t.times * factor), rates=None))
+
+
+def shifted_states(patch: Patch, rng: Generator, size: float) -> None:
+    """States are written that the controls do not lead to."""
+    _sabotaged(
+        patch,
+        lambda t: replace(t, states=t.states + size * rng.normal(size=t.states.shape), rates=None),
+    )
+
+
+def truncated_samples(patch: Patch, rng: Generator, size: float) -> None:
+    """Lose the last samples, or some on the way."""
+
+    def cut(t: Trajectory) -> Trajectory:
+        kept = np.ones(t.times.size, dtype=bool)
+        if rng.uniform() < 0.5:
+            lost = int(rng.integers(1, 1 + max(1, t.times.size // 3)))
+            kept[-lost:] = False
+        else:
+            kept[rng.integers(1, t.times.size - 1)] = False
+        if kept.sum() < 2:
+            return t
+        return replace(
+            t, times=t.times[kept], states=t.states[kept], controls=t.controls[kept], rates=None
+        )
+
+    _sabotaged(patch, cut)
+
+
+def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
+    """One control has the wrong sign now and then."""
+
+    def mirror(t: Trajectory) -> Trajectory:
+        controls = t.controls.copy()
+        column = rng.integers(controls.shape[1])
+        controls[rng.uniform(size=len(controls)) < size, column] *= -1.0
+        return replace(t, controls=controls, rates=None)
+
+    _sabotaged(patch, mirror)
+
+
+def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
+    """Robots are given one another's motions."""
+    write = formation_search.trajectory
+
+    def swapped(model: Any, motion: Any, i: int, *others: Any) -> Trajectory:
+        other = (i + 1) % model.task.n if rng.uniform() < 0.5 else i
+        return write(model, motion, other, *others)
+
+    patch.setattr(formation_search, 'trajectory', swapped)
+
+
+def blind_verification(patch: Patch) -> None:
+    """Let every plan pass the check; what it would have been refused for stays in `reasons`."""
+    verify, verify_formation = SwingUpTask.verify, formation_search.verify_formation
+
+    def passed(task: SwingUpTask, trajectory: Trajectory) -> Verification:
+        return replace(verify(task, trajectory), ok=True)
+
+    def formation_passed(*arguments: Any) -> FormationVerification:
+        found = verify_formation(*arguments)
+        return replace(found, overall=replace(found.overall, ok=True))
+
+    patch.setattr(SwingUpTask, 'verify', passed)
+    patch.setattr(formation_search, 'verify_formation', formation_passed)
+
+
+def nothing(patch: Patch, rng: Generator, size: float) -> None:
+    """Return the solver as it is."""
+
+
+SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
+    nothing,
+    wrong_gradients,
+    wrong_model,
+    early_stops,
+    noise_on_parameters,
+    lenient_feasibility,
+    coarse_integration,
+    scaled_controls,
+    scaled_durations,
+    shifted_states,
+    truncated_samples,
+    mirrored_controls,
+    swapped_robots,
+)
+SMALLEST, LARGEST = 1e-8, 0.3  # sizes of sabotage
+
+
+def pendulum(rng: np.random.Generator) -> Problem:
+    """Any start, motors weak and strong, narrow and wide limits, every method."""
+    angle = rng.uniform(0.6, 3.0)
+    return PendulumSwingUp.from_parameters(
+        {
+            'limits.torque': float(np.exp(rng.uniform(math.log(0.015), math.log(0.3)))),
+            'limits.disk_angle': angle,
+            'torque_reserve': float(rng.choice([0.0, 0.3])),
+            'start.theta': rng.uniform(-7.0, 7.0),
+            'start.psi': rng.uniform(-0.5, 0.5) * angle,
+            'start.theta_dot': rng.normal() * 2.0,
+            'start.psi_dot': rng.normal(),
+            'method': str(
+                rng.choice(['switching', 'switching', 'switching', 'smooth', 'virtual_arc'])
+            ),
+            'goal.turns': None if rng.uniform() < 0.8 else int(rng.integers(-1, 2)),
+            'solver.deadline': 0.15,
+        }
+    )
+
+
+def robots(rng: np.random.Generator) -> Problem:
+    """One to three robots, at rest or not, sluggish and brisk, with and without zones."""
+    count = int(rng.integers(1, 4))
+    values: dict[str, Any] = {
+        'robots': [f'robot{k + 1}' for k in range(count)],
+        'formation.anchor': [2.0, 2.0, rng.uniform(-3.0, 3.0)],
+        'limits.thrust': float(np.exp(rng.uniform(math.log(0.3), math.log(30.0)))),
+        'limits.thruster_rate': float(np.exp(rng.uniform(math.log(0.5), math.log(10.0)))),
+        'arena.tracking_margin': float(rng.choice([0.0, 0.03])),
+        'weights.gas': float(rng.choice([0.0, 0.9])),
+        'speed_factor_order': int(rng.choice([0, 0, 2])),
+        'solver.deadline': 0.3,
+        'solver.starts': 2,
+    }
+    for k in range(count):
+        name = f'robot{k + 1}'
+        x, y = rng.uniform(0.4, 3.6, size=2)
+        values |= {f'{name}.start.x': x, f'{name}.start.y': y}
+        values[f'{name}.start.yaw'] = rng.uniform(-3.0, 3.0)
+        if rng.uniform() < 0.3:
+            values |= {f'{name}.start.{axis}': 0.05 * rng.normal() for axis in ('u', 'v', 'omega')}
+    if rng.uniform() < 0.3:
+        values['arena.obstacles'] = [*rng.uniform(1.0, 3.0, size=2).tolist(), 0.2]
+    return RobotFormation.from_parameters(values)
+
+
+PROBLEMS = {'pendulum': pendulum, 'robots': robots}
+
+
+def published(kind: str, seed: int, counts: Counter[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Plans that leave solvers, each sabotaged in another way, as they are written to files."""
+    rng = np.random.default_rng(seed)
+    while True:
+        try:
+            problem = PROBLEMS[kind](rng)
+        except InvalidProblem:
+            continue
+        sabotage = SABOTEURS[rng.integers(len(SABOTEURS))]
+        size = float(np.exp(rng.uniform(math.log(SMALLEST), math.log(LARGEST))))
+        counts['attempts'] += 1
+        with pytest.MonkeyPatch.context() as patch:
+            sabotage(patch, rng, size)
+            try:
+                solution = problem.solve(seed=int(rng.integers(1000)))
+            except Infeasible:
+                counts[f'{sabotage.__name__}: none'] += 1
+                continue
+        counts[f'{sabotage.__name__}: published'] += 1
+        text = json.dumps(plan_document(problem, solution), allow_nan=False)
+        yield f'{sabotage.__name__} of {size:.2g}', json.loads(text)
+
+
+def replayed_faults(kind: str, seed: int, wanted: int) -> tuple[list[Any], Counter[str]]:
+    """Replay so many published plans; return what is wrong, each with its document, and counts."""
+    counts: Counter[str] = Counter()
+    bad = []
+    plans = published(kind, seed, counts)
+    for how, document in itertools.islice(plans, wanted):
+        found = faults(document)
+        if found:
+            counts[f'{how.split()[0]}: violates'] += 1
+            bad.append((how, found, document))
+        assert counts['attempts'] < 50 * wanted, counts
+    print(f'{kind}: {dict(sorted(counts.items()))}')
+    return bad, counts

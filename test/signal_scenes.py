@@ -1,0 +1,235 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Processes in every phase of their lives, to be ended by signals: see `SCENES`, `WAYS`, `Subject`.
+
+Some of them end once in test/system/test_signals.py, all of them in every way in
+test/nightly/faults/test_all_signals.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+import math
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+import uuid
+
+from pendulum_rig import note
+from ros_harness import ENOUGH, MODULES, NodeProcess, Ros, ros_arguments
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
+from tdm_planner.problems import PendulumSwingUp
+from trajectory_msgs.msg import JointTrajectory
+
+PATIENCE = 120.0  # s that anything may take on a busy machine
+MARK = 'TDM_TEST_MARK'
+INT, TERM = signal.SIGINT, signal.SIGTERM
+STRONG = {'limits.torque': 0.09, 'solver.deadline': ENOUGH}
+FROM_PARAMETERS = {**STRONG, 'start.source': 'parameters'}
+# Signals, and the times between them [s].
+WAYS: dict[str, list[tuple[signal.Signals, float]]] = {
+    'SIGINT': [(INT, 0.0)],
+    'SIGTERM': [(TERM, 0.0)],
+    'double Ctrl-C at once': [(INT, 0.0), (INT, 0.0)],
+    'double Ctrl-C': [(INT, 0.02), (INT, 0.0)],
+    'Ctrl-C while it ends': [(INT, 0.1), (INT, 0.05), (TERM, 0.0)],
+}
+
+
+class Subject:
+    """A process that will be ended, a node or `tdm` with some arguments, and what it leaves."""
+
+    def __init__(self, ros: Ros, name: str, of: dict[str, Any] | list[str]) -> None:
+        self.ros, self.mark = ros, uuid.uuid4().hex
+        self.namespace = f'n{self.mark}'
+        self.arguments = of if isinstance(of, list) else ros_arguments(of, self.namespace)
+        environment = {**ros.environment, MARK: self.mark}
+        module = 'tdm_planner.cli' if name == 'tdm' else MODULES[name]
+        self.process = NodeProcess(module, self.arguments, environment, ros.folder)
+
+    def wait(self, condition: Callable[[], Any]) -> Subject:
+        """Serve messages until a condition holds."""
+
+        def holds() -> bool:
+            assert self.process.running, self.process.output
+            return bool(condition())
+
+        assert self.ros.spin_until(holds, PATIENCE), self.process.output
+        return self
+
+    def says(self, text: str) -> Subject:
+        return self.wait(lambda: text in self.process.output)
+
+    def hears(self, topic: str, kind: Any, qos: Any = 10) -> list[Any]:
+        """Subscribe to a topic in the process's namespace."""
+        heard: list[Any] = self.ros.subscribe(f'/{self.namespace}/{topic}', kind, qos)
+        return heard
+
+    def told(self, topic: str, message: Callable[[], Any], seen: Callable[[], Any]) -> Subject:
+        """Publish messages until something is seen."""
+        kind = type(message())
+        publisher = self.ros.publisher(f'/{self.namespace}/{topic}', kind)
+        return self.wait(lambda: publisher.publish(message()) or seen())
+
+    def asked_for_a_plan(self) -> Any:
+        self.says('ready to plan')
+        return self.ros.request(f'/{self.namespace}/plan', Trigger)
+
+    def begun(self) -> bool:
+        """Whether the package is being imported: SIGTERM is handled, which Python does not do."""
+        lines = Path(f'/proc/{self.process.process.pid}/status').read_text().splitlines()
+        (line,) = (line for line in lines if line.startswith('SigCgt'))
+        return bool(int(line.split()[1], 16) >> (TERM - 1) & 1)
+
+    def survivors(self) -> list[str]:
+        """Command lines of the processes that were started with the mark, or by such."""
+        found = []
+        for folder in Path('/proc').glob('[0-9]*'):
+            with suppress(OSError):
+                state = (folder / 'stat').read_text().rpartition(')')[2].split()[0]
+                marked = f'{MARK}={self.mark}'.encode() in (folder / 'environ').read_bytes()
+                if marked and state != 'Z':
+                    found.append((folder / 'cmdline').read_bytes().replace(b'\0', b' ').decode())
+        return found
+
+    def end(self, way: str, code: int = 0) -> None:
+        """Send the signals; code, output and survivors must be as they should."""
+        began = time.monotonic()
+        for number, pause in WAYS[way]:
+            with suppress(ProcessLookupError):
+                os.killpg(self.process.process.pid, number)
+            time.sleep(pause)
+        found = self.process.process.wait(PATIENCE)
+        note(f'ended by {way}', ended=time.monotonic() - began)
+        assert found == code, self.process.output
+        for word in ('Traceback', 'fatal', 'Error', 'terminate', 'core dumped'):
+            assert word not in self.process.output, self.process.output
+        assert not self.survivors()
+
+
+def starting(ros: Ros, name: str) -> Subject:
+    """Return a process at its first import of the package."""
+    arguments = ['record', '-o', str(ros.folder / uuid.uuid4().hex)] if name == 'tdm' else {}
+    subject = Subject(ros, name, arguments)
+    end = time.monotonic() + PATIENCE
+    while not subject.begun():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+    return subject
+
+
+def solving_planner(ros: Ros) -> Subject:
+    # So weak that it searches until the deadline.
+    hopeless = {'limits.torque': 2e-3, 'solver.deadline': 60.0, 'start.source': 'parameters'}
+    subject = Subject(ros, 'planner', hopeless)
+    pending = subject.asked_for_a_plan()
+    ros.spin_for(0.3)
+    assert not pending.done()
+    return subject
+
+
+def publishing_planner(ros: Ros) -> Subject:
+    subject = Subject(ros, 'planner', FROM_PARAMETERS)
+    heard = subject.hears('trajectory', JointTrajectory, LATCHED)
+    subject.asked_for_a_plan()
+    return subject.wait(lambda: heard)
+
+
+def reviewing_planner(ros: Ros) -> Subject:
+    reviews = {**FROM_PARAMETERS, 'start.delay': 0.1, 'replan.rate': 100.0}
+    subject = Subject(ros, 'planner', reviews)
+    heard = subject.hears('trajectory', JointTrajectory, LATCHED)
+    subject.asked_for_a_plan()
+    return subject.told('joint_states', hanging, lambda: len(heard) > 1)
+
+
+def hanging() -> JointState:
+    state = JointState(
+        name=['pendulum', 'disk'], position=[math.pi, 0.0], velocity=[0.0, 0.0], effort=[0.0, 0.0]
+    )
+    state.header.stamp = to_stamp(time.time_ns())
+    return state
+
+
+def idle_tracker(ros: Ros) -> Subject:
+    subject = Subject(ros, 'tracker', {'limits.torque': 0.09})
+    heard = subject.hears('joint_command', JointState)
+    return subject.wait(lambda: heard)
+
+
+def following_tracker(ros: Ros) -> Subject:
+    subject = idle_tracker(ros)
+    plans = ros.publisher(f'/{subject.namespace}/trajectory', JointTrajectory, LATCHED)
+    heard = subject.hears('joint_command', JointState)
+    problem = PendulumSwingUp.from_parameters({'limits.torque': 0.09})
+    plan = problem.solve(deadline=30.0).trajectory.with_rates(problem.plant.derivative)
+    plans.publish(pendulum_message(plan, to_stamp(time.time_ns() + 10**9)))
+    return subject.told('joint_states', hanging, lambda: any(c.effort[0] for c in heard))
+
+
+def driven_plant(ros: Ros) -> Subject:
+    return driven(ros, 'pendulum_plant', JointState(name=['disk'], effort=[0.01]))
+
+
+def driven_robot(ros: Ros) -> Subject:
+    names = ['thruster', 'reaction_wheel']
+    command = JointState(name=names, velocity=[0.1, 0.0], effort=[0.1, 0.01])
+    return driven(ros, 'robot_plant', command)
+
+
+def driven(ros: Ros, plant: str, command: JointState) -> Subject:
+    subject = Subject(ros, plant, {})
+    heard = subject.hears('joint_states', JointState)
+    subject.wait(lambda: heard)
+    return subject.told(
+        'joint_command', lambda: command, lambda: any(any(s.effort) for s in heard)
+    )
+
+
+def busy_recorder(ros: Ros) -> Subject:
+    subject = Subject(ros, 'tdm', ['record', '-o', str(ros.folder / uuid.uuid4().hex)])
+    subject.says('Ctrl-C ends')
+    count = iter(range(100))
+    return subject.told('recorded', hanging, lambda: ros.spin_for(0.01) or next(count) > 50)
+
+
+def demo(ros: Ros, phase: str) -> Subject:
+    """Return the demo, with the nodes that it has started, in a phase."""
+    parameters = ros.folder / 'strong.yaml'
+    parameters.write_text(
+        '/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n'
+        f'    solver: {{deadline: {ENOUGH}}}\n'
+    )
+    out = str(ros.folder / uuid.uuid4().hex)
+    arguments = ['demo', 'pendulum', '-o', out, '--params', str(parameters)]
+    return Subject(ros, 'tdm', arguments).says(PHASES[phase])
+
+
+PHASES = {
+    'starting': 'starting ',
+    'asking': 'asking for a plan',
+    'executing': 'upright at theta',
+    'ending': 'ending the nodes',
+    'reporting': 'plan.json',
+}
+# Who has only started, and is idle, is among `starting`: the test waits up to two seconds there.
+SCENES: dict[str, Callable[[Ros], Subject]] = {
+    scene.__name__: scene
+    for scene in (
+        solving_planner, publishing_planner, reviewing_planner, idle_tracker, following_tracker,
+        driven_plant, driven_robot, busy_recorder,
+    )
+}  # fmt: skip

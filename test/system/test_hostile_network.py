@@ -1,0 +1,92 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Six nodes and a network that means them harm: what they are allowed, survive, and write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from xml.etree import ElementTree
+
+from fuzzing import profile
+from hypothesis import given
+from hypothesis import strategies as st
+from node_fuzzing import NODES, SixNodes
+import pytest
+from ros_harness import Ros, SOURCE
+from tools.security_policy import OPERATOR, Rights
+
+POLICY = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def nodes(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> SixNodes:
+    return SixNodes(ros, tmp_path_factory.mktemp('home'))
+
+
+def granted(path: str) -> Rights:
+    """Return what the policy allows an enclave."""
+    (context,) = POLICY.findall(f"contexts/context[@path='{path}']")
+    rights = ('topics', 'publish'), ('topics', 'subscribe'), ('services', 'reply')
+    return Rights(
+        *(
+            frozenset(
+                item.text
+                for item in context.iterfind(f".//{group}[@{right}='ALLOW']/*")
+                if item.text
+            )
+            for group, right in (*rights, ('services', 'request'))
+        )
+    )
+
+
+def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros: Ros, nodes: SixNodes) -> None:
+    def used(path: str) -> Rights:
+        namespace, _, name = path.rpartition('/')
+        node = ros.node
+        asks: tuple[Callable[..., Any], ...] = (
+            node.get_publisher_names_and_types_by_node,
+            node.get_subscriber_names_and_types_by_node,
+            node.get_service_names_and_types_by_node,
+            node.get_client_names_and_types_by_node,
+        )
+        return Rights(*(frozenset(item for item, _ in ask(name, namespace)) for ask in asks))
+
+    def all_there() -> bool:
+        names = {f'{ns}/{name}' for name, ns in ros.node.get_node_names_and_namespaces()}
+        return set(NODES) <= names and all(used(path) == granted(path) for path in NODES)
+
+    ros.spin_until(all_there, 60.0)
+    assert {path: used(path) for path in NODES} == {path: granted(path) for path in NODES}
+    for context in POLICY.iterfind('contexts/context'):  # torques come from the plant's tracker
+        path = context.attrib['path']
+        for topic in granted(path).publishes:
+            if topic.endswith('/joint_command'):
+                assert path == topic.replace('joint_command', 'tracker')
+    operator = granted(OPERATOR)
+    assert {name.rsplit('/', 1)[-1] for name in operator.publishes} == {
+        'goal_pose', 'rosout', 'parameter_events',
+    }  # fmt: skip
+    assert {'/pendulum/plan', '/robots/plan'} <= operator.calls
+    assert not operator.serves
+
+
+def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(nodes: SixNodes) -> None:
+    nodes.meet()
+    nodes.refuse_types_that_do_not_exist()
+
+    @profile(50)
+    @given(st.data())
+    def survive(data: Any) -> None:
+        nodes.suffer(data.draw)
+
+    survive()
+    nodes.recover()
+    assert not nodes.written()

@@ -1,0 +1,30 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""SIGINT, SIGTERM and a double Ctrl-C: code 0, no traceback, nobody left behind."""
+
+from __future__ import annotations
+
+import pytest
+from ros_harness import Ros
+from signal_scenes import SCENES
+
+
+@pytest.mark.parametrize(
+    ('scene', 'way'),
+    [
+        ('solving_planner', 'double Ctrl-C'),
+        ('following_tracker', 'SIGTERM'),
+        ('driven_plant', 'double Ctrl-C at once'),
+        ('driven_robot', 'SIGINT'),
+    ],
+)
+def test_a_node_is_ended_by_signals(ros: Ros, scene: str, way: str) -> None:
+    """The demo and a recording beside it are ended in test_demo.py."""
+    SCENES[scene](ros).end(way)

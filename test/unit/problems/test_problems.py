@@ -1,0 +1,218 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What all problems share: the outer loop of the search, recognised plans, the registry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.problems import PendulumSwingUp, Plan, RobotFormation
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.registry import load_problem, problem_names
+from tdm_planner.problems.search import Search
+from tdm_planner.verification import Verification
+
+
+class Scripted(Search[float]):
+    """Rounds of candidates as given; the k-th plan of a candidate c costs c and passes if told."""
+
+    def __init__(
+        self,
+        rounds: list[list[float]],
+        passing: dict[float, int],
+        satisfying: set[float] | None = None,
+        seconds: float = 60.0,
+    ) -> None:
+        super().__init__(Budget(seconds))
+        self.rounds = rounds
+        self.passing = passing
+        self.satisfying = satisfying
+        self.round = 0
+        self.checked: list[tuple[float, int]] = []
+
+    def candidates(self) -> Iterable[float]:
+        return self.rounds[self.round]
+
+    def plans(self, candidate: float) -> Iterator[Plan]:
+        for k in range(3):
+            self.checked.append((candidate, k))
+            ok = self.passing.get(candidate, 9) == k
+            reasons = () if ok else (f'plan {k} of {candidate:g} fails',)
+            check = Verification(ok=ok, terminal_error=np.zeros(1), reasons=reasons)
+            yield Plan({}, check, candidate, np.zeros(0), 0.0)
+
+    def satisfied_with(self, plan: Plan) -> bool:
+        return self.satisfying is None or plan.cost in self.satisfying
+
+    def widen(self) -> bool:
+        self.round += 1
+        return self.round < len(self.rounds)
+
+    def failure(self) -> Infeasible:
+        return Infeasible(self.rejected or 'nothing found')
+
+
+def test_the_first_satisfying_plan_ends_the_search_after_failed_checks() -> None:
+    search = Scripted([[1.0, 2.0]], {1.0: 1, 2.0: 0})
+    assert search.run().cost == 1.0
+    assert search.checked == [(1.0, 0), (1.0, 1)]
+    assert search.rejected == 'plan 0 of 1 fails'
+    search = Scripted([[], [5.0], [4.0]], {4.0: 0, 6.0: 0})
+    assert search.run().cost == 4.0
+    assert search.round == 2
+
+
+def test_cheapest_of_a_round_where_none_satisfies_without_checking_what_promises_no_more() -> None:
+    class Ordered(Scripted):
+        """Less is promised by a higher cost."""
+
+        def promises_more(self, candidate: float, than: float) -> bool:
+            return candidate < than
+
+    for kind, checked in ((Scripted, {2.0, 3.0, 1.0}), (Ordered, {2.0, 1.0})):
+        search = kind([[2.0, 3.0, 1.0]], {1.0: 2, 2.0: 0, 3.0: 0}, satisfying=set())
+        assert search.run().cost == 1.0
+        assert {c for c, _ in search.checked} == checked
+
+
+def test_failure_is_raised_with_the_last_reason() -> None:
+    with pytest.raises(Infeasible, match='plan 2 of 7 fails'):
+        Scripted([[6.0, 7.0]], {}).run()
+    with pytest.raises(Infeasible, match='nothing found'):
+        Scripted([[]], {}).run()
+    search = Scripted([[1.0], [2.0]], {2.0: 0}, seconds=0.0)  # no further round
+    with pytest.raises(Infeasible, match='of 1 fails'):
+        search.run()
+    assert search.round == 0
+
+
+def broken(error: Exception) -> PendulumSwingUp:
+    class Broken(PendulumSwingUp):
+        """The pendulum's problem, whose first step fails."""
+
+        def standing_plan(self) -> None:
+            raise error
+
+    return Broken()
+
+
+def test_numbers_out_of_range_are_the_users_and_other_errors_pass_unchanged() -> None:
+    for error in (OverflowError('math range error'), FloatingPointError('the motion is too fast')):
+        with pytest.raises(Infeasible, match=f'{error}.* are their units right') as refused:
+            broken(error).solve()
+        assert refused.value.__cause__ is error
+    for other in (ZeroDivisionError, np.linalg.LinAlgError, ValueError, IndexError):
+        with pytest.raises(other) as caught:
+            broken(other('as it is')).solve()
+        assert str(caught.value) == 'as it is'
+
+
+PATIENT = {'solver.deadline': 60.0}
+
+
+@pytest.fixture(scope='module', params=[PendulumSwingUp, RobotFormation])
+def planned(request):
+    problem = request.param.from_parameters(PATIENT)
+    return problem, problem.solve()
+
+
+def test_a_plan_is_recognised_with_its_cost_and_replanned_from_alike(planned):
+    problem, solution = planned
+    found = problem.recognised(solution.trajectories)
+    assert found.cost == solution.cost
+    assert found.cost_terms == solution.cost_terms
+    assert found.summary == solution.summary
+    assert found.verification.worst == solution.verification.worst
+    assert set(found.verifications) == set(solution.verifications)
+    again = [problem.solve(warm_start=plan) for plan in (solution, found)]
+    assert again[1].evaluations == again[0].evaluations
+    assert again[1].cost == pytest.approx(again[0].cost, rel=1e-9)
+    if isinstance(problem, PendulumSwingUp):  # the arcs are found again
+        np.testing.assert_allclose(found.parameters, solution.parameters, atol=1e-8)
+        largest = np.abs(solution.trajectory.controls).max()
+        weaker = PendulumSwingUp.from_parameters({'limits.torque': 0.9 * float(largest)})
+        with pytest.raises(VerificationFailed, match='torque'):
+            weaker.recognised(solution.trajectories)
+
+
+def test_a_recognised_plan_that_does_nothing_has_no_arcs():
+    problem = PendulumSwingUp.from_parameters({'start.theta': 0.0})
+    found = problem.recognised(problem.solve().trajectories)
+    assert not found.parameters.size
+    moved = PendulumSwingUp.from_parameters({'start.theta': 0.3, **PATIENT})
+    assert moved.solve(warm_start=found).verification.ok
+
+
+def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(planned):
+    problem, solution = planned
+    spoilt = {
+        name: replace(motion, controls=0.9 * motion.controls)
+        for name, motion in solution.trajectories.items()
+    }
+    with pytest.raises(VerificationFailed):
+        problem.recognised(spoilt)
+
+    class Silent(type(problem)):
+        assess = Problem.assess
+
+    with pytest.raises(VerificationFailed, match='cannot assess'):
+        Silent.from_parameters({}).recognised(solution.trajectories)
+
+
+@pytest.fixture
+def registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Another package's registration, as pip leaves it on the path."""
+    metadata = tmp_path / 'another-1.0.dist-info'
+    metadata.mkdir()
+    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: another\nVersion: 1.0\n')
+    (metadata / 'entry_points.txt').write_text(
+        '[tdm_planner.problems]\n'
+        'another = another_package:Another\n'
+        'a_function = another_package:solve\n'
+        'nothing = another_package:Missing\n'
+        'broken = broken_package:Another\n'
+    )
+    (tmp_path / 'another_package.py').write_text(
+        'from tdm_planner.problems import PendulumSwingUp\n'
+        'class Another(PendulumSwingUp):\n'
+        '    name = "another"\n'
+        'def solve(): pass\n'
+    )
+    (tmp_path / 'broken_package.py').write_text('1 / 0\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def test_the_packages_own_and_another_packages(registered: Path) -> None:
+    assert load_problem('pendulum_swing_up') is PendulumSwingUp
+    assert problem_names()[:2] == ['pendulum_swing_up', 'robot_formation']
+    assert load_problem('another').name == 'another'
+    assert {'another', 'broken'} <= set(problem_names())
+
+
+@pytest.mark.parametrize(
+    ('name', 'says'),
+    [
+        ('anothr', r"parameter 'problem' = 'anothr' .* \(did you mean another\?\)"),
+        ('zzz', "'zzz' is not allowed: must be one of pendulum_swing_up, robot_formation"),
+        ('a_function', 'another_package:solve is not a subclass'),
+        ('nothing', 'AttributeError'),
+        ('broken', 'ZeroDivisionError: division by zero'),
+    ],
+)
+def test_what_cannot_be_loaded(registered: Path, name: str, says: str) -> None:
+    with pytest.raises(InvalidProblem, match=says):
+        load_problem(name)

@@ -1,0 +1,282 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What is foreseen is what trackers do, what will fail is seen in time; the rest of plans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from closed_loop import (
+    crossing,
+    FORMATION,
+    moved,
+    pendulum,
+    pendulum_tracker,
+    robot,
+    SWING,
+    swing_up,
+    WEAK,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import build
+from tdm_planner.problems.pendulum_swing_up import PendulumStart
+from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.problems.switching_seeds import arcs_of
+from tdm_planner.replanning import (
+    FormationExecution,
+    Mode,
+    Observation,
+    PlanInForce,
+    SwingUpExecution,
+)
+from tdm_planner.replanning.decision import Outlook
+from tdm_planner.replanning.execution import Execution
+from tdm_planner.tracking import RobotTrackerParameters
+from tdm_sim.receding import RecedingHorizon
+
+SETTINGS = settings(deadline=None, max_examples=20, derandomize=True)
+TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
+
+
+@pytest.fixture(scope='module')
+def swing() -> PlanInForce:
+    return swing_up()
+
+
+@pytest.fixture(scope='module')
+def flight() -> PlanInForce:
+    return crossing()
+
+
+def outlook(
+    execution: Execution, plan: PlanInForce, at: float, states: Mapping[str, np.ndarray]
+) -> Outlook:
+    seen = {name: Observation(state, at, Mode.FOLLOWING) for name, state in states.items()}
+    return execution.outlook(plan, execution.foresee(plan, seen, at), at)
+
+
+def seen_on(
+    plan: PlanInForce, at: float, away: float | np.ndarray = 0.0
+) -> dict[str, Observation]:
+    """Return what is seen of vehicles that follow a plan, so far away from it."""
+    states = states_at(plan, at)
+    return {name: Observation(state + away, at, Mode.FOLLOWING) for name, state in states.items()}
+
+
+def states_at(plan: PlanInForce, at: float) -> dict[str, np.ndarray]:
+    return {name: part.sample(at).state for name, part in plan.solution.trajectories.items()}
+
+
+@pytest.mark.parametrize(
+    ('mode', 'tuned', 'known'),
+    [
+        *((mode, False, True) for mode in Mode),
+        (Mode.FOLLOWING, True, True),
+        (Mode.FOLLOWING, True, False),
+    ],
+)
+def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
+    swing: PlanInForce, mode: Mode, tuned: bool, known: bool
+) -> None:
+    """With the defaults in place of a tuned tracker's weights it is foreseen elsewhere."""
+    tracker = pendulum_tracker(1.2 * WEAK, **TUNED) if tuned else pendulum_tracker(WEAK)
+    away, begin = ([0.1, 0.2, 0.3, 1.0], 0.2) if tuned else ([0.05, 0.05, 0.3, 0.3], 0.6)
+    vehicle = pendulum(tracker, swing.solution.trajectory.states[0] + away)
+    loop = RecedingHorizon({VEHICLE: vehicle}, SWING, 0.005)
+    loop.begin(swing)
+    while loop.time < begin:
+        loop.tick()
+    if mode is Mode.IDLE:
+        tracker.stop('test')
+    elif mode is Mode.RECOVERING:
+        tracker.parameters = replace(
+            tracker.parameters, replan=replace(tracker.parameters.replan, on_deviation=True)
+        )
+        tracker.give_up('test')
+    seen = {VEHICLE: Observation(vehicle.plant.state, loop.time, mode)}
+    execution = SwingUpExecution(SWING, tracker.parameters if tuned and known else None)
+    foreseen = execution.foresee(swing, seen, loop.time + 0.2)[VEHICLE]
+    for _ in range(40):
+        loop.tick()
+    missed = np.abs(foreseen.state - vehicle.plant.state)
+    assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
+
+
+def test_robots_are_foreseen_where_their_trackers_take_them(flight: PlanInForce) -> None:
+    away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
+    vehicles = {
+        name: robot(part.states[0] + away) for name, part in flight.solution.trajectories.items()
+    }
+    loop = RecedingHorizon(vehicles, FORMATION, 0.02)
+    loop.begin(flight)
+    while loop.time < 3.0:
+        loop.tick()
+    seen = {
+        name: Observation(vehicle.plant.state, loop.time, Mode.FOLLOWING)
+        for name, vehicle in vehicles.items()
+    }
+    foreseen = FormationExecution(FORMATION).foresee(flight, seen, loop.time + 0.3)
+    for _ in range(15):
+        loop.tick()
+    for name, vehicle in vehicles.items():
+        missed = np.abs(foreseen[name].state - vehicle.plant.state)[:6]
+        assert (missed < [2e-3, 2e-3, 5e-3, 5e-3, 2e-2, 2e-2]).all(), missed
+
+
+def test_a_tuned_robot_is_foreseen_with_its_own_gains(flight: PlanInForce) -> None:
+    at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
+    seen = seen_on(flight, at, 0.05 * np.eye(7)[4])
+    usual = FormationExecution(FORMATION).foresee(flight, seen, at + 0.5)
+    tuned = FormationExecution(FORMATION, {'robot1': stiff}).foresee(flight, seen, at + 0.5)
+    assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
+    np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
+
+
+@pytest.mark.parametrize(
+    ('share', 'away', 'trouble'),
+    [
+        *((share, [0.01, 0.01, 0.05, 0.05], '') for share in (0.1, 0.4, 0.7)),
+        (0.5, [-0.3, 0.0, -8.0, 0.0], 'cannot bring it back'),
+    ],
+)
+def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_seen(
+    swing: PlanInForce, share: float, away: list[float], trouble: str
+) -> None:
+    at = share * swing.solution.duration
+    state = states_at(swing, at)[VEHICLE] + away
+    seen = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})
+    assert bool(seen.trouble) == bool(trouble)
+    assert trouble in seen.trouble
+    assert seen.cost == pytest.approx(swing.solution.duration - at)
+
+
+def test_upright_and_held_all_is_settled_and_a_fall_is_seen(swing: PlanInForce) -> None:
+    execution, at = SwingUpExecution(SWING), swing.end + 3.0
+    goal = swing.solution.trajectory.states[-1]
+    for away, settled in (([0.01, 0.05, 0.1, 0.1], True), ([1.5, 0.0, 8.0, 0.0], False)):
+        seen = outlook(execution, swing, at, {VEHICLE: goal + away})
+        assert seen.settled == settled
+        assert bool(seen.trouble) != settled
+
+
+def test_a_push_towards_another_robot_is_seen(flight: PlanInForce) -> None:
+    plans = flight.solution.trajectories
+    times = np.arange(0.0, flight.solution.duration, 0.1)
+    places = [plans[name].sample(times).state[:, :2] for name in ('robot1', 'robot2')]
+    nearest = int(np.linalg.norm(places[0] - places[1], axis=1).argmin())
+    at = float(times[max(nearest - 15, 0)])
+    for speed in (0.0, 0.3):
+        states = states_at(flight, at)
+        towards = states['robot2'][:2] - states['robot1'][:2]
+        states['robot1'][2:4] += speed * towards / np.linalg.norm(towards)
+        seen = outlook(FormationExecution(FORMATION), flight, at, states)
+        assert bool(seen.trouble) == (speed > 0.0), seen
+
+
+@pytest.mark.parametrize(('name', 'axis'), [('robot2', 0), ('robot3', 1)])
+@pytest.mark.parametrize('away', [0.0, 0.1])
+def test_what_leads_near_a_wall_is_seen(
+    flight: PlanInForce, name: str, axis: int, away: float
+) -> None:
+    narrow = replace(FORMATION, arena=replace(FORMATION.arena, length=3.61, width=3.61))
+    states = states_at(flight, 0.0)
+    states[name][axis] += away
+    seen = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
+    assert (f"'{name}' would come" in seen.trouble) == (away > 0.0)
+    assert ('near a wall' in seen.trouble) == (away > 0.0)
+
+
+def test_robots_held_at_their_goals_stay_there(flight: PlanInForce) -> None:
+    execution, at = FormationExecution(FORMATION), flight.end + 2.0
+    away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
+    foreseen = execution.foresee(flight, seen_on(flight, at, away), at)
+    assert execution.outlook(flight, foreseen, at).settled
+    new = execution.problem_from(FORMATION, foreseen)
+    assert new.task.staying.all()
+    assert (new.task.arrived > 1.9).all()
+
+
+@pytest.mark.parametrize('ends', ['varied', 'given'])
+def test_plans_of_robots_begin_with_the_thruster_where_it_is(
+    flight: PlanInForce, ends: str
+) -> None:
+    asked = replace(FORMATION, end_accelerations=ends)
+    execution, at = FormationExecution(FORMATION), 4.0
+    foreseen = execution.foresee(flight, seen_on(flight, at), at + 0.15)
+    new = execution.problem_from(asked, foreseen).solve(deadline=10.0)
+    assert new.verification.ok
+    limits = FORMATION.limits
+    for name, now in foreseen.items():
+        first = new.trajectories[name]
+        np.testing.assert_allclose(first.states[0], now.state, atol=1e-9)
+        torque, thrust = first.control('torque')[0], first.control('thrust')[0]
+        assert torque == pytest.approx(now.control[2], abs=0.02 * limits.torque)
+        if ends == 'given':
+            assert thrust == pytest.approx(now.control[0], abs=0.02 * limits.thrust)
+
+
+@SETTINGS
+@given(share=st.floats(0.0, 0.95))
+@pytest.mark.parametrize('name', ['swing', 'flight'])
+def test_the_rest_of_a_plan_is_the_same_motion_later(
+    request: pytest.FixtureRequest, name: str, share: float
+) -> None:
+    plan = replace(request.getfixturevalue(name), start=3.0)
+    elapsed = share * plan.solution.duration
+    rest = plan.remainder(plan.start + elapsed)
+    assert rest is not None
+    for vehicle, whole in plan.solution.trajectories.items():
+        left = rest.trajectories[vehicle]
+        if elapsed > whole.duration - 0.01:
+            continue
+        assert left.times[0] == 0.0
+        assert left.duration == pytest.approx(whole.duration - elapsed, abs=2e-9)
+        times = left.times[1:-1]
+        planned, later = whole.sample(elapsed + times), left.sample(times)
+        np.testing.assert_allclose(later.state, planned.state, atol=1e-6)
+        arcs, fewer = arcs_of(whole), arcs_of(left)
+        assert (arcs is None) == (fewer is None) == (name == 'flight')
+        if arcs is not None and fewer is not None:
+            count = fewer.signs.size
+            assert list(fewer.signs) == list(arcs.signs[-count:])
+            same = arcs.durations[-count:][1:]
+            np.testing.assert_allclose(fewer.durations[1:], same, atol=1e-8)
+            assert fewer.durations.sum() == pytest.approx(left.duration, abs=1e-6)
+
+
+def test_there_is_no_rest_before_the_start_or_after_the_end(swing: PlanInForce) -> None:
+    assert swing.remainder(swing.start - 0.1) is None
+    assert swing.remainder(swing.end) is None
+    with pytest.raises(InvalidProblem, match='nothing is left'):
+        swing.solution.trajectory.after(swing.solution.duration)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.3, 0.7])
+def test_from_where_the_plan_leads_the_new_plan_is_its_rest_at_few_evaluations(
+    swing: PlanInForce, share: float
+) -> None:
+    elapsed = share * swing.solution.duration
+    state = states_at(swing, elapsed)[VEHICLE]
+    rest = swing.remainder(swing.start + elapsed)
+    problem = replace(SWING, start=PendulumStart(*state.tolist()))
+    new = problem.solve(deadline=10.0, warm_start=rest)
+    assert new.verification.ok
+    assert new.duration <= 1.002 * (swing.solution.duration - elapsed)
+    if share == 0.3:
+        away = moved(state, 0.01, -0.01, 0.1, 0.1)
+        problem = replace(SWING, start=PendulumStart(*away.tolist()))
+        warm = problem.solve(deadline=10.0, warm_start=rest)
+        assert warm.verification.ok
+        assert warm.evaluations < 0.2 * problem.solve(deadline=10.0).evaluations

@@ -1,0 +1,227 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The receding horizon in closed loop, with its latency, on plants that are not the models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import itertools
+import math
+from typing import Any
+
+from closed_loop import (
+    crossing,
+    FORMATION,
+    moved,
+    pendulum,
+    pendulum_tracker,
+    robot,
+    smooth_swing_up,
+    SWING,
+    swing_up,
+    WEAK,
+)
+import numpy as np
+import pytest
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.pendulum_swing_up import PendulumStart
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.replanning import FormationExecution, PlanInForce, Replanner, SwingUpExecution
+from tdm_planner.tracking import Phase
+from tdm_sim.disturbances import pendulum_push
+from tdm_sim.receding import RecedingHorizon
+
+INTERVAL = 0.005  # s
+# Generous, so that a busy machine does not decide the outcome.
+PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
+
+
+@pytest.fixture(scope='module')
+def plan() -> PlanInForce:
+    return swing_up()
+
+
+def closed_loop(
+    plan: PlanInForce,
+    seed: int = 1,
+    replanning: bool = True,
+    mismatch: float = 0.05,
+    noise: float = 1.0,
+    **values: Any,
+) -> RecedingHorizon:
+    tracker = pendulum_tracker(WEAK, **{'replan__on_deviation': True, **values})
+    start = plan.solution.trajectory.states[0]
+    vehicles = {VEHICLE: pendulum(tracker, start, mismatch, noise, seed)}
+    replanner = Replanner(SwingUpExecution(SWING), PARAMETERS) if replanning else None
+    loop = RecedingHorizon(vehicles, SWING, INTERVAL, replanner)
+    loop.begin(plan)
+    return loop
+
+
+def run(loop: RecedingHorizon, until: float) -> None:
+    while loop.time < until:
+        loop.tick()
+
+
+def push(loop: RecedingHorizon) -> None:
+    """Push the pendulum after 0.7 s so that the feedback cannot mend it."""
+    run(loop, 0.7)
+    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, -1e-3))
+
+
+def upright(loop: RecedingHorizon) -> bool:
+    tracker, plant = loop.vehicles[VEHICLE]
+    angle = math.remainder(float(plant.state[0]), math.tau)
+    return tracker.phase is Phase.HOLDING and abs(angle) < 0.05
+
+
+def test_undisturbed_the_plan_is_kept_and_no_chatter_near_the_goal(plan: PlanInForce) -> None:
+    loop = closed_loop(plan)
+    run(loop, plan.end + 1.5)
+    assert upright(loop)
+    assert len(loop.plans) == 1
+    last = loop.reviews[-5:]
+    assert all(review.outlook.settled and review.solve_time == 0.0 for review in last)
+
+
+@pytest.mark.parametrize(('seed', 'replanning'), [(3, True), (5, True), (3, False)])
+def test_a_push_that_the_feedback_cannot_mend_is_planned_for(
+    plan: PlanInForce, seed: int, replanning: bool
+) -> None:
+    loop = closed_loop(plan, seed, replanning)
+    push(loop)
+    run(loop, plan.end + 1.0)
+    while replanning and loop.time < loop.plans[-1].end + 1.0:
+        loop.tick()
+    assert upright(loop) == replanning
+    assert (len(loop.plans) > 1) == replanning
+    assert len(loop.refusals) <= 1  # made from a state just before the push
+    assert all(made.solution.verification.ok for made in loop.plans)
+    # one begins before the next is thought of
+    starts = [made.start for made in loop.plans]
+    assert (np.diff(starts) > PARAMETERS.delay - 1e-9).all()
+
+
+def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
+    # A plant as modelled and measured well, and feedback that does not give up meanwhile.
+    loop = closed_loop(plan, seed=5, mismatch=0.0, noise=0.01, tolerance__path=3.0)
+    push(loop)
+    states = {}
+    while loop.time < 2.5:
+        states[round(loop.time / INTERVAL)] = loop.vehicles[VEHICLE].plant.state
+        loop.tick()
+    made_since = [made for made in loop.plans if made.start - PARAMETERS.delay > 0.7]
+    assert made_since
+    for made in made_since:
+        away = made.solution.trajectory.states[0] - states[round(made.start / INTERVAL)]
+        assert (np.abs(away) < [0.03, 0.05, 0.5, 0.8]).all()
+
+
+def test_the_next_review_but_one_mends_a_refusal(plan: PlanInForce) -> None:
+    loop = closed_loop(plan, mismatch=0.0, noise=0.0, replan__on_deviation=False)
+    tracker, plant = loop.vehicles[VEHICLE]
+    usual = tracker.parameters
+    turns = round(plan.solution.trajectory.states[-1, 0] / math.tau)
+    loop.problem = replace(SWING, goal=replace(SWING.goal, turns=1 - turns))
+    tracker.parameters = replace(usual, tolerance=replace(usual.tolerance, start=1e-9))
+    while not loop.refusals:
+        loop.tick()
+        assert loop.time < 3.0
+    tracker.parameters = usual
+    refused = loop.plans[-1]
+    while len(loop.plans) < 3 and loop.time < refused.start + 3.0:
+        loop.tick()
+    assert any(review.refused for review in loop.reviews)
+    # Seen when the plans have parted, at the next review; the new plan follows.
+    mended = loop.plans[2]
+    assert mended.start < refused.start + 1.0 + 2 / PARAMETERS.rate + PARAMETERS.delay
+    run(loop, mended.end + 1.0)
+    assert tracker.phase is Phase.HOLDING
+    assert float(plant.state[0]) == pytest.approx(math.tau * (1 - turns), abs=0.05)
+
+
+@pytest.mark.parametrize('share', [0.15, 0.6])
+def test_a_smooth_torque_goes_on_without_a_jump(share: float) -> None:
+    plan = smooth_swing_up()
+    assert isinstance(plan.problem, PendulumSwingUp)
+    at = share * plan.solution.duration
+    now = plan.solution.trajectory.sample(at)
+    torque, away = float(now.control[0]), moved(now.state, 0.005, -0.005, 0.05, 0.05)
+    start = replace(PendulumStart(*away.tolist()), torque=torque)
+    asked = replace(plan.problem, start=start)
+    new = asked.solve(deadline=60.0, warm_start=plan.remainder(at))
+    assert new.verification.ok
+    first = float(new.trajectory.control('torque')[0])
+    assert first == pytest.approx(torque, abs=0.03 * asked.limits.torque)
+
+
+def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through replanner and tracker: what the plant is told goes on where plans change."""
+    solve = PendulumSwingUp.solve
+
+    def at_leisure(self: PendulumSwingUp, deadline: float, **options: Any) -> Any:
+        return solve(self, deadline=60.0, **options)
+
+    monkeypatch.setattr(PendulumSwingUp, 'solve', at_leisure)
+    first = smooth_swing_up()
+    problem, interval = first.problem, 0.002
+    assert isinstance(problem, PendulumSwingUp)
+    limit = problem.limits.torque
+    vehicle = pendulum(pendulum_tracker(limit), first.solution.trajectory.states[0])
+    replanner = Replanner(SwingUpExecution(problem), ReplanParameters(rate=20.0, delay=0.1))
+    loop = RecedingHorizon({VEHICLE: vehicle}, problem, interval, replanner)
+    loop.begin(first)
+    torques: list[float] = []
+    while len(loop.plans) < 2 or loop.time < loop.plans[1].start + 0.02:
+        if len(torques) == 20:
+            # Another question, which is answered at once, on the way.
+            loop.problem = replace(problem, limits=replace(problem.limits, disk_angle=1.8))
+        loop.tick()
+        torques.append(float(vehicle.plant.control[0]))
+        assert loop.time < first.end - 0.05, [review.reason for review in loop.reviews]
+    made = loop.plans[1]
+    at = round(made.start / interval)
+    planned = made.solution.trajectory.control('torque')
+    steepest = np.abs(np.diff(planned) / np.diff(made.solution.trajectory.times)).max()
+    around = np.abs(np.diff(torques[slice(at - 2, at + 3)])).max()
+    assert around < 1.5 * steepest * interval + 0.03 * limit
+
+
+def test_a_pushed_robot_arrives_and_near_the_goal_no_plan_follows_the_other() -> None:
+    plan, interval, delay = crossing(), 0.02, 0.6
+    vehicles = {
+        name: robot(motion.states[0], 0.05, 1.0, seed=k, gains=False, replan__on_deviation=True)
+        for k, (name, motion) in enumerate(plan.solution.trajectories.items())
+    }
+    replanner = Replanner(FormationExecution(FORMATION), ReplanParameters(rate=2.0, delay=delay))
+    loop = RecedingHorizon(vehicles, FORMATION, interval, replanner)
+    loop.begin(plan)
+    closest, late = math.inf, []
+    pushed_at = round(0.4 * plan.end / interval)
+    while loop.time < loop.plans[-1].end + 3.0:
+        if round(loop.time / interval) == pushed_at:
+            vehicles['robot2'].plant.push(lambda x: x + 0.05 * np.eye(7)[2])
+        reviewed = len(loop.reviews)
+        loop.tick()
+        if loop.time > loop.plans[-1].end + interval:
+            late += loop.reviews[reviewed:]
+        places = [vehicle.plant.state[:2] for vehicle in vehicles.values()]
+        pairs = itertools.combinations(places, 2)
+        closest = min(closest, *(math.hypot(*(one - other)) for one, other in pairs))
+    # All keep their distance and arrive.
+    assert closest > FORMATION.arena.minimum_separation
+    for vehicle, goal in zip(vehicles.values(), FORMATION.task.goal, strict=True):
+        np.testing.assert_allclose(vehicle.plant.state[:2], goal, atol=0.02)
+    # The end was reached by one plan, and after it there was neither another nor a search.
+    assert loop.plans[-1].solution.duration > 1.0
+    assert len(late) >= 4
+    assert all(review.plan is None and review.solve_time == 0.0 for review in late)
+    assert (np.diff([made.start for made in loop.plans]) > delay - 1e-9).all()

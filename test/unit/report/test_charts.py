@@ -1,0 +1,228 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What the animation and the charts draw is what was planned and measured, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from missions import (
+    ARENA_PARAMETERS,
+    DURATION,
+    pendulum_mission,
+    pendulum_plan,
+    pendulum_states,
+    robot_states,
+    robots_mission,
+)
+import numpy as np
+import pytest
+from tdm_sim.report.animation import (
+    frame_times,
+    measured_frames,
+    MOST_POSES,
+    planned_frames,
+    scene,
+)
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json
+from tdm_sim.report.comparison import compare
+from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
+from tdm_sim.report.embedding import unpacked
+from tdm_sim.report.histories import (
+    control_chart,
+    limits_of,
+    plan_instants,
+    state_chart,
+    switching_instants,
+)
+from tdm_sim.report.mission import Mission, PlanInForce, Vehicle
+
+NAMES = ('theta', 'psi', 'torque')
+
+
+def pendulum() -> Vehicle:
+    (vehicle,) = pendulum_mission().vehicles
+    return vehicle
+
+
+def replanned(second: float) -> Vehicle:
+    """Return a pendulum whose plan starts once more."""
+    plan = pendulum_plan()
+    plans = (PlanInForce('1', 0.0, plan, until=second), PlanInForce('2', second, plan))
+    return replace(pendulum(), plans=plans)
+
+
+def curves(panel: Panel, kind: str) -> list[Curve]:
+    return [curve for curve in panel.curves if curve.kind == kind]
+
+
+def test_planned_states_are_held_before_and_after_controls_are_off() -> None:
+    at = np.array([-1.0, 0.0, 0.5, DURATION, 3.0])
+    frames = planned_frames(pendulum(), at, NAMES)
+    expected = pendulum_states(np.clip(at, 0.0, DURATION))
+    assert frames['theta'] == pytest.approx(expected[:, 0], abs=1e-9)
+    assert frames['psi'] == pytest.approx(expected[:, 1], abs=1e-9)
+    assert frames['torque'].tolist() == [0.0, 0.014, 0.014, -0.014, 0.0]
+    frames = planned_frames(replanned(0.9), np.array([0.8, 0.9, 1.0]), NAMES)
+    expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
+    assert frames['theta'] == pytest.approx(expected, abs=1e-9)
+
+
+def test_measured_where_it_was_measured_only() -> None:
+    states = pendulum().states
+    assert states is not None
+    values = states.values.copy()
+    values[(states.times > 0.5) & (states.times < 1.0)] = np.nan
+    at = np.array([-2.0, 0.3, 0.75, 1.3, 5.0])
+    frames = measured_frames(replace(pendulum(), states=replace(states, values=values)), at, NAMES)
+    assert np.isnan(frames['theta']).tolist() == [True, False, True, False, True]
+    assert frames['theta'][1] == pytest.approx(pendulum_states(0.3)[0] + 0.02, abs=1e-6)
+    for count in (0, 1):
+        few = replace(states, times=states.times[:count], values=states.values[:count])
+        frames = measured_frames(replace(pendulum(), states=few), np.linspace(-1, 1, 9), NAMES)
+        assert np.isnan(frames['theta']).all()
+
+
+def test_measured_angles_run_on_where_they_were_wrapped() -> None:
+    (vehicle,) = robots_mission(names=('one',)).vehicles
+    states = vehicle.states
+    assert states is not None
+    turned = 8.0 * np.clip(states.times, 0.0, DURATION)
+    states.values[:, states.names.index('yaw')] = np.arctan2(np.sin(turned), np.cos(turned))
+    at = np.linspace(0.0, DURATION, 50)
+    assert measured_frames(vehicle, at, ('yaw',))['yaw'] == pytest.approx(8.0 * at, abs=1e-6)
+
+
+def test_the_scene_of_robots() -> None:
+    data = scene(robots_mission())
+    assert data is not None
+    assert data['kind'] == 'arena'
+    assert [robot['name'] for robot in data['robots']] == ['robot1', 'robot2']
+    assert data['obstacles'] == [[2.0, 0.6, 0.25]]
+    end = robot_states(DURATION, 1)
+    assert data['robots'][1]['goal'] == pytest.approx(end[[0, 1, 4]].tolist())
+    times = unpacked(data['times'])
+    x = unpacked(data['robots'][0]['planned']['x'])
+    assert x == pytest.approx(robot_states(np.clip(times, 0, DURATION), 0)[:, 0], abs=1e-5)
+    # vehicles of another kind have histories only
+    assert scene(Mission('t', 'other', (replace(pendulum(), plant='other'),))) is None
+    assert scene(Mission('t', '', ())) is None
+
+
+def test_frames_are_bounded_and_hold_the_starts_and_ends_of_plans() -> None:
+    mission = pendulum_mission()
+    times = frame_times(mission, 100.0)
+    assert {0.0, DURATION} <= set(times.tolist())
+    assert (times[0], times[-1]) == mission.span
+    many = robots_mission(names=[f'r{k}' for k in range(20)], after=600.0, rate=1.0)
+    assert frame_times(many, 25.0).size * 20 < MOST_POSES + 20 * 3
+
+
+@pytest.mark.parametrize('mission', [pendulum_mission(), robots_mission()])
+def test_every_state_and_control_planned_and_measured(mission: Mission) -> None:
+    plan = mission.vehicles[0].plans[0].trajectory
+    for chart, names in (
+        (state_chart(mission), plan.state_names),
+        (control_chart(mission), plan.control_names),
+    ):
+        assert tuple(panel.title for panel in chart.panels) == names
+        for panel in chart.panels:
+            for kind in ('planned', 'measured'):
+                assert len(curves(panel, kind)) == len(mission.vehicles)
+
+
+def test_planned_values_and_switches() -> None:
+    (torque,) = control_chart(pendulum_mission()).panels
+    assert curves(torque, 'planned')[0].held
+    assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
+    assert torque.switches == pytest.approx([0.8])
+    (planned,) = curves(state_chart(pendulum_mission()).panels[0], 'planned')
+    known = np.isfinite(planned.values)
+    expected = pendulum_states(planned.times[known])[:, 0]
+    assert planned.values[known] == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
+    mission = replace(pendulum_mission(), vehicles=(replanned(0.7),))
+    (planned,) = curves(state_chart(mission).panels[0], 'planned')
+    gaps = np.flatnonzero(np.isnan(planned.values))
+    assert planned.times[gaps] == pytest.approx([0.7, 0.7 + DURATION])
+    first = planned.times[: gaps[0]]
+    assert (first[0], first[-1]) == (0.0, pytest.approx(0.7))
+    switches = [switching_instants(plan) for plan in replanned(0.7).plans]
+    assert switches == [[], pytest.approx([1.5])]
+
+
+@pytest.mark.parametrize('most', [20, 200, 3000])
+def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
+    at = plan_instants(PlanInForce('1', 0.1, pendulum_plan()), most)
+    assert (np.diff(at) > 0).all()
+    assert at.size <= most + 2
+    assert np.abs(at - 0.9).min() < 1e-9
+    assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
+
+
+def test_limits_of_robots() -> None:
+    mission = robots_mission()
+    expected = {
+        'x': (0.2, 3.8),
+        'y': (0.2, 2.8),
+        'thrust': (0.0, 1.0),
+        'torque': (-0.02, 0.02),
+        'yaw': (),
+    }
+    for name, limits in expected.items():
+        assert limits_of(mission, 'robot', name) == pytest.approx(limits)
+    assert limits_of(replace(mission, parameters={}), 'robot', 'thrust') == ()
+
+
+def test_distances_of_the_closest_pairs() -> None:
+    mission = robots_mission(names=[f'r{k}' for k in range(5)])
+    chart = distance_chart(mission, compare(mission))
+    (panel,) = chart.panels
+    assert panel.limits == (ARENA_PARAMETERS['arena.minimum_separation'],)
+    series = {curve.series for curve in panel.curves}
+    assert {f'r{k} - r{k + 1}' for k in range(4)} <= series  # neighbours, 1 m apart
+    assert len(series) == 6
+    assert 'of 10 pairs' in chart.note
+    nearest = next(c for c in curves(panel, 'planned') if c.series == 'r0 - r1')
+    assert nearest.values == pytest.approx(np.ones(nearest.values.size))
+
+
+def test_margins_and_errors() -> None:
+    mission = pendulum_mission(parameters={})
+    assert margin_chart(mission, compare(mission)).panels == ()
+    mission = pendulum_mission()
+    margins = {p.title: p for p in margin_chart(mission, compare(mission)).panels}
+    assert set(margins) == {'torque', 'disk_angle'}
+    (planned,) = curves(margins['torque'], 'planned')
+    assert planned.values[:-1] == pytest.approx(np.full(planned.values.size - 1, 0.006))
+    errors = error_chart(mission, compare(mission)).panels
+    assert [panel.title for panel in errors] == ['theta', 'psi', 'theta_dot', 'psi_dot']
+    (error,) = errors[0].curves
+    assert error.values[np.isfinite(error.values)] == pytest.approx(0.02, abs=1e-6)
+
+
+def test_one_plotly_figure_for_a_chart() -> None:
+    t = np.array([0.0, 1.0])
+    curve = Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y')
+    first = Panel('a<b', 'm', (curve,), '', (2.0,))
+    second = Panel('c', '', (Curve('measured', t, t, 9),))
+    data = plotly_json(plotly_figure(Chart('key', 'title', (first, second)), (0.0, 1.0)))
+    planned, limit, measured = data['data']
+    assert planned['name'] == 'x&amp;y planned'
+    assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
+    assert unpacked(limit['y'])[:2].tolist() == [2.0, 2.0]
+    assert np.isnan(unpacked(planned['y'])[1])
+    assert data['layout']['annotations'][0]['text'] == '<b>a&lt;b</b>'
+    domains = [data['layout'][axis]['domain'] for axis in ('yaxis', 'yaxis2')]
+    assert 0.0 <= domains[1][0] < domains[1][1] < domains[0][0] < domains[0][1] <= 1.0
+    low, high = data['layout']['yaxis']['range']
+    assert low < 0.0 < 2.0 < high

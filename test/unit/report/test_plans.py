@@ -1,0 +1,247 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""``tdm report`` of plan files, and in the browser: served to this machine alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import signal
+import threading
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
+import webbrowser
+
+from missions import pendulum_plan
+import numpy as np
+import pytest
+from tdm_planner.cli import main
+from tdm_planner.exceptions import TdmError
+from tdm_planner.plan_files import plan_document, save_plan
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
+from tdm_sim.report.comparison import compare
+from tdm_sim.report.reader import read_mission
+
+PROBLEMS = {
+    'pendulum': PendulumSwingUp.from_parameters({'limits.torque': 0.05}),
+    'robots': RobotFormation(),
+}
+HALF = {'problem': 'x', **pendulum_plan().to_dict()}
+Plans = dict[str, tuple[Path, Solution]]
+
+
+@pytest.fixture(scope='module')
+def plans(tmp_path_factory: pytest.TempPathFactory) -> Plans:
+    def saved(name: str, problem: Problem) -> tuple[Path, Solution]:
+        solution = problem.solve()
+        file = tmp_path_factory.mktemp(name) / 'plan.json'
+        save_plan(plan_document(problem, solution), file)
+        return file, solution
+
+    return {name: saved(name, problem) for name, problem in PROBLEMS.items()}
+
+
+def test_a_plan_of_the_pendulum(plans: Plans) -> None:
+    file, solution = plans['pendulum']
+    mission = read_mission(file)
+    (vehicle,) = mission.vehicles
+    assert (vehicle.name, vehicle.plant) == ('pendulum', 'pendulum')
+    assert mission.problem == 'pendulum_swing_up'
+    plan = vehicle.plans[0].trajectory
+    np.testing.assert_array_equal(plan.states, solution.trajectory.states)
+    assert plan.units == solution.trajectory.units
+    assert mission.number('limits.torque') == 0.05
+    (figures,) = mission.figures
+    assert (figures.cost, figures.summary) == (solution.cost, solution.summary)
+    torque, check = figures.margins['torque'], solution.verification
+    assert (torque.worst, torque.unit) == (check.worst['torque'], 'N m')
+    assert torque.instant == check.worst_times['torque']
+    (missing,) = mission.missing
+    assert 'nothing is measured' in missing
+    assert not mission.was_carried_out
+    drawn = compare(mission).margins['pendulum']
+    assert drawn.measured is None
+    assert drawn.planned is not None
+    assert drawn.planned.column('torque').min() == pytest.approx(torque.worst)
+
+
+def test_a_plan_of_robots(plans: Plans) -> None:
+    file, solution = plans['robots']
+    mission = read_mission(file)
+    assert [v.name for v in mission.vehicles] == ['robot1', 'robot2', 'robot3']
+    assert {v.plant for v in mission.vehicles} == {'robot'}
+    assert mission.numbers('formation.robot2') is not None
+    comparison, worst = compare(mission), solution.verification.worst
+    for vehicle in mission.vehicles:
+        planned = comparison.margins[vehicle.name].planned
+        assert planned is not None
+        assert set(planned.names) == {'thrust', 'thruster_rate', 'torque', 'walls'}
+        # of the thrust the upper limit alone: robots that coast are at the lower one
+        strongest = vehicle.plans[0].trajectory.control('thrust').max()
+        least = (mission.number('limits.thrust') or 0.0) - strongest
+        assert planned.column('thrust').min() == pytest.approx(least)
+        for name in planned.names[1:]:
+            expected = pytest.approx(worst[f'{vehicle.name}.{name}'], abs=1e-4)
+            assert planned.column(name).min() == expected
+    (smallest,) = [e for e in comparison.entries if e.name == 'smallest distance of two robots']
+    apart = min(v for n, v in worst.items() if n.startswith('separation'))
+    assert smallest.planned == pytest.approx(0.4 + apart, abs=1e-3)
+    assert smallest.achieved is None
+
+
+def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
+    plan = {
+        'problem': 'crane',
+        'cost': 2.0,
+        'times': [0.0, 1.0],
+        'states': {'sway': [0.0, 1.0]},
+        'controls': {'force': [1.0, 1.0]},
+        'interpolation': 'linear',
+    }
+    (tmp_path / 'plan.json').write_text(json.dumps(plan))
+    mission = read_mission(tmp_path / 'plan.json')
+    (vehicle,) = mission.vehicles
+    assert vehicle.plant == 'other'
+    assert mission.figures[0].cost == 2.0
+    assert mission.figures[0].solve_time is None
+    for absent in ('parameters', 'margins'):
+        assert any(absent in text for text in mission.missing)
+    assert compare(mission).margins['vehicle'].planned is None
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'',
+        b'\xff\xfe\x00',
+        b'[1, 2]',
+        b'{"a": 1}',
+        b'{"problem": "x"}',
+        b'[' * 100_000,
+        json.dumps({'problem': 'x', 'robots': 3}).encode(),
+        json.dumps({'problem': 'x', 'robots': {'a': 3}}).encode(),
+        json.dumps({**HALF, 'times': 'abc'}).encode(),
+        json.dumps({**HALF, 'states': {'a': [1, 'x']}}).encode(),
+        json.dumps({**HALF, 'units': [1]}).encode(),
+        json.dumps({**HALF, 'interpolation': ['linear']}).encode(),
+        json.dumps(HALF).replace('0.014', 'NaN').encode(),
+    ],
+)
+def test_what_is_no_plan_is_refused_in_one_sentence(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / 'plan.json'
+    path.write_bytes(content)
+    with pytest.raises(TdmError) as caught:
+        read_mission(path)
+    assert '\n' not in str(caught.value)
+
+
+def test_strange_figures_are_left_out(tmp_path: Path) -> None:
+    strange = {
+        'problem': '<b>\n' * 300,
+        'cost': 'cheap',
+        'solve_time': [1],
+        'verification': [],
+        'cost_terms': {'a': None, 'b': 2},
+        'parameters': {'x': {'y': 1}, 'z': [1, [2]]},
+    }
+    path = tmp_path / 'plan.json'
+    path.write_text(json.dumps(HALF | strange))
+    mission = read_mission(path)
+    figures = mission.figures[0]
+    assert (figures.cost, figures.solve_time, figures.cost_terms) == (None, None, {'b': 2.0})
+    assert mission.parameters == {'x': None, 'z': [1, None]}
+    assert mission.problem.isprintable()
+    compare(mission)
+
+
+def test_the_command(
+    plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plan = str(plans['robots'][0])
+    assert main(['report', plan]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith(f'reading {plan}')
+    assert lines[-1] == 'written to report.html'
+    page = Path('report.html').read_text()
+    assert 'robots in formation after' in page
+    assert 'nothing is measured' in page
+    assert main(['report', plan, '-o', 'page.htm', '--quiet']) == 0
+    assert capsys.readouterr() == ('', '')
+    assert Path('page.htm').read_text() == page
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['absent'], ["'absent'"]),
+        (['.'], ["'.'", 'no recording']),
+        (['text.json'], ['text.json', 'not JSON']),
+        (['PLAN', '--namespace', 'x'], ['plan.json', 'has no namespaces']),
+        (['PLAN', '-o', 'page.pdf'], ['page.pdf', '.html']),
+        (['PLAN', '-o', 'missing/page.html'], ['missing', 'does not exist']),
+    ],
+)
+def test_mistakes_get_one_sentence(
+    plans: Plans,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
+    arguments: list[str],
+    words: list[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('text.json').write_text('not json')
+    plan = str(plans['robots'][0])
+    assert main(['report', *[plan if a == 'PLAN' else a for a in arguments]]) == 2
+    said = capsys.readouterr().err
+    assert len(said.strip().splitlines()) == 1
+    assert 'INVALID_PROBLEM' not in said
+    assert all(word in said for word in words), said
+    assert [path.name for path in tmp_path.iterdir()] == ['text.json']
+
+
+def test_it_is_served_to_this_machine_alone_until_interrupted(
+    plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path('secret.txt').write_text('secret')
+    told: dict[str, Any] = {'refused': 0}
+
+    def browse(address: str) -> None:
+        told['address'] = address
+        try:
+            for path in ('', 'report.html', '?again'):
+                with urlopen(f'{address}{path}', timeout=10) as answer:
+                    told[path] = answer.read(), answer.headers['Content-Type']
+            Path('report.html').write_text('new')
+            with urlopen(address, timeout=10) as answer:
+                told['new'] = answer.read()
+            for path in ('secret.txt', '../report.html', '%2e%2e/etc/passwd'):
+                try:
+                    urlopen(f'{address}{path}', timeout=10)
+                except HTTPError as error:
+                    told['refused'] += error.code == 404
+        finally:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+    def opened(address: str) -> None:
+        threading.Thread(target=browse, args=(address,)).start()
+
+    monkeypatch.setattr(webbrowser, 'open', opened)
+    assert main(['report', str(plans['pendulum'][0]), '--view']) == 0
+    assert told['address'].startswith('http://127.0.0.1:')
+    assert told['address'] in capsys.readouterr().out
+    for path in ('', 'report.html', '?again'):
+        content, kind = told[path]
+        assert content.startswith(b'<!')
+        assert kind == 'text/html; charset=utf-8'
+    assert (told['new'], told['refused']) == (b'new', 3)

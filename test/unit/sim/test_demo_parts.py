@@ -1,0 +1,315 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What demo and recorder are made of: commands, connections, speed, progress, topics, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import math
+import os
+from pathlib import Path
+import pty
+import re
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tdm_planner.cli import _parser
+from tdm_planner.resources import config_file
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.commands import MalformedCommand, read_joint
+from tdm_sim.demo_speed import speed_settings
+from tdm_sim.progress import LiveProgress, make_progress
+from tdm_sim.record_command import record_command, topics_pattern
+from tdm_sim.topic_choice import TopicChoice
+from tdm_sim.verdict import held_from, judge_pendulum, MeasuredPendulum, Verdict
+
+FILE = config_file('pendulum.yaml')
+TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
+
+
+SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
+OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
+          '/hall/a/odom', '/hall/abc'}  # fmt: skip
+Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+PLAN = Trajectory(
+    np.array([0.0, 1.0]),
+    np.array([[math.pi, 0, 0, 0], [2 * math.pi, 0.5, 0, 0]]),
+    np.array([[0.014], [-0.014]]),
+    ('theta', 'psi', 'theta_dot', 'psi_dot'),
+    ('torque',),
+)
+
+
+def joints(name: list[str], effort: list[float]) -> SimpleNamespace:
+    return SimpleNamespace(name=name, effort=effort, velocity=[])
+
+
+def test_joints_are_found_by_name() -> None:
+    command = joints(['pendulum', 'disk'], [0.5, 0.01])
+    assert [read_joint(command, name, 'effort') for name in ('disk', 'pendulum')] == [0.01, 0.5]
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        (joints([], []), "must name joint 'disk' once, but its names are: none"),
+        (joints(['arm'], [0.0]), "must name joint 'disk' once, but its names are: arm"),
+        (joints(['disk', 'disk'], [0.0, 1.0]), "must name joint 'disk' once"),
+        (joints(['disk'], []), "'effort' has 0 values for 1 named joint"),
+        (joints(['disk'], [0.0, 1.0]), "'effort' has 2 values for 1 named joint"),
+        (joints(['disk'], [math.nan]), "effort of joint 'disk' is nan"),
+        (joints(['disk'], [-math.inf]), "effort of joint 'disk' is -inf"),
+    ],
+)
+def test_malformed_commands_say_why(command: SimpleNamespace, words: str) -> None:
+    with pytest.raises(MalformedCommand, match=words):
+        read_joint(command, 'disk', 'effort')
+
+
+@pytest.mark.parametrize(
+    ('node', 'figures', 'connected'),
+    [
+        (TRACKER, {'state age [s]': '0.004', 'planners': '1'}, True),
+        (TRACKER, {'state age [s]': 'inf', 'planners': '1'}, False),
+        (TRACKER, {'state age [s]': '0.004', 'planners': '0'}, False),
+        (TRACKER, {'state age [s]': '?', 'planners': '1'}, False),
+        (PLANT, {'commands accepted': '0'}, False),
+        (PLANT, {'commands accepted': '1'}, True),
+    ],
+)
+def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(
+    node: str, figures: Mapping[str, str], connected: bool
+) -> None:
+    msg = pytest.importorskip('diagnostic_msgs.msg')
+    from tdm_sim.connections import Connections
+
+    def told(**shown: str) -> Any:
+        values = [msg.KeyValue(key=key, value=value) for key, value in shown.items()]
+        status = msg.DiagnosticStatus(name=f'{node}: something', values=values)
+        return msg.DiagnosticArray(status=[status])
+
+    connections = Connections()
+    ask = connections.tracker if node == TRACKER else connections.plant
+    assert not ask(node)
+    connections.take(told(**figures))
+    assert ask(node) == connected
+    assert not ask('/other/node')
+    connections.take(told())  # the newest word counts
+    assert not ask(node)
+
+
+def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:
+    for node in ('planner', 'tracker', 'pendulum_plant', 'robot_plant'):
+        assert speed_settings(node, FILE, 1.0, drives_clock=False) == {}
+    assert speed_settings('planner', FILE, 4.0, drives_clock=False) == {
+        'use_sim_time': True,
+        'start.delay': 4.0,
+        'start.max_age': 2.0,
+        'replan.delay': 0.6,
+    }
+    tracker = speed_settings('tracker', FILE, 4.0, drives_clock=False, rates=2.0)
+    assert (tracker['rate'], tracker['state_timeout']) == (100.0, pytest.approx(0.4))
+    assert speed_settings('pendulum_plant', FILE, 4.0, drives_clock=True, rates=2.0) == {
+        'use_sim_time': False,
+        'publish_clock': True,
+        'real_time_factor': 4.0,
+        'clock_followers': ['joint_command'],
+        'command_timeout': pytest.approx(0.4),
+        'rate': 100.0,
+    }
+    # slower, nothing is shortened
+    assert speed_settings('planner', FILE, 0.5, drives_clock=False)['start.delay'] == 1.0
+    assert speed_settings('tracker', FILE, 0.5, drives_clock=False)['rate'] == 200.0
+
+
+def test_the_parameter_file_is_heeded_and_ranges_are_kept(tmp_path: Path) -> None:
+    file = tmp_path / 'own.yaml'
+    file.write_text(
+        '/**/planner:\n  ros__parameters:\n    start: {delay: 2}\n    replan: {delay: 5.0}\n'
+        '/**/tracker:\n  ros__parameters:\n    rate: 50\n'
+    )
+    for node, name, value in (
+        ('planner', 'start.delay', 8.0),
+        ('planner', 'replan.delay', 10.0),  # the most that is allowed
+        ('tracker', 'rate', 12.5),
+        ('pendulum_plant', 'rate', 50.0),  # of the default: the file says nothing of the plant
+    ):
+        assert speed_settings(node, file, 4.0, drives_clock=False)[name] == value
+
+
+@pytest.mark.parametrize('quiet', [False, True])
+def test_piped_there_are_plain_lines_and_when_quiet_none(
+    capsys: pytest.CaptureFixture[str], quiet: bool
+) -> None:
+    with make_progress(quiet) as progress:
+        progress.phase('first')
+        progress.update('live only')
+        progress.line('[b]')
+    lines = '' if quiet else r'\[ *\d+\.\d s\] first\n\[b\]\n'
+    assert re.fullmatch(lines, capsys.readouterr().out)
+
+
+def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = pty.openpty()
+    monkeypatch.setenv('TERM', 'xterm')
+    monkeypatch.setenv('COLUMNS', '100')
+    with os.fdopen(theirs, 'w') as terminal:
+        monkeypatch.setattr(sys, 'stdout', terminal)
+        assert not isinstance(make_progress(quiet=True), LiveProgress)
+        progress = make_progress()
+        assert isinstance(progress, LiveProgress)
+        with progress:
+            progress.phase('first [part]')
+            progress.update('live only')
+            progress._bars.refresh()
+        progress.line('done')
+        # an error ends the live line
+        with pytest.raises(ZeroDivisionError), progress:
+            progress.phase(f'{1 // 0}')
+        assert not progress._bars.live.is_started
+        terminal.flush()
+        sent = os.read(ours, 65536).decode()
+    os.close(ours)
+    for words in ('live only', 'first [part]', '\x1b[', 'done'):
+        assert words in sent
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'wanted'),
+    [
+        *((name, {'/robots/robot1/odom'}) for name in ('robots', '/robots', '/robots/')),
+        ('hall/a', {'/hall/a/odom'}),
+        ('/', OTHERS),
+    ],
+)
+def test_a_namespace_is_recorded_with_what_belongs_to_none_alike_by_both_recorders(
+    namespace: str, wanted: set[str]
+) -> None:
+    choice, pattern = TopicChoice(namespace=namespace), re.compile(topics_pattern(namespace))
+    for topic in SHARED | OTHERS:
+        assert choice.wants(topic) == (topic in SHARED | wanted), topic
+        assert bool(pattern.search(topic)) == choice.wants(topic), topic
+    assert not choice.wants('/robots/_hidden/odom')
+
+
+def test_topics_are_recorded_by_name_or_all() -> None:
+    choice = TopicChoice(frozenset({'/chosen', '/_hidden'}))
+    both = TopicChoice(frozenset({'/chosen'}), 'robots')
+    asked = ('/chosen', '/_hidden', '/robots/path', '/tf', '/other', '/x/_y')
+    for chosen, wanted in ((choice, '110000'), (both, '101100'), (TopicChoice(), '101110')):
+        assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
+
+
+def install(prefix: Path, package: str, program: str = '') -> None:
+    """Have a package, and one of its programs, where ROS 2 looks for them."""
+    marker = prefix / 'share/ament_index/resource_index/packages' / package
+    marker.parent.mkdir(parents=True)
+    marker.touch()
+    if program:
+        path = prefix / 'lib' / package / program
+        path.parent.mkdir(parents=True)
+        path.touch(0o755)
+
+
+def test_ros2_bag_records_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, 'ros2bag')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    command = record_command('hall/a', 'my_bag')
+    assert command[:3] == ['ros2', 'bag', 'record']
+    assert command[3:] == ['--output', 'my_bag', '--regex', topics_pattern('hall/a')]
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
+
+
+def test_the_installed_tdm_records_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a workspace that colcon built; its Python need not be this one."""
+    install(tmp_path, 'tdm_planner', 'tdm')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    program, *words = record_command('hall/a', 'my_bag')
+    assert program == str(tmp_path / 'lib/tdm_planner/tdm')
+    options = _parser().parse_args(words)
+    assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
+    assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]
+    for namespace, name in (('/hall/a', 'hall_a'), ('', 'tdm')):
+        words = record_command(namespace)
+        folder = words[words.index('--output') + 1]
+        assert re.fullmatch(rf'{name}_\d{{4}}(_\d\d){{2}}-\d\d(_\d\d){{2}}', folder)
+
+
+def judge(end: float = 7.0, **changes: Change) -> Verdict:
+    """Judge a swing-up in a second, measured until `end`; `changes` spoil what was measured."""
+    times = np.arange(0, end, 0.005)
+    columns = {
+        'theta': math.pi + math.pi * np.clip(times, 0, 1),
+        'psi': np.full_like(times, 0.1),
+        'theta_dot': np.zeros_like(times),
+        'psi_dot': np.zeros_like(times),
+        'torque': np.full_like(times, 0.01),
+    }
+    columns |= {name: change(times, columns[name]) for name, change in changes.items()}
+    return judge_pendulum(PLAN, MeasuredPendulum(times, **columns), 0.02, 2.0, 0.1)
+
+
+def test_a_swing_up_that_is_held_passes() -> None:
+    verdict = judge()
+    assert verdict.reached, verdict.reasons
+    rows = {name: (planned, achieved) for name, planned, achieved in verdict.rows}
+    assert rows['duration of the plan [s]'] == ('1.000', '')
+    planned, achieved = map(float, rows['upright within 0.05 rad from [s]'])
+    assert achieved == pytest.approx(1 - 0.05 / math.pi, abs=0.005)
+    assert planned == pytest.approx(achieved, abs=0.005)  # judged alike
+    assert rows['torque margin [N m]'] == ('0.0060', '0.0100')
+    assert rows['disk angle margin [rad]'] == ('1.500', '1.900')
+    assert rows['held for [s]'] == ('>= 5', '6.0')
+
+
+@pytest.mark.parametrize(
+    ('name', 'change', 'words'),
+    [
+        ('theta', lambda t, x: np.where(t > 3, x + 0.06, x), 'not upright'),
+        ('theta', lambda t, x: np.where(t > 6.99, x + 0.06, x), 'not upright'),
+        ('theta', lambda t, x: 0 * x + math.pi * 0.9, 'not upright'),
+        ('psi', lambda t, x: np.where(abs(t - 0.5) < 0.01, -2.01, x), 'disk'),
+        ('torque', lambda t, x: np.where(abs(t - 0.5) < 0.01, -0.021, x), 'torque'),
+        ('theta', lambda t, x: np.where(t > 3, np.nan, x), 'not upright'),
+    ],
+)
+def test_each_way_to_miss_is_named(name: str, change: Change, words: str) -> None:
+    verdict = judge(**{name: change})
+    assert not verdict.reached
+    assert words in verdict.reasons[0]
+
+
+@pytest.mark.parametrize('end', [0.5, 1.0, 3.9, 5.9])
+def test_measurements_that_end_before_the_hold_time_has_passed_decide_nothing(end: float) -> None:
+    verdict = judge(end)
+    assert (verdict.reasons, verdict.reached) == ((), False)
+    assert verdict.undecided.startswith(f'the recording ends at {end:.1f} s, before')
+    missed = judge(end, torque=lambda t, x: 0 * x + 0.021)
+    assert (len(missed.reasons), missed.undecided) == (1, '')
+
+
+def test_a_late_catch_is_undecided_until_it_has_been_held() -> None:
+    verdict = judge(theta=lambda t, x: np.where(abs(t - 3) < 0.01, x - 0.06, x))
+    assert (verdict.reasons, verdict.reached) == ((), False)
+    assert verdict.undecided.startswith('the recording ends at 7.0 s')
+
+
+def test_held_from_the_last_time_outside() -> None:
+    times = np.arange(5.0)
+    assert held_from(times, np.array([1, 0, 1, 0, 0.0]), 0.5) == 3.0
+    assert held_from(times, np.array([0, 0, 0, 0, 1.0]), 0.5) == math.inf
+    assert held_from(times, np.zeros(5), 0.5) == 0.0

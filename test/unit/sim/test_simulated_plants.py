@@ -1,0 +1,328 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Simulated plants: integrator, commands, wheel and walls; pushes, noise, mismatched constants."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import to_mapping
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
+from tdm_sim.integrator import integrate, runge_kutta_step
+from tdm_sim.mismatch import mismatched, mismatched_gains
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.wheeled_robot import Walls, WheeledRobot
+
+SETTINGS = settings(deadline=None, max_examples=25, derandomize=True)
+ANGLES = st.floats(-10.0, 10.0)
+PLANT, WHEELED = RotaryPendulum(), WheeledRobot(FloatingRobot())
+HANGING = np.array([math.pi, 0.0, 0.0, 0.0])
+MOVING, TORQUE = np.array([2.0, 0.3, -4.0, 3.0]), np.array([0.01])
+LIMIT = np.array([0.02])
+SETUP = PlantSetup(PLANT, initial=HANGING, lower=-LIMIT, upper=LIMIT, noise=np.zeros(4))
+SWINGING = replace(SETUP, initial=np.array([0.5, 0.2, 1.0, -2.0]))
+
+
+def simulation(setup: PlantSetup = SETUP, **changes: Any) -> SimulatedPlant:
+    return SimulatedPlant(replace(setup, **changes))
+
+
+def test_the_integrator_agrees_with_an_independent_one_and_is_of_fourth_order() -> None:
+    exact = solve_ivp(
+        lambda _, x: PLANT.derivative(x, TORQUE),
+        (0.0, 0.4),
+        MOVING,
+        method='DOP853',
+        rtol=1e-13,
+        atol=1e-13,
+    ).y[:, -1]
+    np.testing.assert_allclose(integrate(PLANT, MOVING, TORQUE, 0.4), exact, atol=1e-8)
+    errors = [
+        np.abs(integrate(PLANT, MOVING, TORQUE, 0.4, step) - exact).max()
+        for step in (0.02, 0.01, 0.005)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 4.0) < 0.5).all(), orders
+
+
+def test_steps_are_equal_and_no_longer_than_allowed() -> None:
+    steps: list[np.ndarray] = []
+
+    def note(state: np.ndarray) -> np.ndarray:
+        steps.append(state)
+        return state
+
+    for duration, count in ((0.005, 5), (0.0051, 6)):
+        steps.clear()
+        integrate(PLANT, MOVING, TORQUE, duration, 1e-3, note)
+        assert len(steps) == count
+    np.testing.assert_array_equal(integrate(PLANT, MOVING, TORQUE, 0.0), MOVING)
+    with pytest.raises(ValueError, match='negative'):
+        integrate(PLANT, MOVING, TORQUE, -0.1)
+    # a contact replaces the state
+    held = integrate(PLANT, MOVING, TORQUE, 0.01, after_step=lambda state: state * [1, 0, 1, 0])
+    assert held[1] == held[3] == 0.0
+
+
+def test_many_states_at_once() -> None:
+    states, control = np.random.default_rng(0).normal(size=(5, 9)), np.array([1.0, -0.5, 0.01])
+    for plant, some, held in ((PLANT, states[:, :4], TORQUE), (WHEELED, states, control)):
+        together = runge_kutta_step(plant, some, held, 1e-3)
+        alone = [runge_kutta_step(plant, state, held, 1e-3) for state in some]
+        np.testing.assert_allclose(together, alone, rtol=1e-12)
+
+
+def test_without_torque_energy_is_kept_and_rest_stays_rest() -> None:
+    plant = simulation(SWINGING)
+    energies = [PLANT.energy(plant.state)]
+    for _ in range(200):
+        plant.step(0.005)
+        energies.append(PLANT.energy(plant.state))
+    # what the Runge-Kutta steps of 1 ms leave
+    assert np.ptp(energies) < 1e-7 * PLANT.coefficients.gravity
+    assert plant.time == pytest.approx(1.0)
+    resting = simulation()
+    resting.step(1.0)
+    np.testing.assert_allclose(resting.state, HANGING, atol=1e-12)
+
+
+@SETTINGS
+@given(command=st.floats(-1.0, 1.0), gain=st.none() | st.floats(0.5, 1.5))
+def test_commands_are_clipped_to_the_limits_and_gains_act_on_what_saturates(
+    command: float, gain: float | None
+) -> None:
+    plant = simulation(gains=None if gain is None else np.array([gain]))
+    plant.command(np.array([command]))
+    acting = min(max(command, -0.02), 0.02) * (1.0 if gain is None else gain)
+    assert plant.control[0] == pytest.approx(acting, rel=1e-12)
+    plant.step(0.02)
+    expected = integrate(PLANT, HANGING, np.array([acting]), 0.02)
+    np.testing.assert_allclose(plant.state, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize('step', [0.002, 0.03, 0.5])
+def test_time_out_ends_the_command_at_its_instant_whatever_the_step(step: float) -> None:
+    plant = simulation(command_timeout=0.1)
+    plant.command(TORQUE)
+    for _ in range(round(0.6 / step)):
+        plant.step(step)
+    driven = integrate(PLANT, HANGING, TORQUE, 0.1)
+    free = integrate(PLANT, driven, np.array([0.0]), plant.time - 0.1)
+    np.testing.assert_allclose(plant.state, free, atol=1e-8)
+    assert (plant.timeouts, plant.commanded, plant.control[0]) == (1, False, 0.0)
+    # repeated commands never time out
+    for _ in range(5):
+        plant.command(TORQUE)
+        plant.step(0.05)
+    assert (plant.timeouts, plant.commanded) == (1, True)
+
+
+@pytest.mark.parametrize('command', [[math.nan], [math.inf], [0.0, 0.0], []])
+def test_malformed_and_lost_commands_do_not_act(command: list[float]) -> None:
+    plant, lossy = simulation(), simulation(command_loss=1.0)
+    with pytest.raises(ValueError, match='1 finite number'):
+        plant.command(np.array(command))
+    lossy.command(TORQUE)
+    assert not plant.commanded
+    assert not lossy.commanded
+
+
+def test_reset_goes_back_and_forgets_the_command() -> None:
+    plant = simulation(SWINGING)
+    plant.command(LIMIT)
+    plant.step(0.05)
+    assert not np.allclose(plant.state, SWINGING.initial)
+    # a new setup acts without a jump
+    before = plant.state
+    plant.setup = replace(SWINGING, plant=RotaryPendulum(mass=0.05))
+    np.testing.assert_array_equal(plant.state, before)
+    plant.reset()
+    np.testing.assert_array_equal(plant.state, SWINGING.initial)
+    assert (plant.timeouts, plant.commanded) == (0, False)
+    plant.step(0.2)
+    assert plant.timeouts == 0
+
+
+def test_noise_is_in_the_measurement_and_not_in_the_motion() -> None:
+    plant, quiet = simulation(SWINGING, noise=np.full(4, 0.1)), simulation(SWINGING)
+    for _ in range(3):
+        plant.step(0.01)
+        quiet.step(0.01)
+        assert (plant.measure() != plant.state).all()
+    np.testing.assert_array_equal(plant.state, quiet.state)
+    np.testing.assert_array_equal(quiet.measure(), quiet.state)
+
+
+def test_a_push_acts_at_once_and_one_too_violent_to_integrate_resets_the_plant() -> None:
+    plant = simulation(SWINGING)
+    plant.push(lambda state: pendulum_push(PLANT, state, 1e-4))
+    np.testing.assert_array_equal(plant.state, pendulum_push(PLANT, SWINGING.initial, 1e-4))
+    plant.push(lambda state: state + np.array([0.0, 0.0, 1e200, 0.0]))
+    with np.errstate(all='ignore'):
+        plant.step(0.01)
+    assert plant.breakdowns == 1
+    assert np.isfinite(plant.state).all()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'initial': np.zeros(3)}, "'initial' must be 4 finite numbers"),
+        ({'initial': np.array([math.nan, 0, 0, 0])}, "'initial' must be 4 finite numbers"),
+        ({'noise': np.array([-1.0, 0, 0, 0])}, "'noise' must be standard deviations"),
+        ({'lower': np.array([0.1])}, "'lower' must not exceed 'upper'"),
+        ({'gains': np.ones(2)}, "'gains' must be 1 finite number"),
+    ],
+)
+def test_wrong_setups_are_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidProblem, match=words):
+        replace(SETUP, **changes)
+
+
+@SETTINGS
+@given(torque=st.floats(-0.02, 0.02), omega=st.floats(-2.0, 2.0), wheel=st.floats(-50.0, 50.0))
+def test_the_wheel_takes_up_the_angular_momentum(
+    torque: float, omega: float, wheel: float
+) -> None:
+    start = np.array([1.0, 2.0, 0.1, -0.2, 0.3, omega, 0.5, 0.0, wheel])
+    control = np.array([0.5, 1.0, torque])
+    end = integrate(WHEELED, start, control, 1.0, 0.01)
+    before, after = (WHEELED.robot.angular_momentum(x[5], x[8]) for x in (start, end))
+    assert after == pytest.approx(before, abs=1e-9)
+    # Constant torque: the wheel's angle grows with the mean of its speeds.
+    assert end[7] == pytest.approx(0.5 * (start[8] + end[8]), abs=1e-9)
+    # The robot itself moves as without a wheel.
+    alone = integrate(WHEELED.robot, start[:7], control, 1.0, 0.01)
+    np.testing.assert_allclose(end[:7], alone, atol=1e-12)
+
+
+def test_bounces_are_elastic_reported_and_stay_inside() -> None:
+    hits: list[tuple[str, float]] = []
+    walls = Walls(4.0, 2.0, 0.15, lambda axis, speed: hits.append((axis, speed)))
+    state = np.array([2.0, 1.0, 1.3, -0.7, *np.zeros(5)])
+    positions = []
+    for _ in range(1000):
+        state = integrate(WHEELED, state, np.zeros(3), 0.01, after_step=walls)
+        positions.append(state[:2])
+    inside = np.array(positions)
+    assert inside.min() >= 0.15
+    assert (inside.max(axis=0) <= [3.85, 1.85]).all()
+    np.testing.assert_allclose(np.abs(state[2:4]), [1.3, 0.7])
+    # 10 s at constant speed between walls 3.7 and 1.7 m apart, from the middle.
+    assert sum(axis == 'x' for axis, _ in hits) == int(1.3 * 10.0 / 3.7 + 0.5)
+    assert sum(axis == 'y' for axis, _ in hits) == int(0.7 * 10.0 / 1.7 + 0.5)
+    assert {round(speed, 9) for _, speed in hits} == {1.3, 0.7}
+    # neither in the middle nor when leaving a wall
+    hits.clear()
+    for away in ([2.0, 1.0, 1.0, 1.0, *np.zeros(5)], [0.1, 1.0, 1.0, 0.0, *np.zeros(5)]):
+        np.testing.assert_array_equal(walls(np.array(away)), away)
+    assert not hits
+
+
+def momenta(state: np.ndarray) -> np.ndarray:
+    """Generalized momenta: the energy's derivatives with respect to the rates."""
+    h = 1e-3
+    rates = [np.array([0, 0, h, 0]), np.array([0, 0, 0, h])]
+    # The energy is quadratic in the rates: central differences are exact.
+    ends = [(PLANT.energy(state + d), PLANT.energy(state - d)) for d in rates]
+    return np.array([(after - before) / (2 * h) for after, before in ends])
+
+
+@SETTINGS
+@given(state=st.tuples(ANGLES, ANGLES, ANGLES, ANGLES), impulse=st.floats(-1e-3, 1e-3))
+def test_a_push_changes_the_pendulums_momentum_alone(
+    state: tuple[float, ...], impulse: float
+) -> None:
+    before = np.array(state)
+    after = pendulum_push(PLANT, before, impulse)
+    np.testing.assert_array_equal(after[:2], before[:2])
+    change = momenta(after) - momenta(before)
+    np.testing.assert_allclose(change, [impulse, 0.0], atol=1e-11)
+
+
+@SETTINGS
+@given(impulse=st.floats(-5.0, 5.0), direction=ANGLES)
+def test_a_push_changes_the_robots_momentum(impulse: float, direction: float) -> None:
+    before = np.arange(9.0)
+    change = 4.0 * (robot_push(FloatingRobot(mass=4.0), before, impulse, direction) - before)
+    expected = np.zeros(9)
+    expected[2:4] = impulse * np.array([np.cos(direction), np.sin(direction)])
+    np.testing.assert_allclose(change, expected, atol=1e-12)
+
+
+def test_noise_has_the_deviation_asked_for() -> None:
+    disturbances = Disturbances(seed=1)
+    state, deviation = np.array([1.0, -2.0, 3.0]), np.array([0.0, 0.5, 2.0])
+    draws = np.array([disturbances.measured(state, deviation) for _ in range(10_000)])
+    np.testing.assert_allclose(draws.mean(axis=0), state, atol=0.05)
+    np.testing.assert_allclose(draws.std(axis=0), deviation, rtol=0.03)
+    in_time = np.corrcoef(draws[1:, 1], draws[:-1, 1])[0, 1]
+    between = np.corrcoef(draws[:, 1:].T)[0, 1]
+    assert max(abs(in_time), abs(between)) < 0.03
+
+
+def test_commands_are_lost_as_asked_and_directions_cover_the_circle() -> None:
+    disturbances = Disturbances(seed=2)
+    for probability, slack in ((0.0, 0.0), (0.2, 0.02), (1.0, 0.0)):
+        lost = [disturbances.loses_command(probability) for _ in range(4000)]
+        assert abs(np.mean(lost) - probability) <= slack
+    angles = np.array([disturbances.direction() for _ in range(4000)])
+    assert np.abs(np.exp(1j * angles).mean()) < 0.05
+    assert np.histogram(angles, bins=8, range=(-np.pi, np.pi))[0].min() > 400
+
+
+def test_one_seed_one_sequence_and_streams_do_not_disturb_each_other() -> None:
+    state, deviation = np.zeros(4), np.ones(4)
+    one, two, other = Disturbances(5), Disturbances(5), Disturbances(6)
+    for _ in range(3):
+        two.loses_command(0.5)
+        two.direction()
+    first = one.measured(state, deviation)
+    np.testing.assert_array_equal(first, two.measured(state, deviation))
+    assert not np.array_equal(first, other.measured(state, deviation))
+
+
+def relative_errors(plant: object, mismatch: float, seed: int) -> np.ndarray:
+    nominal, disturbed = to_mapping(plant), to_mapping(mismatched(plant, mismatch, seed))
+    assert list(nominal) == list(disturbed)
+    return np.array([disturbed[name] / nominal[name] - 1.0 for name in nominal])
+
+
+@SETTINGS
+@given(mismatch=st.floats(0.0, 0.3), seed=st.integers(0, 2**40))
+def test_errors_of_plants_are_bounded_and_follow_from_the_seed(mismatch: float, seed: int) -> None:
+    for plant in (PLANT, FloatingRobot()):
+        errors = relative_errors(plant, mismatch, seed)
+        assert (np.abs(errors) <= mismatch * (1 + 1e-12) + 1e-12).all()
+        assert mismatched(plant, mismatch, seed) == mismatched(plant, mismatch, seed)
+        assert mismatched(plant, 0.0, seed) == plant
+    gains = mismatched_gains(3, mismatch, seed)
+    assert (np.abs(gains - 1.0) <= mismatch * (1 + 1e-12)).all()
+    np.testing.assert_array_equal(gains, mismatched_gains(3, mismatch, seed))
+
+
+def test_every_constant_and_gain_has_a_uniform_error_of_its_own() -> None:
+    found = np.array([relative_errors(PLANT, 0.05, seed) for seed in range(200)])
+    assert np.unique(found).size == found.size == 8 * 200
+    assert abs(found.mean()) < 0.003
+    assert abs(found.std() - 0.05 / np.sqrt(3)) < 0.002
+    gains = mismatched_gains(3, 0.05, 7) - 1.0
+    assert np.unique(gains).size == 3
+    assert not np.allclose(gains, relative_errors(FloatingRobot(), 0.05, 7))

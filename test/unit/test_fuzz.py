@@ -1,0 +1,109 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Bad input: some of every kind, always the same, and every case that ever escaped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fuzzing import (
+    corpus,
+    planned,
+    PROPERTIES,
+    read_file,
+    read_setting,
+    survived,
+    try_out,
+)
+import numpy as np
+import pytest
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import _Loader, read_parameters
+from tdm_planner.problems import PendulumSwingUp
+
+
+@pytest.mark.parametrize('name', PROPERTIES)
+def test_bad_input_is_met_with_a_result_or_a_reason(name: str) -> None:
+    try_out(name)
+
+
+@pytest.mark.parametrize('case', corpus('parameters'))
+def test_parameters_that_once_escaped_do_so_no_more(case: dict[str, Any]) -> None:
+    planned(case['problem'], case['parameters'])
+
+
+@pytest.mark.parametrize('history', corpus('trackers'))
+def test_histories_that_once_escaped_do_so_no_more(history: dict[str, Any]) -> None:
+    pytest.importorskip('rclpy')
+    survived(history)
+
+
+@pytest.mark.parametrize('text', corpus('yaml'))
+def test_files_that_once_escaped_do_so_no_more(text: str) -> None:
+    assert isinstance(read_file(text), InvalidProblem)
+    assert isinstance(read_setting(text), InvalidProblem)
+
+
+@pytest.mark.parametrize('name', ['deadline', 'seed'])
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), -1, -(10**400), 'soon', True, [1]])
+def test_arguments_of_a_search_are_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(InvalidProblem, match=name):
+        PendulumSwingUp().solve(**{name: value})
+
+
+@pytest.mark.parametrize(
+    'value',
+    [10**5000, np.array(1.0), np.array([1.0, 2.0]), b'1', {1}, 1j],
+    ids=lambda value: type(value).__name__,
+)
+@pytest.mark.parametrize('name', ['limits.torque', 'solver.seed', 'goal.turns'])
+def test_odd_values_of_python_are_refused_by_name(name: str, value: Any) -> None:
+    if name == 'limits.torque' and isinstance(value, np.ndarray) and value.shape == ():
+        assert PendulumSwingUp.from_parameters({name: value}).limits.torque == 1.0
+        return
+    with pytest.raises(InvalidProblem, match=name):
+        PendulumSwingUp.from_parameters({name: value})
+
+
+BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(
+    f'a{k}: &a{k} {{x: *a{k - 1}, y: *a{k - 1}}}\n' for k in range(1, 60)
+)
+
+
+@pytest.mark.parametrize('text', [BOMB, 'a: &a [*a]', 'a: &a {b: *a}', '[' * 5_000])
+def test_a_document_without_end_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(text)
+    with pytest.raises(InvalidProblem, match=r'parameters.yaml.* is not YAML'):
+        read_parameters(path)
+
+
+@pytest.mark.parametrize(
+    'tag',
+    ['!!python/object/apply:os.system ["touch owned"]',
+     '!!python/object/new:subprocess.Popen [["touch", "owned"]]',
+     '!!python/name:os.system', '!!python/module:os', '!!python/tuple [1, 2]',
+     '!ruby/object:Gem {}'],
+)  # fmt: skip
+def test_objects_of_a_language_are_refused_in_one_sentence(
+    tmp_path: Path, tag: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(f'planner:\n  ros__parameters:\n    robots: {tag}\n')
+    with pytest.raises(InvalidProblem, match='could not determine a constructor') as refusal:
+        read_parameters(path)
+    assert '\n' not in str(refusal.value)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_loader_of_parameter_files_is_a_safe_one() -> None:
+    assert not any('python' in str(tag) for tag in _Loader.yaml_constructors)

@@ -1,0 +1,266 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What the launch files start, and what they refuse, with stand-ins for `launch`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+from types import SimpleNamespace
+from typing import Any
+from xml.etree import ElementTree
+
+from launch_stand_ins import (  # noqa: F401
+    described,
+    ExecuteProcess,
+    LaunchContext,
+    Node,
+    stand_ins,
+)
+import pytest
+from ros_harness import SOURCE
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.resources import config_file
+from tdm_sim.record_command import record_command
+import yaml
+
+pytestmark = pytest.mark.usefixtures('stand_ins')
+BOTH = pytest.mark.parametrize('name', ['pendulum', 'robots'])
+COMMON = {
+    *('params_file', 'namespace', 'plant', 'rviz', 'record', 'bag', 'respawn', 'log_level'),
+    *('use_sim_time', 'enclaves'),
+}
+
+
+def nodes(name: str, pushed: str | None = None, **arguments: str) -> list[Node]:
+    started = described(name).started(pushed, **arguments)
+    return [item for item in started if isinstance(item, Node)]
+
+
+def places(found: list[Node]) -> set[tuple[str, str]]:
+    return {(node.executable, node.namespace) for node in found}
+
+
+def one(found: list[Any], name: str) -> Any:
+    (node,) = (item for item in found if getattr(item, 'executable', '') == name)
+    return node
+
+
+def written(folder: Path, sections: dict[str, Any]) -> str:
+    """Write a parameter file; a number as text becomes one that YAML 1.1 takes for a text."""
+    document = {name: {'ros__parameters': values} for name, values in sections.items()}
+    path = folder / 'mine.yaml'
+    path.write_text(yaml.safe_dump(document, sort_keys=False).replace("'5e-2'", '5e-2'))
+    return str(path)
+
+
+@BOTH
+def test_every_argument_is_described_and_has_a_default(name: str):
+    arguments = {item.name: item for item in described(name).arguments()}
+    assert set(arguments) >= COMMON
+    for argument in arguments.values():
+        assert argument.description
+        assert argument.choices is None or argument.default_value in argument.choices
+    params_file = Path(arguments['params_file'].default_value)
+    assert params_file == config_file(f'{name}.yaml')
+    assert arguments['namespace'].default_value == name
+
+
+def test_nodes_of_the_pendulum_and_their_arguments(tmp_path: Path):
+    shipped = nodes('pendulum', description='false')
+    assert places(shipped) == {
+        (name, 'pendulum') for name in ('planner', 'tracker', 'pendulum_plant')
+    }
+    for node in shipped:
+        assert node.package == 'tdm_planner'
+        assert node.parameters == [str(config_file('pendulum.yaml'))]
+        assert node.ros_arguments == ['--log-level', 'info']
+    mine = written(tmp_path, {})
+    found = nodes('pendulum', plant='False', description='0', namespace='/rig', params_file=mine)
+    assert places(found) == {('planner', 'rig'), ('tracker', 'rig')}
+    assert all(node.parameters == [mine] for node in found)
+
+
+def test_the_pendulum_is_described_with_the_plant_of_the_parameter_file(tmp_path: Path):
+    """YAML 1.1 takes 5e-2 for a text, ROS 2 and the nodes for a number."""
+    path = written(tmp_path, {'/**/planner': {'plant': {'mass': '5e-2', 'arm_length': 0.2}}})
+    publisher = one(nodes('pendulum', params_file=path, namespace='/rig'), 'robot_state_publisher')
+    assert publisher.namespace == 'rig'
+    given = publisher.parameters[0]['robot_description']
+    assert given.value_type is str  # or launch would read the XML as YAML
+    assert '<mass value="0.05"' in given.value
+    assert 'xyz="0.2 0 0"' in given.value
+
+
+@BOTH
+@pytest.mark.parametrize('pushed', [None, 'site'])
+def test_only_sections_count_that_the_planner_takes(name: str, pushed: str | None, tmp_path: Path):
+    above = '/site' if pushed else ''
+    sections = {
+        f'{above}/hall/planner': {'plant': {'mass': 0.05}, 'robots': ['mine']},
+        f'{above}/attic/planner': {'plant': {'mass': 0.07}, 'robots': ['others', 'theirs']},
+    }
+    path = written(tmp_path, sections)
+    found = nodes(name, pushed, params_file=path, namespace='hall')
+    if name == 'pendulum':
+        publisher = one(found, 'robot_state_publisher')
+        assert '<mass value="0.05"' in publisher.parameters[0]['robot_description'].value
+    else:
+        assert {node.namespace for node in found} == {'hall', 'hall/mine'}
+    with pytest.raises(InvalidProblem, match=r"cellar/planner', only for .*hall/planner, .*attic"):
+        nodes(name, pushed, params_file=path, namespace='cellar')
+    if pushed:
+        with pytest.raises(InvalidProblem, match="'/hall/planner'"):
+            nodes(name, params_file=path, namespace='hall')
+
+
+@BOTH
+def test_what_holds_for_all_nodes(name: str):
+    """Simulated time, the level of the log; enclaves, those of the policy, are for ours."""
+    clock = {'use_sim_time': True}
+    for node in nodes(name, rviz='true'):
+        assert clock not in node.parameters
+        # Only trackers are started anew: after a pause, that Ctrl-C may come first; not for ever.
+        assert node.respawn == (node.executable == 'tracker')
+        assert not node.respawn or (node.respawn_delay >= 1.0 and node.respawn_max_retries > 0)
+    assert not any(node.respawn for node in nodes(name, respawn='false'))
+    changed = nodes(name, rviz='true', use_sim_time='true', log_level='debug')
+    assert all(node.parameters[-1] == clock for node in changed)
+    assert all(node.ros_arguments == ['--log-level', 'debug'] for node in changed)
+    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
+    known = {item.get('path') for item in policy.iter('context')}
+    for node in nodes(name, enclaves='true'):
+        if node.package == 'tdm_planner':
+            option, enclave = node.ros_arguments[-2:]
+            assert option == '--enclave'
+            assert enclave in known
+            assert enclave == f'/{node.namespace}/{node.executable}'
+
+
+@pytest.mark.parametrize('pushed', [None, 'site', '/site'])
+@pytest.mark.parametrize(
+    ('name', 'topic'), [('pendulum', 'plant_markers'), ('robots', 'robot2/goal_pose')]
+)
+def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name: str, topic: str):
+    """A namespace that is pushed too; of relative names launch_ros takes care."""
+    arguments = {'rviz': 'true', 'record': 'true', 'bag': 'bag', 'enclaves': 'true'}
+    started = described(name).started(pushed, namespace='hall', **arguments)
+    above = 'site/' if pushed else ''
+    (recorder,) = (item for item in started if isinstance(item, ExecuteProcess))
+    assert recorder.cmd == record_command(f'{above}hall', 'bag')
+    option, file = one(started, 'rviz2').arguments
+    assert option == '-d'
+    assert f'Value: /{above}hall/{topic}\n' in Path(file).read_text()
+    for node in started:
+        if getattr(node, 'package', '') == 'tdm_planner':
+            assert node.namespace.split('/')[0] == 'hall'
+            assert node.ros_arguments[-1] == f'/{above}{node.namespace}/{node.executable}'
+            if node.executable == 'tracker' and name == 'robots':
+                service = node.parameters[1]['planner_service']
+                assert (service, node.parameters[1]['kind']) == (f'/{above}hall/plan', 'robot')
+
+
+@BOTH
+def test_neither_window_nor_recording_unless_asked_for(name: str, monkeypatch: pytest.MonkeyPatch):
+    started = described(name).started()
+    assert not [item for item in started if isinstance(item, ExecuteProcess)]
+    assert 'rviz2' not in {item.executable for item in started}
+    launching = __import__('tdm_planner.launching').launching
+    asked: list[bool] = []
+    monkeypatch.setattr(launching, 'record_command', lambda *given: asked.append(given[2]) or [])
+    for switch in ('true', 'false'):
+        described(name).started(record='true', use_sim_time=switch)
+    assert asked == [True, False]
+
+
+@BOTH
+def test_what_cannot_be_started_is_said_before_anything_is(name: str, tmp_path: Path):
+    def refused(words: str, **arguments: str) -> None:
+        with pytest.raises(InvalidProblem, match=words):
+            described(name).started(**arguments)
+
+    refused("file '/nowhere.yaml' cannot be read: No such file", params_file='/nowhere.yaml')
+    refused("namespace = 'a b': Invalid namespace: namespace must not", namespace='a b')
+    refused('is there already: name another folder', record='true', bag=str(tmp_path))
+    programs = Path(os.environ['AMENT_PREFIX_PATH'], 'lib')
+    shutil.rmtree(programs / 'rviz2')
+    refused("'rviz2' .* not installed.*, or launch with rviz:=false", rviz='true')
+    (programs / 'tdm_planner/tracker').unlink()
+    refused("'tracker'")
+
+
+@BOTH
+def test_a_launch_ends_with_whatever_it_cannot_do_without(name: str):
+    def ends(item: Any, code: int, shutdown: bool = False) -> bool:
+        try:
+            item.on_exit(SimpleNamespace(returncode=code), LaunchContext({}, shutdown))
+        except RuntimeError as error:
+            assert f'ended with code {code}: the launch ends' in str(error)
+            return True
+        return False
+
+    for plant in ('true', 'false'):
+        for item in described(name).started(plant=plant, record='true'):
+            if getattr(item, 'package', '') == 'robot_state_publisher':
+                continue
+            needed = plant == 'true' and getattr(item, 'executable', '') != 'tracker'
+            assert ends(item, -9) == ends(item, 1) == needed
+            assert ends(item, 2)  # it was started with what cannot be
+            assert not ends(item, 0)
+            assert not ends(item, 2, shutdown=True)
+
+
+def test_robots_get_a_plant_and_a_tracker_each(tmp_path: Path):
+    planner = {
+        'robots': ['left', 'right'],
+        'left': {'start': {'x': 1, 'y': '5e-2'}},
+        'right': {'start': {'yaw': 0.5}},
+    }
+    two = written(tmp_path, {'/**/planner': planner, '/**/tracker': {'kind': 'robot'}})
+    found = nodes('robots', params_file=two)
+    left = {('robot_plant', 'robots/left'), ('tracker', 'robots/left')}
+    right = {('robot_plant', 'robots/right'), ('tracker', 'robots/right')}
+    assert places(found) == {('planner', 'robots')} | left | right
+    assert all(node.parameters[0] == two for node in found)
+    initial = {node.namespace: node.parameters[1] for node in found if 'plant' in node.executable}
+    assert initial['robots/left'].items() >= {'initial.x': 1.0, 'initial.y': 0.05}.items()
+    assert initial['robots/right'].items() >= {'initial.yaw': 0.5}.items()
+
+    found = nodes('robots', params_file=two, number_of_robots='1')
+    assert places(found) == {('planner', 'robots')} | left
+    assert one(found, 'planner').parameters == [two, {'robots': ['left']}]
+
+    real = nodes('robots', params_file=two, plant='false', namespace='')
+    assert places(real) == {('planner', ''), ('tracker', 'left'), ('tracker', 'right')}
+    assert real[1].parameters[1] == {'kind': 'robot', 'planner_service': '/plan'}
+
+
+def test_more_robots_than_the_file_names_have_places_of_their_own():
+    found = nodes('robots', number_of_robots='5')
+    plants = {node.namespace: node.parameters[1] for node in found if 'plant' in node.executable}
+    assert set(plants) == {f'robots/robot{k}' for k in range(1, 6)}
+    starts = {(initial['initial.x'], initial['initial.y']) for initial in plants.values()}
+    assert len(starts) == 5
+    changed = one(found, 'planner').parameters[1]
+    assert changed['robots'] == [f'robot{k}' for k in range(1, 6)]
+    for name in ('robot4', 'robot5'):
+        assert plants[f'robots/{name}']['initial.x'] == changed[f'{name}.start.x']
+        assert len(changed[f'formation.{name}']) == 3
+
+
+def test_robots_that_cannot_be_are_refused(tmp_path: Path):
+    for number in ('0', '-1', 'two', '99'):
+        with pytest.raises(InvalidProblem, match='number_of_robots'):
+            nodes('robots', number_of_robots=number)
+    for robots in ([], ['left', 'left'], ['le ft'], 'left'):
+        path = written(tmp_path, {'/**/planner': {'robots': robots}})
+        with pytest.raises(InvalidProblem, match="'robots'"):
+            nodes('robots', params_file=path)

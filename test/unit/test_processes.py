@@ -1,0 +1,235 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What processes begin and end with: packages, threads, shared files, kernels, signals."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from ros_harness import MODULES, SOURCE
+from tdm_planner import resources, set_up
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.interruption import Interrupted, interruptible, uninterrupted
+from tdm_planner.problems import RobotFormation
+from tdm_planner.starting import REQUIRED
+
+EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
+THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+COUNT = """
+import numpy as np
+matrix = np.ones((500, 500))
+matrix @ matrix
+import os
+print('threads', len(os.listdir('/proc/self/task')))
+"""
+
+
+def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    others = {name: value for name, value in os.environ.items() if name not in THREADS}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env={**others, **environment, 'PYTHONPATH': str(SOURCE)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def refusal(script: Path, program: str) -> str:
+    """Return the one line that a program says where something is missing."""
+    script.write_text(program)
+    done = python(str(script))
+    assert done.returncode == 1
+    assert done.stdout == ''
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_executables_say_which_package_is_missing(name: str, tmp_path: Path) -> None:
+    main = f'from {EXECUTABLES[name]} import main; sys.exit(main())\n'
+    line = refusal(tmp_path / name, f"import sys; sys.modules['numba'] = None\n{main}")
+    assert 'not installed: numba;' in line
+    assert "'pip install numba'" in line
+
+
+def test_a_node_without_ros_says_how_to_get_it(tmp_path: Path) -> None:
+    program = "import sys; sys.modules['rclpy'] = None; import tdm_planner\n"
+    assert "'rclpy', which is not installed" in refusal(tmp_path / 'planner', program)
+
+
+def test_users_of_the_library_get_the_same_as_an_error_and_no_environment() -> None:
+    blocked = f'import sys; sys.modules.update(dict.fromkeys({list(REQUIRED)}))\n'
+    tried = (
+        'try: from tdm_planner.problems import PendulumSwingUp\n'
+        'except ImportError as e: print(e)\n'
+        f'import os; print([name in os.environ for name in {THREADS}])'
+    )
+    done = python('-c', f'{blocked}\n{tried}')
+    assert f"'pip install {' '.join(REQUIRED.values())}'" in done.stdout, done.stderr
+    assert done.stdout.endswith('[False, False, False]\n')
+
+
+def test_setup_requires_the_same_packages() -> None:
+    setup = (SOURCE / 'setup.py').read_text(encoding='utf-8')
+    (listed,) = re.findall(r'install_requires=\[(.*?)\]', setup, re.DOTALL)
+    names = re.findall(r"'([\w-]+)[^']*'", listed)
+    assert sorted(names) == sorted(REQUIRED.values())
+
+
+def test_launch_files_need_only_what_ubuntu_has() -> None:
+    """`ros2 launch` runs them in the system's Python, not in the environment of the nodes."""
+    pytest.importorskip('rclpy')
+    missing = ['daqp', 'mcap', 'numba', 'plotly', 'rosbags', 'zstandard']
+    text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
+    text += (SOURCE / 'tdm_planner' / 'launching.py').read_text('utf-8')
+    modules = set(re.findall(r'from (tdm_\w+[\w.]+) import', text)) - {'tdm_planner.launching'}
+    assert 'tdm_planner.nodes.robot_nodes' in modules
+    program = f'import sys; sys.modules.update(dict.fromkeys({missing}))\n'
+    done = python('-c', program + ''.join(f'import {name}\n' for name in sorted(modules)))
+    assert done.returncode == 0, done.stderr
+
+
+def threads(*arguments: str, **environment: str) -> int:
+    """Return how many threads there are after a product of matrices; libraries have some, too."""
+    done = python(*arguments, **environment)
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout.split()[-1])
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='one core')
+def test_an_executable_uses_one_thread_for_blas_unless_told_otherwise(tmp_path: Path) -> None:
+    script = tmp_path / 'tdm'
+    script.write_text(f'import tdm_planner\n{COUNT}')
+    one = threads(str(script), **dict.fromkeys(THREADS, '1'))
+    assert threads(str(script)) == one < threads(str(script), **dict.fromkeys(THREADS, '2'))
+
+
+def test_nodes_and_modules_that_are_run_limit_threads_too(tmp_path: Path) -> None:
+    pytest.importorskip('rclpy')
+    tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
+    (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
+    as_module = 'import sys; sys.orig_argv = ["python", "-m", "{0}"]; import {0}\n'
+    for words in (
+        [str(tmp_path / 'planner')],
+        ['-c', as_module.format('tdm_planner.set_up') + tell],
+        ['-c', as_module.format('benchmark.pendulum') + tell],
+    ):
+        assert python(*words).stdout == "['1', '1', '1']\n"
+
+
+def make_share(prefix: Path, indexed: bool) -> Path:
+    share = prefix / 'share' / 'tdm_planner'
+    (share / 'config').mkdir(parents=True)
+    (share / 'config' / 'mine.yaml').write_text('')
+    if indexed:
+        index = prefix / 'share/ament_index/resource_index/packages'
+        index.mkdir(parents=True)
+        (index / 'tdm_planner').write_text('')
+    return share
+
+
+@pytest.fixture
+def no_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    assert resources.share_directory() == SOURCE
+    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
+    share = make_share(tmp_path / 'python', indexed=False)
+    assert resources.share_directory() == share
+    not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
+    make_share(not_indexed, indexed=False)
+    share = make_share(workspace, indexed=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
+    assert resources.share_directory() == share
+
+
+@pytest.mark.usefixtures('no_installation')
+def test_what_is_missing_is_told_with_what_there_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
+    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
+        resources.share_directory()
+    make_share(tmp_path / 'python', indexed=False)
+    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
+        resources.config_file('pendulum.yaml')
+
+
+def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def load(name: str) -> type[RobotFormation]:
+        if name == 'theirs':
+            raise InvalidProblem('its module is missing')
+        return RobotFormation
+
+    prepared: list[str] = []
+    monkeypatch.setattr(RobotFormation, 'prepare', lambda self: prepared.append(self.name))
+    monkeypatch.setattr(set_up, 'load_problem', load)
+    for names, code in ((['robot_formation'], 0), (['theirs', 'robot_formation'], 1)):
+        monkeypatch.setattr(set_up, 'problem_names', lambda names=names: names)
+        assert set_up.main() == code
+        assert prepared.pop() == 'robot_formation'
+        captured = capsys.readouterr()
+        assert 'kernels of robot_formation' in captured.out
+        assert ('theirs cannot be prepared: its module is missing' in captured.err) == code
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
+    before = signal.getsignal(number)
+    done = []
+    with interruptible(), uninterrupted():
+        pass  # without a signal nothing happens
+    assert signal.getsignal(number) is before
+
+    def work():
+        with interruptible():
+            try:
+                signal.raise_signal(number)
+            finally:
+                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(signal.SIGTERM)
+                done.append('cleaned up')
+
+    with pytest.raises(Interrupted) as found:
+        work()
+    assert done
+    assert found.value.code == 128 + number
+    assert signal.getsignal(number) is before
+
+
+def test_a_block_is_done_whole():
+    done = []
+
+    def work():
+        with interruptible():
+            with uninterrupted():
+                signal.raise_signal(signal.SIGTERM)
+                done.append(1)
+            done.append(2)
+
+    with pytest.raises(Interrupted) as found:
+        work()
+    assert done == [1]
+    assert found.value.code == 143

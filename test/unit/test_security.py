@@ -1,0 +1,128 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Security by reading: no source runs what it was given, the policy is well-formed."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[2]
+POLICY = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
+# Elements, their attributes (a * may be left out) and children, as sros2's policy.xsd has them.
+SCHEMA: dict[str, tuple[set[str], set[str]]] = {
+    'policy': ({'version'}, {'contexts'}),
+    'contexts': (set(), {'context'}),
+    'context': ({'path'}, {'profiles'}),
+    'profiles': ({'type*'}, {'profile', 'metadata'}),
+    'profile': ({'ns', 'node'}, {'topics', 'services', 'actions'}),
+    'topics': ({'publish*', 'subscribe*'}, {'topic'}),
+    'services': ({'reply*', 'request*'}, {'service'}),
+    'topic': (set(), set()),
+    'service': (set(), set()),
+}
+FILES = sorted(
+    path
+    for folder in ('tdm_planner', 'tdm_sim', 'launch')
+    for path in (SOURCE / folder).rglob('*.py')
+)
+MODULES = {'pickle', 'cPickle', 'dill', 'shelve', 'marshal', 'joblib', 'cloudpickle', 'telnetlib'}
+CALLS = {
+    'eval',
+    'exec',
+    '__import__',
+    'os.system',
+    'os.popen',
+    'pandas.read_pickle',
+    'subprocess.getoutput',
+    'tempfile.mktemp',
+    'yaml.full_load',
+    'yaml.unsafe_load',
+}
+
+
+def dotted(node: ast.AST) -> str:
+    if isinstance(node, ast.Attribute):
+        return f'{dotted(node.value)}.{node.attr}'
+    return node.id if isinstance(node, ast.Name) else ''
+
+
+def offences(tree: ast.AST) -> list[str]:
+    """Return what is not to be in a source file, by line."""
+    found = []
+    for node in ast.walk(tree):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name.split('.')[0] for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names = [str(node.module).split('.')[0]]
+        found += [f'{node.lineno}: {name}' for name in names if name in MODULES]
+        if not isinstance(node, ast.Call):
+            continue
+        call = dotted(node.func)
+        keywords = {item.arg: item.value for item in node.keywords}
+        if call in CALLS:
+            found.append(f'{node.lineno}: {call}')
+        shell = keywords.get('shell')
+        if shell is not None and not (isinstance(shell, ast.Constant) and shell.value is False):
+            found.append(f'{node.lineno}: shell')
+        if 'allow_pickle' in keywords:
+            found.append(f'{node.lineno}: allow_pickle')
+        if call == 'yaml.load' and dotted(keywords.get('Loader', node)) not in (
+            'yaml.SafeLoader', 'yaml.CSafeLoader', '_Loader',
+        ):  # fmt: skip
+            found.append(f'{node.lineno}: yaml.load')
+    return found
+
+
+def test_no_source_file_does_anything_unsafe() -> None:
+    found = {str(path): offences(ast.parse(path.read_text(encoding='utf-8'))) for path in FILES}
+    assert not {path: lines for path, lines in found.items() if lines}
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['import pickle', 'from dill import load', 'eval(x)', 'exec(x)', 'os.system(x)',
+     'subprocess.run(x, shell=True)', 'np.load(x, allow_pickle=True)', 'yaml.load(x)',
+     'yaml.load(x, Loader=yaml.Loader)', 'yaml.unsafe_load(x)'],
+)  # fmt: skip
+def test_what_is_unsafe_is_seen(line: str) -> None:
+    assert len(offences(ast.parse(line))) == 1
+
+
+def test_the_policy_follows_the_schema() -> None:
+    root = POLICY
+    assert root.tag == 'policy'
+    assert root.get('version') == '0.2.0'
+    for element in root.iter():
+        attributes, children = SCHEMA[element.tag]
+        given = set(element.attrib)
+        assert {name for name in attributes if not name.endswith('*')} <= given
+        assert given <= {name.rstrip('*') for name in attributes}
+        assert {child.tag for child in element} <= children
+        assert len(element) or not children
+        if element.tag in ('topics', 'services'):
+            assert set(element.attrib.values()) == {'ALLOW'}
+        if element.tag in ('topic', 'service'):
+            assert re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', element.text or '')
+
+
+def test_every_enclave_is_that_of_its_node() -> None:
+    contexts = POLICY.findall('contexts/context')
+    paths = [context.get('path') for context in contexts]
+    assert len(set(paths)) == len(paths)
+    for context in contexts:
+        (profile,) = context.findall('profiles/profile')
+        name = f'{profile.attrib["ns"].rstrip("/")}/{profile.attrib["node"]}'
+        assert name == context.attrib['path']

@@ -1,0 +1,320 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What is known of the state, and feedback laws: estimator, stuck sensors, regulators."""
+
+from __future__ import annotations
+
+import math
+
+from closed_loop import HANGING, moved, pendulum_tracker
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.linalg import expm, solve_discrete_are
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.linear_quadratic import (
+    discrete_regulator,
+    discretise,
+    regulator,
+    time_varying_regulator,
+)
+from tdm_planner.tracking.repetition import RepetitionWatch
+from tdm_planner.trajectory import Interpolation, Trajectory
+
+PLANT = RotaryPendulum()
+NOISE = EstimatorNoise(
+    measurement=np.array([0.0015, 0.0015, 0.1, 0.1]),
+    model=0.1,
+    rate_floor=np.full(4, 10.0),
+    driven=np.array([False, False, True, True]),
+)
+TICK = 0.005
+SETTINGS = settings(deadline=None, max_examples=12, derandomize=True)
+SEEDS = st.integers(0, 1000)
+Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
+
+
+@pytest.fixture
+def estimator() -> StateEstimator:
+    angles = np.array([True, False, False, False])
+    return StateEstimator(PLANT, NOISE, angles, CommandHistory(1), longest_gap=0.1)
+
+
+def true_motion(state: np.ndarray, *pieces: tuple[float, float]) -> np.ndarray:
+    """Return the state after so many seconds under one torque after the other."""
+    for duration, torque in pieces:
+        control = np.array([torque])
+        found = solve_ivp(
+            lambda _, x, u=control: PLANT.derivative(x, u),
+            (0.0, duration),
+            state,
+            rtol=1e-10,
+            atol=1e-12,
+        )
+        state = found.y[:, -1]
+    return state
+
+
+def test_history_splits_an_interval_at_the_commands() -> None:
+    history = CommandHistory(1)
+    ((duration, control),) = history.between(0.0, 0.5)
+    assert (duration, control.tolist()) == (0.5, [0.0])
+    for time, torque in ((1.0, 1.0), (2.0, 2.0), (3.0, 3.0)):
+        history.add(time, np.array([torque]))
+    pieces = [(round(d, 9), float(u[0])) for d, u in history.between(0.5, 2.25)]
+    assert pieces == [(0.5, 0.0), (1.0, 1.0), (0.25, 2.0)]
+    assert [float(u[0]) for _, u in history.between(2.0, 2.1)] == [2.0]
+    # a command for an earlier instant replaces those after it
+    history.add(1.5, np.array([9.0]))
+    assert [float(u[0]) for _, u in history.between(1.0, 4.0)] == [1.0, 9.0]
+    for k in range(4000):
+        history.add(5.0 + 0.005 * k, np.array([float(k)]))
+    assert [float(u[0]) for _, u in history.between(24.901, 24.904)] == [3980.0]
+    assert len(history._times) < 1000
+    history.clear()
+    assert [float(u[0]) for _, u in history.between(24.9, 25.0)] == [0.0]
+
+
+def test_the_state_is_predicted_over_a_known_delay(estimator: StateEstimator) -> None:
+    estimator.history.add(0.0, np.array([0.01]))
+    estimator.history.add(0.012, np.array([-0.02]))
+    start = np.array([2.0, 0.1, -3.0, 1.0])
+    estimator.observe(start, 0.005)
+    expected = true_motion(start, (0.007, 0.01), (0.018, -0.02))
+    assert np.allclose(estimator.predict(0.030), expected, atol=1e-6)
+
+
+def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
+    state = np.array([3.0, 0.0, 10.0, 0.0])
+    estimator.observe(state, 0.0)
+    for k in range(1, 20):
+        state = true_motion(state, (TICK, 0.0))
+        seen = [math.remainder(state[0], math.tau), *state[1:]]
+        estimator.observe(np.array(seen), TICK * k)
+    assert state[0] > 3.8
+    assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
+
+
+def test_noise_is_filtered_and_old_samples_are_left_out(estimator: StateEstimator) -> None:
+    rng = np.random.default_rng(1)
+    state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
+    raw, filtered = [], []
+    for k in range(200):
+        seen = state + NOISE.measurement * rng.standard_normal(4)
+        estimator.observe(seen, TICK * k)
+        estimator.observe(seen + 1.0, TICK * k - 0.001)
+        raw.append(seen - state)
+        filtered.append(estimator.predict(TICK * k) - state)
+        state = true_motion(state, (TICK, 0.0))
+    assert np.std(np.array(filtered)[20:, 2]) < 0.6 * np.std(np.array(raw)[20:, 2])
+    assert np.abs(np.array(filtered)[20:, 0]).max() < 0.006
+
+
+def test_a_push_is_believed_at_once_and_after_a_gap_the_filter_starts_anew(
+    estimator: StateEstimator,
+) -> None:
+    for k in range(50):
+        estimator.observe(HANGING, TICK * k)
+    pushed = moved(HANGING, 0.0, 0.0, 8.0, 0.0)
+    estimator.observe(pushed, 0.25)
+    assert estimator.predict(0.25) == pytest.approx(pushed)
+    elsewhere = np.array([1.0, 0.5, 0.0, 0.0])
+    estimator.observe(elsewhere, 5.0)
+    assert estimator.predict(5.0).tolist() == elsewhere.tolist()
+    estimator.reset()
+    assert estimator.stamp is None
+
+
+class Sensor:
+    """A watch on a pendulum, fed with samples 5 ms apart under a torque."""
+
+    def __init__(self) -> None:
+        estimator = pendulum_tracker().estimator
+        self.history, self.move = estimator.history, estimator.move
+        self.watch = RepetitionWatch(estimator, 0.1)
+        self.time = 0.0
+
+    def show(self, state: np.ndarray, torque: float) -> bool:
+        self.history.add(self.time, np.array([torque]))
+        self.time += TICK
+        self.watch.observe(state, self.time)
+        return self.watch.stuck
+
+    def until_stuck(self, state: np.ndarray, torque: float, longest: float = 1.0) -> float:
+        begin = self.time
+        while self.time - begin < longest:
+            if self.show(state, torque):
+                return self.time - begin
+        return math.inf
+
+
+@pytest.mark.parametrize(
+    ('state', 'torque', 'within'),
+    [
+        (HANGING, 0.01, 0.11),
+        (np.array([0.3, 0.1, -8.0, 4.0]), 1e-9, 0.11),
+        (np.array([0.01, 0.0, 0.0, 0.0]), 0.001, 0.42),
+    ],
+)
+def test_a_sensor_that_repeats_itself_is_stuck(
+    state: np.ndarray, torque: float, within: float
+) -> None:
+    sensor = Sensor()
+    for k in range(30):
+        assert not sensor.show(state + 1e-6 * k, torque)
+    assert sensor.until_stuck(state, torque) < within
+
+
+def test_a_plant_that_moves_or_rests_is_not() -> None:
+    sensor = Sensor()
+    assert sensor.until_stuck(HANGING, 0.0, 2.0) == math.inf
+    # nobody drives it: whether it rests or the sensor repeats itself is no matter
+    assert sensor.until_stuck(np.array([0.5, 0.0, 0.0, 0.0]), 0.0, 2.0) == math.inf
+    state = HANGING
+    for _ in range(200):
+        state = sensor.move(state, np.array([0.01]), TICK)
+        assert not sensor.show(state, 0.01)
+
+
+def test_it_stays_stuck_until_it_shows_another_number_or_the_plant_should_rest() -> None:
+    sensor = Sensor()
+    state = np.array([0.005, 0.0, 0.0, 0.0])
+    assert sensor.until_stuck(state, 0.02) < 0.3
+    assert all(sensor.show(state, 0.0) for _ in range(300))
+    assert not sensor.show(HANGING, 0.0)
+    assert sensor.until_stuck(HANGING, 0.02) < 0.3
+    shown = [sensor.show(HANGING, 0.0) for _ in range(100)]
+    assert shown[0]
+    assert not shown[-1]
+
+
+def test_a_gap_of_any_length_is_no_matter() -> None:
+    """Not integrated over: an hour took minutes, a leap of simulated time for ever."""
+    sensor = Sensor()
+    assert not sensor.show(HANGING, 0.02)
+    sensor.time += 1.7e9
+    assert not sensor.show(HANGING, 0.02)
+    assert sensor.until_stuck(HANGING, 0.02) < 0.3
+
+
+def system(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return 3.0 * rng.normal(size=(4, 4)), rng.normal(size=(4, 1))
+
+
+@SETTINGS
+@given(seed=SEEDS, step=st.floats(1e-4, 1.0))
+def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> None:
+    a, b = system(seed)
+    transition, held = discretise(np.stack([a, -a]), np.stack([b, b]), step)
+    for sign, phi, gamma in zip((1, -1), transition, held, strict=True):
+        block = np.zeros((5, 5))
+        block[:4, :4], block[:4, 4:] = sign * a, b
+        exact = expm(block * step)
+        assert np.allclose(phi, exact[:4, :4], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
+        assert np.allclose(gamma, exact[:4, 4:], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
+
+
+@SETTINGS
+@given(seed=SEEDS)
+def test_regulators_stabilise_and_are_the_limit_of_long_horizons_and_short_steps(
+    seed: int,
+) -> None:
+    a, b = system(seed)
+    step = 0.02
+    phi, gamma = discretise(a, b, step)
+    exact = solve_discrete_are(phi, gamma, Q * step, R * step)
+    steady = discrete_regulator(a, b, Q, R, step)
+    assert np.allclose(steady.cost_to_go, exact)
+    slowest = np.abs(np.linalg.eigvals(phi - gamma @ steady.gain)).max()
+    assert slowest < 1
+    n = 500 + int(np.log(1e-9) / (2.0 * np.log(slowest)))  # the end is forgotten to 1e-9
+    along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
+    assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+    assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
+    continuous = regulator(a, b, Q, R)
+    assert np.linalg.eigvals(a - b @ continuous.gain).real.max() < 0
+    short = discrete_regulator(a, b, Q, R, 1e-5)
+    assert np.allclose(short.gain, continuous.gain, rtol=1e-2, atol=1e-2)
+
+
+def test_the_cost_to_go_is_the_cost_and_other_gains_cost_more() -> None:
+    times = np.linspace(0.0, 1.0, 101)[:-1]
+    states = np.stack([np.pi * (1 - times), 0 * times, 0 * times - np.pi, 0 * times], axis=1)
+    a, b = RotaryPendulum().jacobians(states, np.zeros((100, 1)))
+    q, r, step = np.diag([1.0, 0.1, 0.01, 0.001]), np.array([[100.0]]), 0.01
+    along = time_varying_regulator(a, b, q, r, 10.0 * q, step)
+    phi, gamma = discretise(a, b, step)
+
+    def cost(gains: np.ndarray, x: np.ndarray) -> float:
+        total = 0.0
+        for k in range(100):
+            u = -gains[k] @ x
+            total += step * float(x @ q @ x + u @ r @ u)
+            x = phi[k] @ x + gamma[k] @ u
+        return total + float(x @ (10 * q) @ x)
+
+    start = np.array([0.1, -0.05, 0.3, 0.2])
+    best = cost(along.gains, start)
+    assert best == pytest.approx(start @ along.costs_to_go[0] @ start, rel=1e-9)
+    for factor in (0.0, 0.8, 0.95, 1.05):
+        assert cost(factor * along.gains, start) > best
+
+
+def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
+    with pytest.raises(ValueError, match='Riccati'):
+        regulator(np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1))
+
+
+def plan(controls: list[float], interpolation: Interpolation) -> Trajectory:
+    times = np.cumsum([0.0, 0.11, 0.07, 0.2, 0.05, 0.13])
+    planned = np.array(controls)[:, None]
+    return Trajectory(times, np.zeros((6, 1)), planned, ('x',), ('u',), interpolation)
+
+
+@pytest.mark.parametrize(
+    ('start', 'end', 'mean'),
+    [
+        (0.0, 0.1, 1.0),
+        (0.10, 0.12, 0.0),
+        (0.11, 0.19, (-0.07 + 0.01) / 0.08),
+        # before the start and after the end nothing is planned
+        (-0.02, 0.02, 0.5),
+        (0.55, 0.57, 0.5),
+        (0.6, 0.7, 0.0),
+    ],
+)
+def test_the_mean_of_a_bang_bang_torque_is_exact(start: float, end: float, mean: float) -> None:
+    feedforward = Feedforward(plan([1, -1, 1, -1, 1, 1], 'zero_order_hold'))
+    assert feedforward.mean(start, end) == pytest.approx(mean, abs=1e-12)
+
+
+@pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
+@SETTINGS
+@given(
+    controls=st.lists(st.floats(-1, 1), min_size=6, max_size=6),
+    start=st.floats(0.0, 0.5),
+    span=st.floats(1e-3, 0.05),
+)
+def test_the_mean_agrees_with_quadrature(
+    interpolation: Interpolation, controls: list[float], start: float, span: float
+) -> None:
+    asked = plan(controls, interpolation)
+    inside = [t for t in asked.times if start < t < start + span]
+    integral, _ = quad(
+        lambda t: float(asked.sample(t).control[0]), start, start + span, points=inside or None
+    )
+    mean = Feedforward(asked).mean(start, start + span)
+    assert mean.shape == (1,)
+    assert mean[0] == pytest.approx(integral / span, abs=1e-6)

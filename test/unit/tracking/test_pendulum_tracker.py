@@ -1,0 +1,354 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The pendulum's tracker in closed loop, and what every tracker does with what it is sent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from closed_loop import (
+    HANGING,
+    Loop,
+    moved,
+    pendulum,
+    pendulum_tracker,
+    STRONG,
+    strong_swing_up,
+    STRONGLY,
+)
+import numpy as np
+import pytest
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import build
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.tracking import Phase, TrajectoryRefused
+from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.trajectory import Trajectory
+
+STUCK = moved(HANGING, 0.0, 0.8, 0.0, 0.0)
+
+
+@pytest.fixture(scope='module')
+def plan() -> Trajectory:
+    return strong_swing_up()
+
+
+@pytest.fixture
+def loop(plan: Trajectory) -> Loop:
+    """Return a pendulum whose tracker has accepted the plan; it starts at 0.1 s."""
+    made = Loop(pendulum(pendulum_tracker()))
+    made.begin(plan)
+    return made
+
+
+def held(loop: Loop, duration: float) -> bool:
+    count = round(duration / loop.tick)
+    states = np.array(loop.states[-count:])
+    upright = np.abs(wrapped(states[:, 0])).max() < 0.05
+    return bool(upright and np.abs(states[:, 1]).max() < 2.0)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_mismatched_noisy_pendulum_is_caught_and_held(plan: Trajectory, seed: int) -> None:
+    loop = Loop(pendulum(pendulum_tracker(), mismatch=0.05, noise=1.0, seed=seed))
+    loop.begin(plan, 0.3)
+    assert loop.tracker.phase is Phase.WAITING
+    loop.run(2.4)
+    assert loop.tracker.phase is Phase.HOLDING
+    assert held(loop, 1.0)
+    assert np.abs(loop.controls).max() <= STRONG
+    assert not loop.controls[:60].any()  # nothing before the start
+
+
+def test_without_errors_the_feedback_has_little_to_do(plan: Trajectory) -> None:
+    loop = Loop(pendulum(pendulum_tracker()))
+    loop.tracker.observe(HANGING, 0.0)
+    loop.tracker.accept(plan, 0.0125, 0.0)  # the start does not fall on a tick
+    loop.run(0.35)
+    feedback = [c.action.feedback[0] for c in loop.commands if c.action]
+    assert len(feedback) == 67
+    assert np.abs(feedback).max() < 0.15 * STRONG
+
+
+def test_a_known_delay_is_compensated(plan: Trajectory, loop: Loop) -> None:
+    late = Loop(pendulum(pendulum_tracker()), delay=4)
+    late.begin(plan)
+    for one in (loop, late):
+        one.run(1.5)
+        assert held(one, 0.5)
+    # with a perfect model the delayed loop sends the same commands
+    assert np.abs(late.controls - loop.controls)[:100].max() < 0.01 * STRONG
+
+
+def test_commands_are_computed_for_when_they_act(plan: Trajectory) -> None:
+    """Where a command takes a while, the plan is played so much earlier."""
+    usual, early = pendulum_tracker(), pendulum_tracker(command_delay=0.05)
+    for tracker in (usual, early):
+        tracker.observe(HANGING, 0.0)
+        tracker.accept(plan, 0.05, 0.0)
+    acting = usual.command(0.05).action, early.command(0.0).action
+    assert acting[0] is not None
+    assert acting[1] is not None
+    np.testing.assert_allclose(acting[0].control, acting[1].control, atol=1e-3 * STRONG)
+    assert acting[0].control.any()
+
+
+@pytest.mark.parametrize(('wraps', 'turns'), [(True, 0), (False, 3), (True, -2)])
+def test_theta_may_be_wrapped_or_turns_away(plan: Trajectory, wraps: bool, turns: int) -> None:
+    def wrap(state: np.ndarray) -> np.ndarray:
+        return np.array([math.remainder(state[0], math.tau), *state[1:]]) if wraps else state
+
+    start = moved(HANGING, math.tau * turns, 0.0, 0.0, 0.0)
+    loop = Loop(pendulum(pendulum_tracker(), start, noise=1.0), seen_as=wrap)
+    loop.begin(plan)
+    loop.run(1.4)
+    assert held(loop, 0.5)
+
+
+def test_the_hold_outlasts_a_refusal_and_ends_with_a_push_until_the_next_plan(
+    plan: Trajectory, loop: Loop
+) -> None:
+    loop.run(1.2)
+    assert loop.tracker.phase is Phase.HOLDING
+    with pytest.raises(TrajectoryRefused):
+        loop.tracker.accept(plan, loop.now + 0.2, loop.now)
+    loop.run(0.5)
+    assert held(loop, 0.5)
+    loop.push(0.0, 0.0, 40.0, 0.0)
+    loop.run(0.5)
+    assert loop.tracker.phase is Phase.STOPPED
+    assert 'away from the goal' in loop.commands[-1].problem
+    assert not loop.commands[-1].control.any()
+    loop.plant.reset()
+    loop.begin(replace(plan))
+    loop.run(1.4)
+    assert held(loop, 0.5)
+
+
+def test_refusals_name_what_is_wrong(plan: Trajectory) -> None:
+    tracker = pendulum_tracker()
+    tracker.observe(HANGING, 100.0)
+    other = Trajectory(plan.times, plan.states, plan.controls, tuple('abcd'), ('torque',))
+    wild = plan.states.copy()
+    wild[5:, 2:] = 1e200
+    for refused, start, words in (
+        (plan, 100.0 - plan.duration, 'past'),
+        (plan, 100.0 - 86400.0, 'past'),
+        (plan, math.nan, 'past'),
+        (plan, 100.0 + 7201.0, 'starts in 7.2e.03 s: must not be more than 7200 s'),
+        (replace(plan, times=1e4 * plan.times), 101.0, 'lasts .* more than 3600 s'),
+        (other, 101.0, 'expected theta, psi'),
+        (replace(plan, states=wild), 100.1, 'must not be beyond'),
+        (replace(plan, states=moved(plan.states, 1.0, 0, 0, 0)), 105.0, r'tolerance\.start'),
+        (plan, 100.0 - 0.9 * plan.duration, r'tolerance\.path'),
+    ):
+        with np.errstate(all='ignore'), pytest.raises(TrajectoryRefused, match=words):
+            tracker.accept(refused, start, 100.0)
+        assert tracker.phase is Phase.IDLE
+        assert not tracker.command(100.0).control.any()
+
+
+def test_the_start_is_compared_with_the_propagated_state(plan: Trajectory) -> None:
+    tracker = pendulum_tracker(tolerance__start=0.02)
+    state = moved(HANGING, 0.05, 0.0, 0.0, 0.0)
+    tracker.observe(state, 0.0)
+    at_start = tracker.estimator.predict(0.3)
+    assert abs(at_start[0] - state[0]) > 0.03  # it swings meanwhile
+    away = (at_start - plan.states[0]) * [1, 1, 0, 0]
+    tracker.accept(replace(plan, states=plan.states + away, rates=None), 0.3, 0.0)
+    assert tracker.phase is Phase.WAITING
+
+
+def test_a_trajectory_under_way_is_joined_and_changed_parameters_act_without_a_jump(
+    plan: Trajectory, loop: Loop
+) -> None:
+    loop.run(0.2)
+    # a new tracker takes over in the middle
+    loop.tracker = pendulum_tracker()
+    loop.tracker.observe(loop.plant.measure(), loop.now)
+    loop.tracker.accept(plan, 0.1, loop.now)
+    loop.run(0.1)
+    assert loop.tracker.phase is Phase.TRACKING
+    changed = pendulum_tracker(weights__torque=1.0)
+    changed.adopt(loop.tracker)
+    loop.tracker = changed
+    loop.run(1.2)
+    assert loop.tracker.phase is Phase.HOLDING
+    assert held(loop, 0.5)
+
+
+def test_old_states_switch_the_torque_off_until_they_return(plan: Trajectory) -> None:
+    tracker = pendulum_tracker(state_timeout=0.05)
+    assert 'no state' in tracker.command(0.0).problem
+    loop = Loop(pendulum(tracker))
+    loop.begin(plan)
+    loop.run(1.0)
+    last = loop.now - loop.tick
+    assert tracker.command(loop.now).action is not None
+    assert tracker.command(last + 0.0499).action is not None
+    late = tracker.command(last + 0.0501)
+    assert late.action is None
+    assert not late.control.any()
+    assert 'state_timeout' in late.problem
+    tracker.observe(loop.plant.state, last + 0.06)
+    back = tracker.command(last + 0.06)
+    assert back.action is not None
+    assert not back.problem
+
+
+def test_a_state_that_cannot_be_estimated_is_told() -> None:
+    """Until so much time has passed without as a state may be old."""
+    tracker = pendulum_tracker()
+
+    def breaks(state: np.ndarray, stamp: float) -> None:
+        raise np.linalg.LinAlgError('Singular\nmatrix')
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracker.estimator, 'observe', breaks)
+        tracker.observe(HANGING, 0.0)
+    told = 'the estimate of the state broke down (Singular matrix) and begins anew'
+    assert tracker.command(0.001).problem == told
+    tracker.observe(HANGING, 0.005)
+    assert tracker.command(0.006).problem == told
+    later = tracker.parameters.state_timeout + 0.002
+    tracker.observe(HANGING, later)
+    assert not tracker.command(later).problem
+    assert tracker.phase is Phase.IDLE
+
+
+@pytest.mark.parametrize('to', [-50.0, 1e6])
+def test_a_clock_that_is_set_stops_the_motion(plan: Trajectory, loop: Loop, to: float) -> None:
+    loop.run(0.2)
+    assert loop.tracker.phase is Phase.TRACKING
+    assert not loop.tracker.command(to).control.any()
+    loop.tracker.observe(HANGING, to + 0.01)
+    command = loop.tracker.command(to + 0.01)
+    assert command.phase is Phase.STOPPED
+    assert not command.control.any()
+    assert ('clock' in command.problem) == (to < 0.0)
+    loop.tracker.accept(plan, to + 0.5, to + 0.01)
+    assert loop.tracker.phase is Phase.WAITING
+    # it has left before the start
+    loop.tracker.observe(moved(HANGING, 0.5, 0.0, 0.0, 0.0), to + 0.5)
+    command = loop.tracker.command(to + 0.5)
+    assert command.phase is Phase.STOPPED
+    assert 'tolerance.start' in command.problem
+
+
+def test_a_recovery_ends_when_it_is_not_wanted_any_more() -> None:
+    swinging = pendulum_tracker(replan__on_deviation=True)
+    swinging.observe(np.array([math.pi - 1.0, 0.0, 4.0, 0.0]), 0.0)
+    swinging.give_up('it was pushed')
+    assert swinging.command(0.005).phase is Phase.RECOVERING
+    changed = pendulum_tracker(replan__on_deviation=False)
+    changed.adopt(swinging)
+    command = changed.command(0.01)
+    assert command.phase is Phase.STOPPED
+    assert command.control == 0.0
+    assert command.problem == 'it was pushed'
+
+
+def test_parameters_that_give_no_feedback_are_refused(plan: Trajectory) -> None:
+    tracker = pendulum_tracker()
+    tracker.observe(plan.states[0], 0.0)
+    tracker.accept(plan, 0.1, 0.01)
+    with pytest.raises(TrajectoryRefused, match='no feedback'):
+        pendulum_tracker(plant__com_distance=10.0).adopt(tracker)
+    for wrong in ({'tolerance__path': -1.0}, {'weights__torque': 0.0}):
+        (name,) = wrong
+        with pytest.raises(InvalidProblem, match=name.replace('__', r'\.')):
+            pendulum_tracker(**wrong)
+
+
+def test_a_stuck_sensor_switches_the_torque_off_and_stays_stuck_for_other_parameters() -> None:
+    tracker = pendulum_tracker(replan__on_deviation=True)
+    tracker.phase = Phase.RECOVERING
+    problems = []
+    for k in range(65):
+        if k == 60:
+            changed = pendulum_tracker(replan__on_deviation=True, weights__torque=2.0)
+            changed.adopt(tracker)
+            tracker = changed
+        tracker.observe(STUCK, 0.005 * k)
+        command = tracker.command(0.005 * k)
+        problems.append('sensor stuck' in command.problem)
+        assert bool(command.control.any()) != problems[-1]
+    assert not problems[5]
+    assert all(problems[25:])
+
+
+@pytest.mark.parametrize('push', [30.0, -60.0])
+def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(
+    plan: Trajectory, push: float
+) -> None:
+    tracker = pendulum_tracker(replan__on_deviation=True)
+    loop = Loop(pendulum(tracker, mismatch=0.05, noise=1.0))
+    loop.begin(plan)
+    loop.run(1.0)
+    loop.push(0.0, 0.0, push, 0.0)
+    loop.run(0.3)
+    assert tracker.phase is Phase.RECOVERING
+    assert not tracker.wants_plan
+    assert 'away from the goal' in loop.commands[-1].problem
+    while not tracker.wants_plan:
+        loop.run(loop.tick)
+        assert loop.now < 10.0
+    assert not loop.commands[-1].control.any()
+    # a plan from the state that is expected half a second later is accepted, and works
+    start = tracker.estimator.predict(loop.now + 0.5)
+    names = ('theta', 'psi', 'theta_dot', 'psi_dot')
+    values = {f'start.{name}': x for name, x in zip(names, start.tolist(), strict=True)}
+    new = build(PendulumSwingUp, {**STRONGLY, **values}).solve(deadline=10.0)
+    tracker.accept(new.trajectory, loop.now + 0.5, loop.now)
+    loop.run(2.0)
+    assert tracker.phase is Phase.HOLDING
+    assert held(loop, 0.5)
+
+
+@pytest.mark.parametrize(
+    ('since', 'on_deviation', 'phase'),
+    [
+        *((since, True, Phase.RECOVERING) for since in (0.3, 2.0, 9.0)),
+        (0.3, False, Phase.IDLE),
+        (86400.0, True, Phase.IDLE),
+        (-0.5, True, Phase.IDLE),
+        (-5.0, True, Phase.IDLE),
+    ],
+)
+def test_a_restarted_tracker_goes_on_where_it_has_missed_a_plan_lately(
+    plan: Trajectory, since: float, on_deviation: bool, phase: Phase
+) -> None:
+    """A plan that it refuses, and that began `since` s ago or begins later on."""
+    tracker = pendulum_tracker(replan__on_deviation=on_deviation)
+    tracker.prepare_hold()
+    tracker.observe(HANGING, 100.0)
+    if since < 0.0:
+        plan = replace(plan, states=moved(plan.states, 1.0, 0.0, 0.0, 0.0))
+    with pytest.raises(TrajectoryRefused):
+        tracker.accept(plan, 100.0 - since, 100.0)
+    assert tracker.phase is phase
+    command = tracker.command(100.01)
+    assert command.phase is phase
+    assert not command.control.any()
+    assert tracker.wants_plan == (phase is Phase.RECOVERING)
+
+
+def test_a_plan_that_is_repeated_is_recognised(plan: Trajectory) -> None:
+    tracker = pendulum_tracker()
+    tracker.observe(HANGING, 100.0)
+    assert not tracker.follows(plan, 101.0)
+    tracker.accept(plan, 101.0, 100.0)
+    repeated = replace(plan, states=plan.states + 1e-13)
+    assert tracker.follows(repeated, 101.0)
+    assert not tracker.follows(repeated, 101.1)
+    assert not tracker.follows(replace(plan, controls=0.5 * plan.controls), 101.0)
+    assert tracker.newest is not None
+    assert tracker.newest.start == 101.0

@@ -1,0 +1,188 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The robot's tracker in closed loop with a robot that is not quite the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from closed_loop import Loop, robot
+import numpy as np
+import pytest
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.tracking import Phase, TrajectoryRefused
+from tdm_planner.tracking.robot_estimation import EstimatedRobot
+from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.trajectory import Trajectory
+
+THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
+DURATION = 12.0  # s
+ALPHA = np.eye(7)[6]
+
+
+def there_and_stop(turn: float = 1.0) -> Trajectory:
+    """Accelerate and brake along x by a smooth law, the thruster turned half round in between."""
+    robot = FloatingRobot()
+    t = np.linspace(0.0, DURATION, 601)
+    s = t / DURATION
+    second = (60 * s - 180 * s**2 + 120 * s**3) / DURATION**2
+    alpha = np.interp(t, DURATION / 2 + np.array([-1.25, 1.25]), [0.0, math.pi])
+    rate = np.gradient(alpha - turn * (10 * s**3 - 15 * s**4 + 6 * s**5), t)
+    push = robot.mass * np.maximum(second * np.cos(alpha), 0.0)
+    draft = Trajectory(
+        times=t,
+        states=np.zeros((t.size, 7)),
+        controls=np.stack([push, rate, robot.inertia * turn * second], axis=1),
+        state_names=robot.state_names,
+        control_names=robot.control_names,
+        interpolation='linear',
+    )
+    states = robot.replay(draft, t)
+    assert states is not None
+    return replace(draft, states=states)
+
+
+@pytest.fixture(scope='module')
+def plan() -> Trajectory:
+    return there_and_stop()
+
+
+def away(loop: Loop, plan: Trajectory) -> float:
+    return math.hypot(*(loop.plant.state[:2] - plan.states[-1, :2]))
+
+
+@pytest.mark.parametrize('seed', range(2))
+def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
+    plan: Trajectory, seed: int
+) -> None:
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed))
+    loop.begin(plan, 0.2)
+    begun = len(loop.states)
+    loop.run(DURATION + 0.14)
+    assert away(loop, plan) < 0.01
+    times = loop.tick * (np.arange(begun, len(loop.states)) + 1) - 0.2
+    offset = np.array(loop.states[begun:])[:, :2] - plan.sample(times).state[:, :2]
+    assert np.hypot(*offset.T).max() < 0.01
+    loop.run(8.0)
+    assert loop.tracker.phase is Phase.HOLDING
+    late = np.array(loop.states[-200:])
+    assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.02
+    assert np.abs(late[:, 4] - plan.states[-1, 4]).max() < 0.03
+    assert np.mean(np.abs(loop.controls[-200:, 1]) > 0.1) < 0.4
+    loop.push(0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0)
+    loop.run(20.0)
+    assert loop.tracker.phase is Phase.HOLDING
+    assert away(loop, plan) < 0.02
+    assert np.mean(loop.controls[-150:, 0] > 0) < 0.3
+    assert (loop.controls >= [0.0, -RATE, -TORQUE]).all()
+    assert (loop.controls <= [THRUST, RATE, TORQUE]).all()
+
+
+def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
+    loop = Loop(robot(plan.states[0], mismatch=0.2, noise=1.0, seed=2))
+    loop.begin(plan)
+    loop.run(DURATION)
+    setup = loop.plant.setup
+    assert isinstance(setup.plant, FloatingRobot)
+    assert setup.gains is not None
+    true_gain = setup.gains[0] * FloatingRobot().mass / setup.plant.mass
+    assert abs(true_gain - 1) > 0.05
+    assert loop.tracker.estimator.predict(loop.now)[7] == pytest.approx(true_gain, abs=0.02)
+
+
+def test_the_thruster_turns_before_the_start_and_nothing_is_fired(plan: Trajectory) -> None:
+    loop = Loop(robot(plan.states[0] + 1.5 * ALPHA))
+    loop.begin(plan, 2.0)
+    loop.run(1.8)
+    assert loop.plant.state[6] == pytest.approx(plan.states[0, 6], abs=0.02)
+    assert not loop.controls[:, [0, 2]].any()
+
+
+def test_yaw_may_be_wrapped_and_the_thruster_whole_turns_away() -> None:
+    def wrap(state: np.ndarray) -> np.ndarray:
+        return np.array([*state[:4], math.remainder(state[4], math.tau), *state[5:]])
+
+    plan = there_and_stop(turn=4.0)
+    loop = Loop(robot(plan.states[0] + 4 * math.pi * ALPHA), seen_as=wrap)
+    loop.begin(plan, 0.2)
+    loop.run(DURATION + 3.0)
+    assert away(loop, plan) < 0.01
+    assert abs(math.remainder(loop.plant.state[4] - plan.states[-1, 4], math.tau)) < 0.02
+    assert abs(loop.plant.state[6] - plan.states[-1, 6] - 4 * math.pi) < math.pi
+
+
+def test_the_thruster_keeps_within_reach_of_what_the_plan_needs(plan: Trajectory) -> None:
+    tracker = robot(plan.states[0]).tracker
+    assert isinstance(tracker, RobotTracker)
+    law = tracker.prepare(plan)
+    lower, upper = law.lower, law.upper
+    assert (lower <= upper).all()
+    # the edges close in no faster than the thruster can turn
+    assert (np.diff(upper) >= -RATE * law.step - 1e-9).all()
+    assert (np.diff(lower) <= RATE * law.step + 1e-9).all()
+    sample = plan.sample(law.step * np.arange(len(lower)))
+    alpha, thrust = sample.state[:, 6], sample.control[:, 0]
+    strong = thrust > 0.5 * thrust.max()
+    assert strong.any()
+    margin = 0.3 * THRUST / thrust[strong]
+    assert (np.abs(np.clip(alpha, lower, upper) - alpha)[strong] < 1e-9).all()
+    assert ((upper - alpha)[strong] <= margin + 1e-9).all()
+    assert ((alpha - lower)[strong] <= margin + 1e-9).all()
+
+
+def test_there_is_no_thrust_while_the_direction_is_off(plan: Trajectory) -> None:
+    loop = Loop(robot(plan.states[0] + math.pi * ALPHA))
+    loop.tracker.observe(loop.plant.state, 0.0)
+    loop.tracker.accept(plan, 0.0, 0.0)
+    loop.run(2.0)
+    states = np.array(loop.states)
+    heading = np.cos(states[:-1, 4] + states[:-1, 6])
+    off = heading < math.cos(1.1)  # the misalignment allowed is 1 rad
+    assert off[:25].all()
+    assert not loop.controls[1:, 0][off].any()
+    assert loop.controls[-1, 0] > 0.0
+
+
+@pytest.mark.parametrize('on_deviation', [False, True])
+def test_a_robot_carried_away_is_given_up_and_brakes_where_a_new_plan_is_wanted(
+    plan: Trajectory, on_deviation: bool
+) -> None:
+    loop = Loop(robot(plan.states[0], noise=1.0, replan__on_deviation=on_deviation))
+    loop.begin(plan, 0.2)
+    loop.run(3.0)
+    loop.push(0.1, 0.4, 0.1, 0.1, 0.0, 0.3, 0.0)
+    loop.run(0.06)
+    assert not loop.tracker.wants_plan
+    if not on_deviation:
+        assert loop.tracker.phase is Phase.STOPPED
+        assert not loop.controls[-1].any()
+        with pytest.raises(TrajectoryRefused, match=r'tolerance\.start'):
+            loop.tracker.accept(plan, loop.now + 1.0, loop.now)
+        return
+    assert loop.tracker.phase is Phase.RECOVERING
+    loop.run(8.0)
+    assert loop.tracker.wants_plan
+    assert np.hypot(*loop.plant.state[2:4]) < 0.015
+    assert not loop.controls[-1].any()
+
+
+def test_jacobians_agree_with_finite_differences() -> None:
+    plant = EstimatedRobot(FloatingRobot())
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        x, u = rng.normal(size=9), rng.normal(size=3)
+        by_state, by_control = plant.jacobians(x, u)
+        for column, step in enumerate(1e-6 * np.eye(9)):
+            change = plant.derivative(x + step, u) - plant.derivative(x - step, u)
+            assert np.allclose(by_state[:, column], change / 2e-6, atol=1e-6)
+        for column, step in enumerate(1e-6 * np.eye(3)):
+            change = plant.derivative(x, u + step) - plant.derivative(x, u - step)
+            assert np.allclose(by_control[:, column], change / 2e-6, atol=1e-6)
