@@ -332,7 +332,7 @@ def test_a_plan_that_came_while_the_tracker_was_inactive_is_followed(
 def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
     ros: Stepped,
 ) -> None:
-    process = ros.add(FragileTracker, ros_arguments(WAITING, 'fragile'))
+    process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
     commands = ros.subscribe('/fragile/joint_command', JointState)
     manager = Manager(ros, '/fragile/tracker')
     manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
@@ -355,7 +355,9 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
     assert silent(ros, commands)
     assert commands[-1].effort[0] == 0.0
     manager.bring_up()
-    process.end_cleanly()
+    process.end()
+    assert process.output.count('Traceback') == 2
+    ros.log.clear()  # whatever else ends in one is a fault
 
 
 def test_a_tracker_that_is_ended_switches_the_actuators_off(ros: Stepped, rig: Rig) -> None:
