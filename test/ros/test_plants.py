@@ -241,6 +241,7 @@ def test_walls_and_name(ros: Stepped) -> None:
     assert 'ball hit a wall with 1 m/s along x' in robot.process.output
     (reason,) = ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=2.0)
     assert "'arena.robot_radius' = 2 is not allowed: must be in [0, 2) m" in reason
+    assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
     robot.process.end_cleanly()
 
 

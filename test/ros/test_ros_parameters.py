@@ -153,6 +153,17 @@ def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> N
     assert example.parameter_values == DEFAULTS
 
 
+def test_what_breaks_down_after_values_were_set_is_logged(
+    ros: Stepped, example: ExampleNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(names: frozenset[str]) -> None:
+        raise RuntimeError(f'of\n{", ".join(names)}')
+
+    monkeypatch.setattr(example, 'values_changed', fail)
+    assert ros.set_parameters('example', mass=1.0) == ['']
+    assert ros.log[-1][1].endswith('parameters were set, but: RuntimeError: of mass')
+
+
 def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> None:
     request = DescribeParameters.Request(names=['mass', 'count', 'turns', 'kind', 'fixed'])
     answer = ros.call('example/describe_parameters', DescribeParameters, request)

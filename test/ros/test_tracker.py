@@ -208,6 +208,26 @@ def test_parameters_are_refused_with_a_sentence(ros: Stepped, idle: Bench) -> No
     assert 'fixed' in ros.set_parameters('/scripted/tracker', rate=100.0)[0]
 
 
+def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
+    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
+) -> None:
+    plans.publish(message(ros, plan, 0.5))
+    ros.spin_for(0.01)
+    assert idle.status.message.startswith('waiting')
+    other = idle.publisher('trajectory', JointTrajectory)
+    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
+    other.publish(message(ros, plan, 0.39))
+    ros.settle()
+    told = "it starts 0.1 s before the one in force; of 2 planners' plans the one that starts last"
+    assert told in idle.status.message
+    ros.node.destroy_publisher(other)
+    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
+    plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
+    ros.settle()
+    assert idle.status.message.startswith('waiting')
+    assert 'refused' not in idle.status.message
+
+
 @pytest.fixture
 def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
     """Let it take .02 s to look at a plan."""
@@ -340,7 +360,7 @@ def test_after_a_fall_the_next_plan_is_tracked_also_by_a_tracker_that_joins_late
     put(rig, math.pi)
     rig.follow(plan, 0.5)
     rig.tracker = rig.start()
-    assert rig.says('waiting: waiting for the first state')
+    assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
     assert rig.says('holding', level=OK)
     rig.tracker.end_cleanly()
     rig.plant.end_cleanly()
