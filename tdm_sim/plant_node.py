@@ -153,6 +153,7 @@ class PlantNode(ParameterNode):
         self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
         self._last = self._time.now()
+        self._has_time = self._time.runs
         self._left_out = 0.0
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
@@ -250,6 +251,8 @@ class PlantNode(ParameterNode):
         """Integrate up to the present and return its stamp."""
         now = self._time.now()
         stamp: Time = self.get_clock().now()
+        if not self._has_time:  # simulated time may begin anywhere
+            self._has_time, self._last = self._time.runs, now
         elapsed, self._last = now - self._last, now
         if elapsed > LONGEST_CATCH_UP:
             self._left_out += elapsed - LONGEST_CATCH_UP

@@ -28,6 +28,7 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rclpy.clock import Clock as RclpyClock
 from rclpy.clock import ClockType, ROSClock
@@ -98,7 +99,9 @@ class SteppedTime:
         )
 
     def _sleep(self, seconds: float) -> None:
+        assert seconds >= 0.0
         if threading.current_thread() is threading.main_thread():
+            assert seconds < 1.0, 'so long a node must not keep others waiting'
             return  # a pause of the node itself, so that a message may arrive: it has
         with self._moved:
             me = threading.get_ident()
@@ -141,6 +144,7 @@ class NodeHere:
         """End the node, which leaves its plant safe."""
         if self.running:
             self.running = False
+            self._ros.settle()  # what it computes would be handed over to nobody
             self._ros.remove(self.node)
         return 0
 
@@ -165,6 +169,8 @@ class Stepped(Ros):
         self._patch = pytest.MonkeyPatch()
         self._clock = self.node.create_publisher(Clock, '/clock', 1)
         self._source = self._follow(self.node)
+        self.statuses: dict[str, Any] = {}  # the newest, by name
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, 50)
         send = rcutils_logger._rclpy.rclpy_logging_rcutils_log
 
         def note(severity: Any, name: str, text: str, *place: Any) -> None:
@@ -174,6 +180,8 @@ class Stepped(Ros):
         stand_in = SimpleNamespace(**vars(rcutils_logger._rclpy))
         stand_in.rclpy_logging_rcutils_log = note
         self._patch.setattr(rcutils_logger, '_rclpy', stand_in)
+        throttle = rcutils_logger.Throttle.params  # by which warnings are held back for a while
+        self._patch.setitem(throttle, 'throttle_time_source_type', self.time.steady_clock())
         for module in MODULES.values():
             importlib.import_module(module)
         self._lend_clock()
@@ -209,6 +217,29 @@ class Stepped(Ros):
         """Take a node away."""
         self._executor.remove_node(node)
         node.destroy_node()
+
+    # What nodes say of themselves.
+
+    def said(self, name: str, *texts: str, level: int | None = None) -> bool:
+        """Whether the newest status of that name has all the texts, and the level if given."""
+        status = self.statuses.get(name)
+        return (
+            status is not None
+            and all(text in status.message for text in texts)
+            and level in (None, status.level[0])
+        )
+
+    def says(self, name: str, *texts: str, level: int | None = None, timeout: float = 5.0) -> bool:
+        """Wait for a status, see `said`."""
+        return self.spin_until(lambda: self.said(name, *texts, level=level), timeout)
+
+    def figure(self, name: str, key: str) -> str:
+        """Return a value of the newest status of that name."""
+        found: str = {item.key: item.value for item in self.statuses[name].values}[key]
+        return found
+
+    def _on_status(self, array: DiagnosticArray) -> None:
+        self.statuses.update({status.name: status for status in array.status})
 
     # Time.
 
@@ -250,6 +281,11 @@ class Stepped(Ros):
         """Let it be `now` [ns] for all."""
         self.time.step_to(now)
         self._tell_time()
+
+    def leave_clock(self) -> None:
+        """Let a node that drives `/clock` tell the time from now on."""
+        self.node.destroy_publisher(self._clock)
+        self._clock = SimpleNamespace(publish=lambda message: None)
 
     def _tell_time(self) -> None:
         self._clock.publish(Clock(clock=Time(nanoseconds=self.now).to_msg()))

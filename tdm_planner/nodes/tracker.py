@@ -121,7 +121,7 @@ class TrackerNode(ManagedNode):
         self._activated = 0.0
         self._newest: tuple[Array, float] | None = None
         self._offered: _Offer | None = None
-        self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS)
+        self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS, time.monotonic)
         self._timer: Timer | None = None
         self._rate: RateWatch | None = None
         self.bring_up()

@@ -40,8 +40,8 @@ class ExampleParameters(Validated):
 class ExampleNode(ParameterNode):
     """A node with nothing but parameters."""
 
-    def __init__(self) -> None:
-        super().__init__('example', specifications(ExampleParameters))
+    def __init__(self, **options: Any) -> None:
+        super().__init__('example', specifications(ExampleParameters), **options)
         self.warn_of_unknown_overrides()
         self.create_service(Trigger, '~/values', self._values_service)
         self.create_service(Trigger, '~/fail', self._fail)

@@ -11,9 +11,6 @@
 
 from __future__ import annotations
 
-import sys
-
-from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker import TrackerNode
 
 
@@ -31,7 +28,3 @@ class FragileTracker(TrackerNode):
         if self.deactivations == 2:  # the first is that of the broken activation
             raise RuntimeError('something else broke')
         super().deactivate()
-
-
-if __name__ == '__main__':
-    sys.exit(run(FragileTracker))

@@ -7,17 +7,17 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""Declared parameters as ROS parameters, and files of them as rcl reads them."""
+
 from __future__ import annotations
 
-import ast
-from collections.abc import Sequence
+from collections.abc import Mapping
 import math
-import os
 from pathlib import Path
 from typing import Any
 
+from example_node import ExampleNode
 import pytest
-from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -25,15 +25,18 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+from rclpy.node import Node
 from rclpy.parameter import (
     Parameter,
     parameter_dict_from_yaml_file,
     parameter_value_to_python,
 )
-from ros_harness import NodeProcess, Ros
-from std_srvs.srv import Trigger
+from ros_harness import ros_arguments
+from stepped_ros import NodeHere, Stepped
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import descriptor
-from tdm_planner.parameters import ParameterSpec, Range
+from tdm_planner.parameter_files import parse_yaml
+from tdm_planner.parameters import ParameterSpec, Range, ros_parameters
 import yaml
 
 DEFAULTS = {
@@ -46,37 +49,20 @@ DEFAULTS = {
     'switch': False,
     'fixed': 'here',
 }
+OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
-def start(
-    ros: Ros,
-    name: str,
-    parameters: dict[str, Any] | None = None,
-    arguments: Sequence[str] = (),
-) -> NodeProcess:
-    path = os.pathsep.join([str(Path(__file__).parent), ros.environment['PYTHONPATH']])
-    return ros.start(
-        'example_node',
-        parameters,
-        arguments=['-r', f'__node:={name}', *arguments],
-        environment={'PYTHONPATH': path},
-    )
-
-
-def values(ros: Ros, name: str) -> tuple[dict[str, Any], dict[str, str]]:
-    found = ast.literal_eval(ros.call(f'{name}/values', Trigger).message)
-    assert isinstance(found, tuple)
-    return found
+def start(ros: Stepped, name: str, given: Mapping[str, Any], *arguments: str) -> NodeHere:
+    words = [*ros_arguments(given), '-r', f'__node:={name}', *arguments]
+    return ros.add(ExampleNode, words)
 
 
 @pytest.fixture(scope='module')
-def example(ros: Ros) -> str:
-    start(ros, 'example')
-    return 'example'
-
-
-def test_defaults_are_declared(ros: Ros, example: str) -> None:
-    assert values(ros, example) == (DEFAULTS, {})
+def example(ros: Stepped) -> Any:
+    node = start(ros, 'example', {}).node
+    assert node.parameter_values == DEFAULTS
+    assert not node.invalid_overrides
+    return node
 
 
 @pytest.mark.parametrize(
@@ -107,13 +93,13 @@ def test_defaults_are_declared(ros: Ros, example: str) -> None:
     ],
 )
 def test_allowed_values_are_taken(
-    ros: Ros, example: str, name: str, value: Any, stored: Any
+    ros: Stepped, example: ExampleNode, name: str, value: Any, stored: Any
 ) -> None:
-    assert ros.set_parameter_mapping(example, {name: value}) == ['']
-    now = values(ros, example)[0][name]
+    assert ros.set_parameter_mapping('example', {name: value}) == ['']
+    now = example.parameter_values[name]
     assert now == stored
     assert type(now) is type(stored)
-    assert ros.set_parameter_mapping(example, {name: DEFAULTS[name]}) == ['']
+    assert ros.set_parameter_mapping('example', {name: DEFAULTS[name]}) == ['']
 
 
 @pytest.mark.parametrize(
@@ -145,66 +131,88 @@ def test_allowed_values_are_taken(
     ],
 )
 def test_other_values_are_refused_with_a_sentence(
-    ros: Ros, example: str, name: str, value: Any, says: str
+    ros: Stepped, example: ExampleNode, name: str, value: Any, says: str
 ) -> None:
-    (reason,) = ros.set_parameter_mapping(example, {name: value})
+    (reason,) = ros.set_parameter_mapping('example', {name: value})
     assert says in reason
-    assert values(ros, example)[0] == DEFAULTS
+    assert example.parameter_values == DEFAULTS
 
 
-def test_all_or_none_are_set_atomically(ros: Ros, example: str) -> None:
-    def request(**changes: Any) -> Any:
+def test_all_or_none_are_set_atomically(ros: Stepped, example: ExampleNode) -> None:
+    def set_all(**changes: Any) -> bool:
         items = [Parameter(k, value=v).to_parameter_msg() for k, v in changes.items()]
         made = SetParametersAtomically.Request(parameters=items)
-        return ros.call(f'{example}/set_parameters_atomically', SetParametersAtomically, made)
+        answer = ros.call('example/set_parameters_atomically', SetParametersAtomically, made)
+        return bool(answer.result.successful)
 
-    assert not request(mass=2.0, count=-1).result.successful
-    assert values(ros, example)[0] == DEFAULTS
-    assert request(mass=200.0, kind='slow', turns=1).result.successful
-    assert values(ros, example)[0] == {**DEFAULTS, 'mass': 200.0, 'kind': 'slow', 'turns': 1}
-    assert request(mass=1, kind='fast', turns=None).result.successful
-    assert values(ros, example)[0] == DEFAULTS
+    assert not set_all(mass=2.0, count=-1)
+    assert example.parameter_values == DEFAULTS
+    assert set_all(mass=200.0, kind='slow', turns=1)
+    assert example.parameter_values == {**DEFAULTS, 'mass': 200.0, 'kind': 'slow', 'turns': 1}
+    assert set_all(mass=1, kind='fast', turns=None)
+    assert example.parameter_values == DEFAULTS
 
 
-def test_parameters_describe_themselves(ros: Ros, example: str) -> None:
+def test_what_breaks_down_after_values_were_set_is_logged(
+    ros: Stepped, example: ExampleNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(names: frozenset[str]) -> None:
+        raise RuntimeError(f'of\n{", ".join(names)}')
+
+    monkeypatch.setattr(example, 'values_changed', fail)
+    assert ros.set_parameters('example', mass=1.0) == ['']
+    assert ros.log[-1][1].endswith('parameters were set, but: RuntimeError: of mass')
+
+
+def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> None:
     request = DescribeParameters.Request(names=['mass', 'count', 'turns', 'kind', 'fixed'])
-    answer = ros.call(f'{example}/describe_parameters', DescribeParameters, request)
+    answer = ros.call('example/describe_parameters', DescribeParameters, request)
     mass, count, turns, kind, fixed = answer.descriptors
     assert mass.description == 'mass of the thing [kg]'
-    assert (mass.floating_point_range[0].from_value, mass.floating_point_range[0].to_value) == (
-        0.0,
-        1e12,
-    )
-    assert (count.integer_range[0].from_value, count.integer_range[0].to_value) == (1, 8)
+    for (allowed,), ends in (
+        (mass.floating_point_range, (0.0, 1e12)),
+        (count.integer_range, (1, 8)),
+    ):
+        assert (allowed.from_value, allowed.to_value) == ends
     assert turns.additional_constraints == 'must be an integer in (-inf, inf), or unset'
     assert kind.additional_constraints == 'must be one of fast, slow'
     assert fixed.read_only
+    assert not descriptor(ParameterSpec('angle', float, 0.0, 'an angle')).floating_point_range
+    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
+    (allowed,) = descriptor(half_open).integer_range
+    assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
 
 
-def test_values_given_at_the_start(ros: Ros) -> None:
-    given = {'mass': 2, 'turns': 3, 'names': [], 'weights': [1, 2], 'fixed': 'there'}
+@pytest.mark.parametrize(
+    ('given', 'taken'),
+    [
+        (
+            {'mass': 2, 'turns': 3, 'names': [], 'weights': [1, 2], 'fixed': 'there'},
+            {'mass': 2.0, 'turns': 3, 'names': [], 'weights': [1.0, 2.0], 'fixed': 'there'},
+        ),
+        (
+            {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'},
+            {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]},
+        ),
+    ],
+)
+def test_values_given_at_the_start(
+    ros: Stepped, given: dict[str, Any], taken: dict[str, Any]
+) -> None:
     process = start(ros, 'given', given)
-    taken = {**DEFAULTS, **given, 'mass': 2.0, 'weights': [1.0, 2.0]}
-    assert values(ros, 'given') == (taken, {})
-    process.end_cleanly()
-
-
-def test_text_given_at_the_start_is_taken_for_what_it_says(ros: Ros) -> None:
-    given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
-    process = start(ros, 'text', given)
-    taken = {**DEFAULTS, 'mass': 1e-8, 'count': 8, 'weights': [1e-8, 2.0]}
-    assert values(ros, 'text') == (taken, {})
+    assert process.node.parameter_values == {**DEFAULTS, **taken}
+    assert not process.node.invalid_overrides
     process.end_cleanly()
 
 
 def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
-    ros: Ros, tmp_path: Path
+    ros: Stepped, tmp_path: Path
 ) -> None:
     """Both of `ros2 param`, as rclpy has them; every parameter is in the file."""
     given = {'mass': 1e-8, 'weights': [1e-8, 2.0], 'names': [], 'switch': True, 'fixed': 'there'}
     process = start(ros, 'dumped', given)
-    before = values(ros, 'dumped')
-    assert before == ({**DEFAULTS, **given}, {})
+    before = process.node.parameter_values
+    assert before == {**DEFAULTS, **given}
     names = ros.call('dumped/list_parameters', ListParameters).result.names
     request = GetParameters.Request(names=names)
     answer = ros.call('dumped/get_parameters', GetParameters, request)
@@ -217,31 +225,96 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
         'dumped/set_parameters', SetParameters, SetParameters.Request(parameters=list(messages))
     )
     assert [result.reason for result in loaded.results] == [''] * len(names)
-    assert values(ros, 'dumped') == before
+    assert process.node.parameter_values == before
     process.end_cleanly()
 
-    again = start(ros, 'started', arguments=['--params-file', str(file)])
-    assert values(ros, 'started') == before
+    again = start(ros, 'started', {}, '--params-file', str(file))
+    assert again.node.parameter_values == before
+    assert not again.node.invalid_overrides
     again.end_cleanly()
 
 
-def test_wrong_values_given_at_the_start_keep_the_node_alive(ros: Ros) -> None:
+def test_wrong_values_given_at_the_start_keep_the_node_alive(ros: Stepped) -> None:
     process = start(ros, 'wrong', {'mass': -1, 'kind': 'quick', 'mas': 3})
-    now, invalid = values(ros, 'wrong')
-    assert now == DEFAULTS
+    assert process.node.parameter_values == DEFAULTS
+    invalid = process.node.invalid_overrides
     assert set(invalid) == {'mass', 'kind'}
     assert invalid['mass'].startswith("parameter 'mass' = -1 is not allowed")
     assert "parameter 'mas' is unknown: did you mean mass?" in process.output
     assert ros.set_parameters('wrong', mass=1.0) == ['']
-    assert set(values(ros, 'wrong')[1]) == {'kind'}
+    assert set(invalid) == {'kind'}
     process.end_cleanly()
 
 
-def test_an_unbounded_number_has_no_range() -> None:
-    spec = ParameterSpec('angle', float, 0.0, 'an angle', unit='rad')
-    described = descriptor(spec)
-    assert isinstance(described, ParameterDescriptor)
-    assert not described.floating_point_range
-    half_open = ParameterSpec('n', int, 0, 'n', range=Range(upper=4, upper_open=True))
-    (allowed,) = descriptor(half_open).integer_range
-    assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
+# Which sections of a file a node takes: `ros_parameters` and rcl are of one opinion.
+
+
+def section(value: int) -> dict[str, Any]:
+    return {'ros__parameters': {'a': {'b': value}}}
+
+
+DOCUMENTS: list[dict[str, Any]] = [
+    {'planner': section(1)},
+    {'/planner': section(1)},
+    {'/**/planner': section(1)},
+    {'/pendulum/planner': section(1)},
+    {'pendulum/planner': section(1)},
+    {'/other/planner': section(1)},
+    {'/other/planner': section(1), '/pendulum/planner': section(2)},
+    {'/pendulum/planner': section(1), '/**/planner': section(2)},
+    {'/**/planner': section(1), '/pendulum/planner': section(2)},
+    {'/*/planner': section(1)},
+    {'/*/*/planner': section(1)},
+    {'/pendulum/*': section(1)},
+    {'/pendulum/**': section(1)},
+    {'/pendulum/planner/**': section(1)},
+    {'/**/pendulum/**/planner': section(1)},
+    {'/**': section(1)},
+    {'**': section(1)},
+    {'/*': section(1)},
+    {'/pendulum': {'planner': section(1)}},
+    {'/pendulum/': {'planner': section(1)}},
+    {'pendulum': {'planner': section(1), 'tracker': section(2)}},
+    {'/**': {'planner': section(1)}},
+    {'/**': {'planner': section(1), **section(2)}},
+    {'/hall': {'pendulum': {'planner': section(1)}}},
+]
+
+
+def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:
+    """Return the parameters that a node `planner` gets from a file."""
+    node = Node(
+        'planner',
+        namespace=namespace,
+        context=ros.node.context,
+        cli_args=['--ros-args', '--params-file', str(file)],
+        automatically_declare_parameters_from_overrides=True,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+    found: dict[str, Any] = node.get_parameters_by_prefix('')
+    node.destroy_node()
+    return {name: item.value for name, item in found.items() if name not in OF_RCLPY}
+
+
+@pytest.mark.parametrize('document', DOCUMENTS, ids=str)
+def test_sections_are_matched_as_rcl_does(
+    document: dict[str, Any], ros: Stepped, tmp_path: Path
+) -> None:
+    file = tmp_path / 'some.yaml'
+    file.write_text(yaml.safe_dump(document, sort_keys=False))
+    for namespace in ('/pendulum', '/', '/hall/pendulum'):
+        read = parse_yaml(file.read_text())
+        taken = ros_parameters(read, 'planner', namespace, required=False)
+        assert taken == taken_by_rcl(ros, file, namespace), namespace
+
+
+@pytest.mark.parametrize(
+    ('namespace', 'full_name'),
+    [('pendulum', '/pendulum/planner'), ('/a/b/', '/a/b/planner'), ('', '/planner')],
+)
+def test_who_has_no_section_is_told_the_full_names(namespace: str, full_name: str) -> None:
+    document = {'/other/planner': section(1), 'tracker': section(1)}
+    with pytest.raises(InvalidProblem) as refused:
+        ros_parameters(document, 'planner', namespace)
+    assert str(refused.value).endswith(f"'{full_name}', only for /other/planner, /tracker")

@@ -7,333 +7,500 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The tracker over real DDS: with a scripted state source, and with the simulated pendulum."""
+"""The tracker: with scripted states, with the simulated pendulum, with a simulated robot."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
-import time
+from types import SimpleNamespace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from ros_harness import NodeProcess, Ros
+from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from stepped_ros import NodeHere, Stepped
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes import tracker as tracker_node
 from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
+from tdm_planner.nodes.robot_messages import robot_controls_message, robot_trajectory_message
 from tdm_planner.parameters import build
-from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
-LIMIT = 0.02  # the slow swing: a busy machine may stall a process for a while
-LATER = 1.0  # s from publishing to the start
+OK, ERROR = 0, 2
+STRONG = {'limits.torque': 0.09}
+SOON = 0.2  # s from publishing to the start
+EVERY = 0.005  # s between scripted states
 
 
 @pytest.fixture(scope='module')
 def plan() -> Trajectory:
-    values = {'limits.torque': LIMIT, 'torque_reserve': 0.3}
-    solution = build(PendulumSwingUp, values).solve(deadline=10.0)
-    plant = build(PendulumSwingUp, values).plant
-    return solution.trajectory.with_rates(plant.derivative)
-
-
-def message(plan: Trajectory, delay: float = LATER) -> JointTrajectory:
-    return pendulum_message(plan, to_stamp(time.time_ns() + round(delay * 1e9)))
+    problem = build(PendulumSwingUp, {**STRONG, 'torque_reserve': 0.3})
+    return problem.solve().trajectory.with_rates(problem.plant.derivative)
 
 
 class Bench:
-    """A tracker in a namespace of its own, and what it says."""
+    """A tracker in a namespace of its own, and what it says; states come while `theta` is set."""
 
-    def __init__(self, ros: Ros, namespace: str, **parameters: Any) -> None:
+    def __init__(self, ros: Stepped, namespace: str, **parameters: Any) -> None:
         self.ros, self.namespace = ros, namespace
         dotted = {name.replace('__', '.'): value for name, value in parameters.items()}
-        self.parameters = {'limits.torque': LIMIT, **dotted}
+        self.parameters = dotted if 'kind' in dotted else {**STRONG, **dotted}
         self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
         self.errors = ros.subscribe(f'/{namespace}/tracking_error', JointState)
-        self.diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+        self.name = f'/{namespace}/tracker: tracking'
         self.tracker = self.start()
-        self.plans = ros.publisher(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
-        assert ros.spin_until(lambda: bool(self.commands))
+        self.theta: float | None = None
 
-    def start(self) -> NodeProcess:
-        return self.ros.start(
-            'tdm_planner.nodes.tracker', self.parameters, namespace=self.namespace
-        )
+    def script_states(self) -> None:
+        self.states = self.ros.publisher(f'/{self.namespace}/joint_states', JointState)
+        self.ros.node.create_timer(EVERY, lambda: None if self.theta is None else self.state())
 
-    def statuses(self) -> list[Any]:
-        name = f'/{self.namespace}/tracker: tracking'
-        return [s for array in self.diagnostics for s in array.status if s.name == name]
+    def start(self) -> NodeHere:
+        return self.ros.start(MODULES['tracker'], self.parameters, namespace=self.namespace)
 
-    def drives(self) -> bool:
-        """Whether the simulated plant receives commands."""
-        plant = f'/{self.namespace}/pendulum_plant'
-        found = [s for a in self.diagnostics for s in a.status if s.hardware_id == plant]
-        figures = {item.key: item.value for status in found[-1:] for item in status.values}
-        return float(figures.get('commands accepted', 0)) > 0
+    def state(self, after: float = 0.0, **changes: Any) -> None:
+        content = {
+            'name': ['disk', 'pendulum'],
+            'position': [0.0, self.theta or math.pi],
+            'velocity': [0.0, 0.0],
+            **changes,
+        }
+        state = JointState(**content)
+        state.header.stamp = to_stamp(self.ros.now + round(after * 1e9))
+        self.states.publish(state)
 
-    def says(self, *texts: str, level: int | None = None) -> bool:
-        """Whether the newest diagnostic says so within a few seconds."""
-        return self.ros.spin_until(lambda: self.said(*texts, level=level))
+    def publisher(self, topic: str, kind: Any) -> Any:
+        return self.ros.publisher(f'/{self.namespace}/{topic}', kind, LATCHED)
 
-    def said(self, *texts: str, level: int | None = None) -> bool:
-        """Whether the newest diagnostic says so."""
-        return any(
-            all(text in status.message for text in texts) and level in (None, status.level[0])
-            for status in self.statuses()[-1:]
-        )
+    @property
+    def status(self) -> Any:
+        return self.ros.statuses[self.name]
+
+    def says(self, *texts: str, level: int | None = None, timeout: float = 2.0) -> bool:
+        return self.ros.says(self.name, *texts, level=level, timeout=timeout)
+
+    @property
+    def mistakes(self) -> int:
+        return self.tracker.output.count('[ERROR]')
+
+
+def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTrajectory:
+    return pendulum_message(plan, to_stamp(ros.now + round(delay * 1e9)))
+
+
+# Scripted states.
 
 
 @pytest.fixture(scope='module')
-def bench(ros: Ros) -> Bench:
-    """Return a tracker without a plant: the test publishes the states."""
-    return Bench(ros, 'scripted')
+def bench(ros: Stepped) -> Bench:
+    made = Bench(ros, 'scripted')
+    made.script_states()
+    return made
+
+
+@pytest.fixture
+def idle(bench: Bench) -> Bench:
+    """Return the tracker with states that come."""
+    bench.theta = math.pi
+    bench.ros.spin_for(0.02)
+    return bench
 
 
 @pytest.fixture(scope='module')
-def states(ros: Ros, bench: Bench) -> Any:
-    return ros.publisher('/scripted/joint_states', JointState)
+def plans(bench: Bench) -> Any:
+    return bench.publisher('trajectory', JointTrajectory)
 
 
-def publish_state(states: Any, theta: float = math.pi, **changes: Any) -> None:
-    content = {
-        'name': ['disk', 'pendulum'],
-        'position': [0.0, theta],
-        'velocity': [0.0, 0.0],
-        'effort': [0.0, 0.0],
-        **changes,
-    }
-    state = JointState(**content)
-    state.header.stamp = to_stamp(time.time_ns())
-    states.publish(state)
-
-
-def keep_publishing(ros: Ros, states: Any, seconds: float, theta: float = math.pi) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        publish_state(states, theta)
-        ros.spin_for(0.01)
-
-
-def says_meanwhile(
-    ros: Ros, bench: Bench, states: Any, text: str, level: int | None = None
-) -> bool:
-    return ros.publish_until(lambda: publish_state(states), lambda: bench.said(text, level=level))
-
-
-def test_the_first_second_without_a_state_is_no_error(ros: Ros) -> None:
+def test_a_state_that_does_not_come_is_an_error_after_the_first_second(
+    ros: Stepped, bench: Bench
+) -> None:
     """The middleware takes its time; the plant publishes before the tracker starts."""
-    states = ros.node.create_publisher(JointState, '/patient/joint_states', 10)
-    parameters = {'limits.torque': LIMIT, 'state_timeout': 10.0}
-    tracker = ros.start('tdm_planner.nodes.tracker', parameters, namespace='patient')
-    status = ros.subscribe('/diagnostics', DiagnosticArray, 50)
-
-    def idle() -> bool:
-        found = [s for a in status for s in a.status if s.name == '/patient/tracker: tracking']
-        return bool(found) and found[-1].message == 'idle' and states.get_subscription_count() > 0
-
-    assert ros.publish_until(lambda: publish_state(states), idle)
-    assert 'waiting for the first state' in tracker.output
-    assert '[ERROR]' not in tracker.output
-    tracker.end_cleanly()
-
-
-def test_a_state_that_does_not_come_is_an_error_after_the_first_second(bench: Bench) -> None:
-    assert bench.says('no state has been received', level=2)
-    before, _, after = bench.tracker.output.partition('waiting for the first state')
-    assert '[ERROR]' not in before
-    assert after.count('[ERROR]') == 1
-
-
-def test_a_state_that_has_gone_stale_is_an_error_at_once(ros: Ros) -> None:
-    bench, states = Bench(ros, 'stale'), ros.publisher('/stale/joint_states', JointState)
-    keep_publishing(ros, states, 0.3)
-    assert bench.says('older than state_timeout', level=2)
-    bench.tracker.end_cleanly()
-
-
-def test_without_a_state_nothing_is_commanded(bench: Bench) -> None:
-    assert bench.says('no state has been received', level=2)
+    ros.spin_for(0.9)
+    assert 'waiting for the first state' in bench.tracker.output
+    assert bench.status.message.startswith('idle: waiting for the first state')
+    assert bench.mistakes == 0
+    ros.spin_for(1.2)
+    assert bench.mistakes == 1
+    assert bench.says('no state has been received', level=ERROR)
     assert list(bench.commands[-1].name) == ['disk']
-    assert all(command.effort[0] == 0.0 for command in bench.commands)
+    assert not any(command.effort[0] for command in bench.commands)
 
 
-def test_states_that_cannot_be_read_are_left_out(ros: Ros, bench: Bench, states: Any) -> None:
-    def publish() -> None:
-        publish_state(states, name=['arm', 'pendulum'])
-        publish_state(states, position=[0.0])
-        publish_state(states, velocity=[0.0, math.nan])
+def test_states_that_cannot_be_read_are_left_out(ros: Stepped, bench: Bench) -> None:
+    bench.state(name=['arm', 'pendulum'])
+    bench.state(position=[0.0])
+    bench.state(velocity=[0.0, math.nan])
+    bench.state(after=0.2)
+    ros.settle()
+    assert 'state left out: ' in bench.tracker.output
+    assert bench.says('no state has been received', level=ERROR)
+    ros.spin_for(1.0)
+    assert ros.figure(bench.name, 'states left out') == '4'
+    bench.theta = math.pi
+    assert bench.says('idle', level=OK)
+    ros.spin_for(2.0)
+    bench.state(after=0.12)
+    ros.settle()
+    assert 'its stamp lies 0.12 s in the future' in bench.tracker.output
+    bench.state(after=0.09)
+    ros.spin_for(1.0)
+    assert ros.figure(bench.name, 'states left out') == '5'
 
-    assert ros.publish_until(publish, lambda: 'state left out' in bench.tracker.output)
-    assert bench.says('no state has been received', level=2)
-    assert says_meanwhile(ros, bench, states, 'idle', level=0)
+
+def test_a_state_that_stops_coming_is_an_error_until_it_returns(ros: Stepped, idle: Bench) -> None:
+    mistakes, idle.theta = idle.mistakes, None
+    ros.spin_for(0.09)
+    assert idle.mistakes == mistakes
+    ros.spin_for(0.03)
+    assert idle.mistakes == mistakes + 1
+    assert 'the newest state is older than state_timeout = 0.1 s' in idle.status.message
+    assert idle.status.level[0] == ERROR
+    idle.theta = math.pi
+    ros.spin_for(0.1)
+    assert idle.status.message.startswith('idle')
+    assert 'state_timeout' not in idle.status.message
 
 
 @pytest.mark.parametrize(
     ('spoil', 'reason'),
     [
         (lambda m: m.points.clear(), 'at least two'),
-        (lambda m: setattr(m, 'joint_names', ['disk', 'arm']), 'pendulum'),
-        (lambda m: setattr(m.points[3], 'positions', [1.0]), 'point 3'),
-        (lambda m: setattr(m.points[3], 'velocities', [math.nan, 0.0]), 'finite'),
-        (
-            lambda m: setattr(m.points[4], 'time_from_start', m.points[3].time_from_start),
-            'increase',
-        ),
-        (lambda m: setattr(m.header, 'stamp', to_stamp(time.time_ns() - 10**11)), 'past'),
+        (lambda m: setattr(m.header.stamp, 'sec', m.header.stamp.sec - 100), 'past'),
         (lambda m: [p.positions.__setitem__(0, 2.0) for p in m.points], 'tolerance.start'),
     ],
 )
 def test_trajectories_are_refused_with_a_reason(
-    ros: Ros, bench: Bench, states: Any, plan: Trajectory, spoil: Any, reason: str
+    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory, spoil: Any, reason: str
 ) -> None:
-    spoilt = message(plan)
+    spoilt = message(ros, plan)
     spoil(spoilt)
-    keep_publishing(ros, states, 0.05)
-    bench.plans.publish(spoilt)
-    assert says_meanwhile(ros, bench, states, reason)
+    plans.publish(spoilt)
+    ros.settle()
+    assert 'trajectory refused: ' in idle.status.message
+    assert reason in idle.status.message
+    assert idle.tracker.node.tracker.current is None
 
 
 @pytest.mark.parametrize('data', [b'\0\1\0\0', b'\0\1\0\0' + bytes(12), b'\xff' * 40])
 def test_bytes_that_are_no_trajectory_are_refused(
-    ros: Ros, bench: Bench, states: Any, data: bytes
+    ros: Stepped, idle: Bench, plans: Any, data: bytes
 ) -> None:
     """Whatever a faulty node sends, the tracker stays."""
-    count = bench.tracker.output.count('trajectory refused: ')
-    bench.plans.publish(data)
-    assert ros.spin_until(lambda: bench.tracker.output.count('trajectory refused: ') > count)
-    assert says_meanwhile(ros, bench, states, 'trajectory refused: ')
-    assert bench.tracker.running
-    assert 'Traceback' not in bench.tracker.output
+    count = idle.tracker.output.count('trajectory refused: ')
+    plans.publish(data)
+    ros.spin_for(0.1)
+    assert idle.tracker.output.count('trajectory refused: ') == count + 1
+    assert idle.says('trajectory refused: ')
 
 
-def test_of_a_flood_of_plans_the_newest_is_followed(ros: Ros, plan: Trajectory) -> None:
-    """All of them would take more time than the commands leave; the last must not be lost."""
-    bench, states = Bench(ros, 'flooded'), ros.publisher('/flooded/joint_states', JointState)
-    followed = ros.subscribe('/flooded/trajectory_in_force', JointTrajectory, LATCHED)
-    keep_publishing(ros, states, 0.2)
-    for _ in range(150):
-        publish_state(states)
-        newest = message(plan)
-        bench.plans.publish(newest)
-        ros.spin_for(0.01)
-    assert ros.publish_until(
-        lambda: publish_state(states),
-        lambda: bool(followed) and followed[-1].header.stamp == newest.header.stamp,
-    )
-    assert len(followed) < 100
-    bench.tracker.end_cleanly()
-
-
-def test_a_state_that_stops_coming_is_an_error_until_it_returns(
-    ros: Ros, bench: Bench, states: Any
-) -> None:
-    keep_publishing(ros, states, 0.2)
-    assert bench.says('state_timeout', level=2)
-    assert ros.publish_until(
-        lambda: publish_state(states),
-        lambda: bench.said('idle') and not bench.said('state_timeout'),
-    )
-
-
-def test_parameters_are_refused_with_a_sentence(ros: Ros, bench: Bench) -> None:
+def test_parameters_are_refused_with_a_sentence(ros: Stepped, idle: Bench) -> None:
     reasons = ros.set_parameters('/scripted/tracker', weights__torque=-1.0, plant__mass=0.0)
     assert 'weights.torque' in reasons[0]
     assert 'plant.mass' in reasons[1]
     assert ros.set_parameters('/scripted/tracker', weights__torque=3.0) == ['']
+    assert idle.tracker.node.tracker.parameters.weights.torque == 3.0
     assert 'fixed' in ros.set_parameters('/scripted/tracker', rate=100.0)[0]
 
 
-@pytest.mark.parametrize('kind', ['crane', '3'])
-def test_an_unknown_kind_ends_it_with_one_sentence(ros: Ros, kind: str) -> None:
-    process = ros.start('tdm_planner.nodes.tracker', {'kind': kind}, namespace='fatal')
-    assert process.process.wait(30.0) == 2
-    shown = kind if kind.isdecimal() else repr(kind)
-    assert process.output == (
-        f"fatal: parameter 'kind' = {shown} is not allowed: must be one of pendulum, robot\n"
+def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
+    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
+) -> None:
+    plans.publish(message(ros, plan, 0.5))
+    ros.spin_for(0.01)
+    assert idle.status.message.startswith('waiting')
+    other = idle.publisher('trajectory', JointTrajectory)
+    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
+    other.publish(message(ros, plan, 0.39))
+    ros.settle()
+    told = "it starts 0.1 s before the one in force; of 2 planners' plans the one that starts last"
+    assert told in idle.status.message
+    ros.node.destroy_publisher(other)
+    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
+    plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
+    ros.settle()
+    assert idle.status.message.startswith('waiting')
+    assert 'refused' not in idle.status.message
+
+
+@pytest.fixture
+def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
+    """Let it take .02 s to look at a plan."""
+    spent = 0.0
+
+    def counter() -> float:
+        nonlocal spent
+        spent += 0.02
+        return spent
+
+    stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
+    monkeypatch.setattr(tracker_node, 'time', stand_in)
+    return 0.02
+
+
+@pytest.mark.usefixtures('laborious')
+def test_of_a_flood_of_plans_the_newest_is_followed(
+    ros: Stepped, bench: Bench, plan: Trajectory
+) -> None:
+    """All of them would take more time than the commands leave; the last must not be lost."""
+    bench.tracker.end_cleanly()
+    bench.tracker = bench.start()
+    plans = bench.publisher('trajectory', JointTrajectory)
+    followed = ros.subscribe('/scripted/trajectory_in_force', JointTrajectory, LATCHED)
+    bench.theta = math.pi
+    for _ in range(60):
+        ros.spin_for(0.01)
+        newest = message(ros, plan, 0.4)
+        plans.publish(newest)
+    ros.settle()
+    begun = bench.tracker.output.count('accepted')
+    assert 3 < begun < 10
+    assert ros.spin_until(
+        lambda: bool(followed) and followed[-1].header.stamp == newest.header.stamp, 0.4
     )
-
-
-def test_it_ends_cleanly(bench: Bench) -> None:
+    assert bench.tracker.output.count('accepted') <= begun + 1
+    bench.theta = None
     bench.tracker.end_cleanly()
 
 
-@pytest.fixture(scope='module')
-def rig(ros: Ros) -> Bench:
-    """Return a tracker with the simulated pendulum, 5 % wrong and noisy."""
-    noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
-    ros.start(
-        'tdm_sim.pendulum_plant',
-        {
-            'limits.torque': LIMIT,
-            'mismatch': 0.05,
-            **{f'noise.{name}': value for name, value in noise.items()},
-        },
-        namespace='rig',
+@pytest.mark.parametrize('kind', ['crane', '3'])
+def test_an_unknown_kind_ends_it_with_one_sentence(ros: Stepped, kind: str) -> None:
+    shown = kind if kind.isdecimal() else repr(kind)
+    with pytest.raises(InvalidProblem) as refused:
+        ros.start(MODULES['tracker'], {'kind': kind}, namespace='fatal')
+    assert str(refused.value) == (
+        f"parameter 'kind' = {shown} is not allowed: must be one of pendulum, robot"
     )
-    return Bench(ros, 'rig', replan__on_deviation=True, replan__interval=0.2)
 
 
-def watch(ros: Ros) -> list[JointState]:
-    return ros.subscribe('/rig/joint_states', JointState)
+# The pendulum, 5 % wrong and noisy.
 
 
-def angles(states: list[JointState]) -> np.ndarray:
-    return np.array([math.remainder(s.position[0], math.tau) for s in states])
+class Rig(Bench):
+    """The tracker and its plant."""
+
+    def __init__(self, ros: Stepped) -> None:
+        noise = {'theta': 0.0015, 'psi': 0.0015, 'theta_dot': 0.1, 'psi_dot': 0.1}
+        given = {f'noise.{name}': value for name, value in noise.items()}
+        self.plant = ros.start(
+            MODULES['pendulum_plant'], {**STRONG, **given, 'mismatch': 0.05}, namespace='rig'
+        )
+        self.measured = ros.subscribe('/rig/joint_states', JointState)
+        super().__init__(ros, 'rig', replan__on_deviation=True, replan__interval=0.2)
+        self.plans = self.publisher('trajectory', JointTrajectory)
+
+    def follow(self, plan: Trajectory, delay: float = SOON) -> None:
+        self.plans.publish(message(self.ros, plan, delay))
+        self.ros.spin_for(0.02)
 
 
-def test_the_pendulum_swings_up_and_is_held(ros: Ros, rig: Bench, plan: Trajectory) -> None:
-    measured = watch(ros)
-    assert ros.spin_until(lambda: bool(measured))
-    assert rig.says('idle', level=0)
-    assert ros.spin_until(rig.drives)
-    rig.plans.publish(message(plan))
-    assert rig.says('waiting')
-    assert rig.says('holding', level=0)
-    ros.spin_for(1.5)
-    first = len(measured)
+@pytest.fixture(scope='module')
+def rig(ros: Stepped) -> Rig:
+    return Rig(ros)
+
+
+def test_the_pendulum_swings_up_and_is_held(ros: Stepped, rig: Rig, plan: Trajectory) -> None:
+    assert rig.says('idle', level=OK)
+    rig.follow(plan)
+    assert rig.says('waiting', level=OK)
+    assert rig.says('tracking', level=OK)
+    assert rig.says('holding', level=OK)
     ros.spin_for(1.0)
-    assert len(measured) - first > 100
-    assert np.abs(angles(measured[first:])).max() < 0.06
-    assert np.abs([c.effort[0] for c in rig.commands]).max() <= LIMIT
-    assert np.abs([e.position[0] for e in rig.errors[-100:]]).max() < 0.06
+    first, taken = len(rig.measured), len(rig.errors)
+    ros.spin_for(0.5)
+    assert len(rig.measured) - first == pytest.approx(100, abs=1)
+    assert len(rig.errors) - taken == pytest.approx(100, abs=1)
+    held = [math.remainder(s.position[0], math.tau) for s in rig.measured[first:]]
+    assert np.abs(held).max() < 0.06
+    assert np.abs([e.position[0] for e in rig.errors[taken:]]).max() < 0.06
+    assert np.abs([c.effort[0] for c in rig.commands]).max() <= STRONG['limits.torque']
 
 
-def test_a_new_plan_is_asked_for_when_it_falls(ros: Ros, rig: Bench, plan: Trajectory) -> None:
-    asked: list[float] = []
+def put(rig: Rig, theta: float) -> None:
+    """Put the pendulum elsewhere."""
+    assert rig.ros.set_parameters('/rig/pendulum_plant', initial__theta=theta) == ['']
+    rig.ros.call('/rig/reset', Trigger)
+    rig.ros.spin_for(0.02)
+
+
+def test_a_new_plan_is_asked_for_when_it_falls(ros: Stepped, rig: Rig) -> None:
+    asked: list[int] = []
 
     def serve(_: Any, response: Any) -> Any:
-        asked.append(time.monotonic())
+        asked.append(ros.now)
         response.success = False
         response.message = '{"code": "INFEASIBLE", "reason": "test"}'
         return response
 
-    ros.node.create_service(Trigger, '/rig/plan', serve)
-    # An answer to a client that was met only just now is lost, and waited for for 10 s.
-    assert ros.spin_until(lambda: ros.node.count_clients('/rig/plan') > 0)
-    ros.spin_for(1.0)
-    assert ros.set_parameter_mapping('/rig/pendulum_plant', {'disturbance.impulse': 0.02}) == ['']
-    ros.call('/rig/push', Trigger)
-    assert rig.says('recovering', 'tolerance.path', level=2)
-    assert ros.spin_until(lambda: len(asked) >= 3, 30.0)
-    assert min(np.diff(asked)) > 0.15
+    put(rig, 2.8)
+    assert rig.says('recovering', 'tolerance.path', level=ERROR)
+    assert ros.spin_until(lambda: 'no planner serves plan: ' in rig.tracker.output)
+    service = ros.node.create_service(Trigger, '/rig/plan', serve)
+    assert ros.spin_until(lambda: len(asked) >= 3)
+    assert 0.2e9 <= min(np.diff(asked)) <= max(np.diff(asked)) < 0.22e9
+    ros.settle()
+    assert 'no new plan: {"code": "INFEASIBLE", "reason": "test"}' in rig.tracker.output
     # at rest nothing is commanded, as plans assume
     assert rig.commands[-1].effort[0] == 0.0
+    ros.node.destroy_service(service)
 
 
-def test_after_a_fall_the_next_plan_is_tracked(ros: Ros, rig: Bench, plan: Trajectory) -> None:
-    ros.call('/rig/reset', Trigger)
-    ros.spin_for(0.1)
-    rig.plans.publish(message(plan))
-    assert rig.says('holding', level=0)
-
-
-def test_a_tracker_that_joins_late_takes_over(ros: Ros, rig: Bench, plan: Trajectory) -> None:
+def test_after_a_fall_the_next_plan_is_tracked_also_by_a_tracker_that_joins_late(
+    ros: Stepped, rig: Rig, plan: Trajectory
+) -> None:
+    put(rig, math.pi)
+    rig.follow(plan)
+    assert rig.says('holding', level=OK)
     rig.tracker.end_cleanly()
-    ros.call('/rig/reset', Trigger)
-    rig.plans.publish(message(plan, 6.0))
+    put(rig, math.pi)
+    rig.follow(plan, 0.5)
     rig.tracker = rig.start()
-    assert rig.says('waiting')
-    assert rig.says('holding', level=0)
+    assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
+    assert rig.says('holding', level=OK)
     rig.tracker.end_cleanly()
+    rig.plant.end_cleanly()
+
+
+# A robot.
+
+START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
+GOAL = 1.2, 1.1, 2.5
+
+
+@pytest.fixture(scope='module')
+def problem() -> RobotFormation:
+    made = RobotFormation.from_parameters(
+        {
+            'robots': ['scout'],
+            **{f'scout.start.{name}': value for name, value in START.items()},
+            'formation.anchor': [*GOAL[:2], 0.0],
+            'formation.scout': [0.0, 0.0, GOAL[2]],
+            'weights.gas': 0.01,
+        }
+    )
+    assert isinstance(made, RobotFormation)
+    return made
+
+
+@pytest.fixture(scope='module')
+def way(problem: RobotFormation) -> Trajectory:
+    return problem.solve().trajectories['scout'].with_rates(problem.plant.derivative)
+
+
+class Scout(Bench):
+    """Tracker and plant of one robot."""
+
+    def __init__(self, ros: Stepped, problem: RobotFormation, way: Trajectory) -> None:
+        self.problem, self.way = problem, way
+        noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
+        given = {
+            **{f'initial.{name}': value for name, value in {**START, 'alpha': 1.0}.items()},
+            **{f'noise.{name}': value for name, value in noise.items()},
+        }
+        self.plant = ros.start(
+            MODULES['robot_plant'], {**given, 'mismatch': 0.05}, namespace='fleet/scout'
+        )
+        super().__init__(ros, 'fleet/scout', kind='robot')
+        self.odom = ros.subscribe('/fleet/scout/odom', Odometry)
+        self.motions = self.publisher('trajectory', MultiDOFJointTrajectory)
+        self.controls = self.publisher('controls', JointTrajectory)
+
+    def plan(self, delay: float) -> tuple[Any, Any]:
+        stamp = to_stamp(self.ros.now + round(delay * 1e9))
+        return (
+            robot_trajectory_message('scout', self.way, stamp),
+            robot_controls_message(self.way, self.problem.plant, stamp),
+        )
+
+    def offer(self, spoil: Callable[[Any, Any], Any], delay: float = 1.0) -> None:
+        motion, controls = self.plan(delay)
+        spoil(motion, controls)
+        self.controls.publish(controls)
+        self.motions.publish(motion)
+        self.ros.spin_for(0.02)
+
+
+@pytest.fixture(scope='module')
+def scout(ros: Stepped, problem: RobotFormation, way: Trajectory) -> Scout:
+    made = Scout(ros, problem, way)
+    assert made.says('idle', level=OK)
+    return made
+
+
+def begin_elsewhere(motion: Any, controls: Any) -> None:
+    for point in motion.points:
+        point.transforms[0].translation.x = 3.0
+
+
+def test_halves_of_different_plans_are_not_put_together(ros: Stepped, scout: Scout) -> None:
+    first, *_ = pairs = [scout.plan(3.0 + 0.1 * k) for k in range(6)]
+    for motion, _ in pairs:
+        scout.motions.publish(motion)
+        ros.settle()
+    scout.controls.publish(scout.plan(1.0)[1])
+    scout.controls.publish(first[1])  # only some of the newest wait
+    ros.spin_for(0.1)
+    assert 'accepted' not in scout.tracker.output
+    assert scout.status.message == 'idle'
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'reason'),
+    [
+        (lambda motion, controls: setattr(motion, 'joint_names', ['other']), 'scout'),
+        (begin_elsewhere, 'tolerance.start'),
+    ],
+)
+def test_plans_of_robots_are_refused_with_a_reason(
+    scout: Scout, spoil: Callable[[Any, Any], Any], reason: str
+) -> None:
+    scout.offer(spoil)
+    assert scout.says('trajectory refused: ', reason)
+
+
+@pytest.mark.usefixtures('laborious')
+def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
+    ros: Stepped, scout: Scout
+) -> None:
+    """However many were looked at before, a plan is looked at while there is time to turn."""
+    lead = scout.tracker.node.tracker.lead
+    for _ in range(12):
+        scout.offer(begin_elsewhere, lead + 0.5)
+    scout.offer(lambda motion, controls: None, lead + 0.6)
+    assert 'accepted' not in scout.tracker.output
+    ros.spin_for(0.6)
+    assert 'accepted' in scout.tracker.output
+    assert scout.says('waiting', level=OK)
+    assert scout.says('tracking', level=OK, timeout=lead)
+    taken = len(scout.errors)
+    assert scout.says('holding', level=OK, timeout=scout.way.duration + 2.0)
+    ros.spin_for(0.5)
+    place = scout.odom[-1].pose.pose.position
+    assert math.hypot(place.x - GOAL[0], place.y - GOAL[1]) < 0.03
+    turn = scout.odom[-1].pose.pose.orientation
+    assert abs(math.remainder(2 * math.atan2(turn.z, turn.w) - GOAL[2], math.tau)) < 0.04
+    assert list(scout.commands[-1].name) == ['thruster', 'reaction_wheel']
+    assert list(scout.errors[-1].name) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
+    assert np.hypot(*np.array([e.position[:2] for e in scout.errors[taken:]]).T).max() < 0.05
+
+
+def test_a_state_without_thruster_is_not_used(ros: Stepped, scout: Scout) -> None:
+    scout.tracker.end_cleanly()
+    scout.plant.end_cleanly()
+    lonely = Bench(ros, 'lonely', kind='robot')
+    publisher = ros.publisher('/lonely/odom', Odometry)
+    for _ in range(13):
+        odometry = Odometry()
+        odometry.header.frame_id = 'arena'
+        odometry.header.stamp = to_stamp(ros.now)
+        odometry.pose.pose.orientation.w = 1.0
+        publisher.publish(odometry)
+        ros.spin_for(0.1)
+    assert not any(command.effort[0] for command in lonely.commands)
+    assert lonely.says('no state has been received', level=ERROR)
+    lonely.tracker.end_cleanly()

@@ -7,7 +7,12 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The status of every plan: what changes is told, what is over is told once."""
+"""
+Parts of the tracker node, each by itself.
+
+The status of every plan: what changes is told, what is over is told once. The two halves of a
+robot's measured state.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +20,18 @@ from types import SimpleNamespace
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from tdm_planner.nodes.messages import nanoseconds_of
+from nav_msgs.msg import Odometry
+import pytest
+from sensor_msgs.msg import JointState
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+from tdm_planner.nodes.robot_messages import ROBOT_JOINTS
+from tdm_planner.nodes.tracked_plants import TrackedRobot
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
 from tdm_planner.tracking.tracker import Phase
 
+NOW = 1_700_000_000_000_000_000  # ns
+TIMEOUT = 0.1  # s
 NAMES = {
     getattr(GoalStatus, name): name.removeprefix('STATUS_')
     for name in dir(GoalStatus)
@@ -75,8 +88,12 @@ class Bench:
         return self.told[-1]
 
 
-def test_a_plan_from_its_acceptance_to_its_end() -> None:
-    bench = Bench()
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_a_plan_from_its_acceptance_to_its_end(bench: Bench) -> None:
     assert bench.told == [{}]
     bench.accept(5)
     assert bench.tick(Phase.WAITING, 5) == {5: 'ACCEPTED'}
@@ -91,8 +108,7 @@ def test_a_plan_from_its_acceptance_to_its_end() -> None:
     assert bench.tick(Phase.TRACKING, 7) == {7: 'EXECUTING'}
 
 
-def test_a_plan_that_is_superseded_is_canceled() -> None:
-    bench = Bench()
+def test_a_plan_that_is_superseded_is_canceled(bench: Bench) -> None:
     bench.accept(5)
     bench.tick(Phase.TRACKING, 5)
     bench.accept(8)
@@ -105,18 +121,18 @@ def test_a_plan_that_is_superseded_is_canceled() -> None:
     assert bench.told[-1] == {9: 'CANCELED'}
 
 
-def test_a_goal_held_that_a_plan_follows_stays_succeeded() -> None:
-    bench = Bench()
+def test_a_goal_held_that_a_plan_follows_stays_succeeded(bench: Bench) -> None:
     bench.accept(5)
     bench.tick(Phase.HOLDING, 5)
     bench.accept(8)
     bench.tick(Phase.HOLDING, 5, 8)
     assert bench.tick(Phase.TRACKING, 8) == {5: 'SUCCEEDED', 8: 'EXECUTING'}
     assert bench.tick(Phase.STOPPED) == {8: 'ABORTED'}
+    bench.status.cancel()
+    assert bench.told[-1] == {8: 'CANCELED'}
 
 
-def test_a_plan_that_is_rejected_is_aborted_and_the_one_before_goes_on() -> None:
-    bench = Bench()
+def test_a_plan_that_is_rejected_is_aborted_and_the_one_before_goes_on(bench: Bench) -> None:
     bench.accept(5)
     bench.tick(Phase.HOLDING, 5)
     bench.status.rejected(8, bench.tracker(Phase.HOLDING, 5, None, False))
@@ -128,8 +144,7 @@ def test_a_plan_that_is_rejected_is_aborted_and_the_one_before_goes_on() -> None
     assert bench.tick(Phase.STOPPED) == {5: 'ABORTED'}
 
 
-def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest() -> None:
-    bench = Bench()
+def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest(bench: Bench) -> None:
     bench.accept(5)
     bench.tick(Phase.TRACKING, 5)
     assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}
@@ -139,19 +154,54 @@ def test_a_motion_given_up_is_canceling_until_the_plant_is_at_rest() -> None:
     assert bench.tick(Phase.TRACKING, 8) == {5: 'ABORTED', 8: 'EXECUTING'}
     assert bench.tick(Phase.RECOVERING, unquiet=True) == {8: 'CANCELING'}
     assert bench.tick(Phase.RECOVERING) == {8: 'ABORTED'}
+    # A tracker that was restarted recovers from a plan that it missed.
+    bench.status.rejected(9, bench.tracker(Phase.RECOVERING, None, None, True))
+    assert bench.tick(Phase.RECOVERING, unquiet=True)[9] == 'CANCELING'
+    assert bench.tick(Phase.RECOVERING)[9] == 'ABORTED'
 
 
-def test_a_tracker_that_was_restarted_recovers_from_a_plan_that_it_missed() -> None:
-    bench = Bench()
-    bench.status.rejected(5, bench.tracker(Phase.RECOVERING, None, None, True))
-    assert bench.tick(Phase.RECOVERING, unquiet=True) == {5: 'CANCELING'}
-    assert bench.tick(Phase.RECOVERING) == {5: 'ABORTED'}
+class Halves:
+    """A robot whose messages come at instants of a clock that is set by hand."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.steady = 50.0
+        stand_in = SimpleNamespace(monotonic=lambda: self.steady)
+        monkeypatch.setattr('tdm_planner.nodes.tracked_plants.time', stand_in)
+        self.robot = TrackedRobot()
+
+    def joints(self, stamp: int) -> None:
+        message = JointState(name=ROBOT_JOINTS, position=[0.3, 0.0], velocity=[0.0, 0.0])
+        message.header.stamp = to_stamp(stamp)
+        self.robot.take_joints(message)
+
+    def state(self, stamp: int) -> bool:
+        message = Odometry()
+        message.header.stamp = to_stamp(stamp)
+        message.pose.pose.orientation.w = 1.0
+        state = self.robot.state(message, TIMEOUT)
+        return state is not None and state[-1] == 0.3
 
 
-def test_a_tracker_that_is_deactivated_cancels_what_it_has_given_up_as_well() -> None:
-    bench = Bench()
-    bench.accept(5)
-    bench.tick(Phase.TRACKING, 5)
-    assert bench.tick(Phase.STOPPED) == {5: 'ABORTED'}
-    bench.status.cancel()
-    assert bench.told[-1] == {5: 'CANCELED'}
+@pytest.fixture
+def halves(monkeypatch: pytest.MonkeyPatch) -> Halves:
+    return Halves(monkeypatch)
+
+
+def test_stamps_may_differ_by_the_timeout(halves: Halves) -> None:
+    assert not halves.state(NOW)  # without joints there is none
+    halves.joints(NOW)
+    halves.steady += 3600.0  # by what clock it came is no matter
+    for sign in (-1, 1):
+        assert halves.state(NOW + sign * 99_000_000)
+        with pytest.raises(InvalidProblem, match=r'0\.101 s apart, more than state_timeout = 0'):
+            halves.state(NOW + sign * 101_000_000)
+
+
+@pytest.mark.parametrize('stamps', [(0, 0), (NOW, 0), (0, NOW)])
+def test_without_stamps_it_is_when_they_come(halves: Halves, stamps: tuple[int, int]) -> None:
+    halves.joints(stamps[0])
+    halves.steady += 0.09
+    assert halves.state(stamps[1])
+    halves.steady += 0.02
+    with pytest.raises(InvalidProblem, match='state_timeout'):
+        halves.state(stamps[1])

@@ -1,0 +1,182 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Parts of nodes over DDS: diagnostics, what is known of a tracker, and what rclpy must have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from action_msgs.msg import GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+import pytest
+from rclpy.lifecycle import LifecycleNode
+from ros_harness import MODULES
+from stepped_ros import Stepped
+from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.tracker_status import goal_status
+from tdm_planner.replanning import Mode
+from tdm_planner.tracking import PendulumTrackerParameters
+
+MENDED = 'tdm_planner/nodes/managed.py relies on it: look there what this rclpy has instead'
+ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
+
+
+# Diagnostics.
+
+
+def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> None:
+    for level in Level:
+        assert bytes([level]) == getattr(DiagnosticStatus, level.name)
+    reports = [Report(Level.OK, 'fine', {'figure': 1 / 3, 'count': 2})]
+    received = ros.subscribe('/diagnostics', DiagnosticArray)
+    diagnostics = Diagnostics(ros.node, 'something', lambda: reports[-1])
+    ros.spin_for(1.1)
+    (array,) = received
+    (status,) = array.status
+    assert (status.level, status.name, status.message) == (b'\x00', '/test: something', 'fine')
+    figures = {item.key: item.value for item in status.values}
+    assert figures == {'figure': '0.333333', 'count': '2'}
+    assert array.header.stamp.sec > 0
+    diagnostics.update()
+    ros.spin_for(0.1)
+    assert len(received) == 1
+    for report in (Report(Level.ERROR, 'fine'), Report(Level.ERROR, 'broken')):
+        reports.append(report)
+        diagnostics.update()
+        ros.settle()
+    assert [array.status[0].message for array in received] == ['fine', 'fine', 'broken']
+    ros.spin_for(2.0)
+    assert len(received) == 5
+
+
+# What of rclpy's own the managed nodes rely on, so that a new rclpy says what is missing.
+
+
+def test_rclpy_has_what_managed_nodes_rely_on(ros: Stepped) -> None:
+    node = LifecycleNode('managed_by_rclpy', context=ros.node.context)
+    service = getattr(node, '_service_change_state', None)
+    assert service is not None, f'no _service_change_state: {MENDED}'
+    assert service.srv_name.endswith('change_state')
+    assert service in list(node.services), f'services has it not: {MENDED}'
+    assert callable(getattr(service, 'callback', None)), f'its callback is none: {MENDED}'
+
+    def mine(request: object, response: object) -> object:
+        return response
+
+    service.callback = mine
+    assert service.callback is mine, f'its callback cannot be exchanged: {MENDED}'
+    machine = getattr(node, '_state_machine', None)
+    assert machine is not None, f'no _state_machine: {MENDED}'
+    possible = getattr(machine, 'available_transitions', None)
+    assert possible is not None, f'no _state_machine.available_transitions: {MENDED}'
+    found = {transition[0]: transition[1] for transition in possible}
+    assert found == {
+        Transition.TRANSITION_CONFIGURE: 'configure',
+        Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: 'shutdown',
+    }, MENDED
+    node.destroy_node()
+
+
+# What the planner knows of a tracker: its mode, its plan, its parameters.
+
+
+class Told:
+    """A watch, and a publisher in the tracker's place."""
+
+    def __init__(self, ros: Stepped) -> None:
+        self.ros = ros
+        self.watch = TrackerWatch(ros.node, 'told/', PendulumTrackerParameters)
+        self.publisher = ros.publisher('told/tracker_status', GoalStatusArray, LATCHED)
+
+    def tell(self, **statuses: int) -> TrackerWatch:
+        """Tell the status of plans, by their starts with a letter before."""
+        plans = [goal_status(int(name[1:]), status) for name, status in statuses.items()]
+        self.publisher.publish(GoalStatusArray(status_list=plans))
+        self.ros.settle()
+        return self.watch
+
+
+@pytest.fixture(scope='module')
+def told(ros: Stepped) -> Told:
+    made = Told(ros)
+    watch = made.watch  # where no tracker was heard, the plan is taken to be followed
+    assert not watch.heard
+    assert watch.mode(7) is Mode.FOLLOWING
+    assert watch.followed(7) is None
+    assert not watch.inactive
+    assert not watch.rejects(5)
+    return made
+
+
+@pytest.mark.parametrize(
+    ('statuses', 'mode', 'followed', 'inactive'),
+    [
+        ({'p5': EXECUTING}, Mode.FOLLOWING, 5, False),
+        ({'p5': SUCCEEDED}, Mode.FOLLOWING, 5, False),
+        ({'p5': ACCEPTED}, Mode.FOLLOWING, 5, False),  # its start has come meanwhile
+        ({'p7': ACCEPTED}, Mode.FOLLOWING, 7, False),
+        ({'p9': ACCEPTED}, Mode.IDLE, None, False),
+        ({'p5': EXECUTING, 'p6': ACCEPTED}, Mode.FOLLOWING, 6, False),
+        ({'p5': EXECUTING, 'p6': ABORTED}, Mode.FOLLOWING, 5, False),
+        ({'p5': CANCELING, 'p9': ACCEPTED}, Mode.RECOVERING, None, False),
+        ({'p5': ABORTED}, Mode.IDLE, None, False),
+        ({'p5': CANCELED}, Mode.IDLE, None, True),
+        ({}, Mode.IDLE, None, True),
+    ],
+    ids=str,
+)
+def test_the_mode_is_what_the_tracker_tells(
+    told: Told, statuses: dict[str, int], mode: Mode, followed: int | None, inactive: bool
+) -> None:
+    watch = told.tell(**statuses)
+    assert watch.heard
+    assert watch.mode(7) is mode
+    assert watch.followed(7) == followed
+    assert watch.inactive == inactive
+    for name, status in statuses.items():
+        assert watch.rejects(int(name[1:])) == (status in (ABORTED, CANCELED, CANCELING))
+    assert watch.rejects(1234)
+
+
+def test_a_plan_goes_on_when_the_clock_is_set(told: Told) -> None:
+    watch = told.tell(p5=EXECUTING)
+    watch.clock_was_set(100)
+    assert watch.followed(107) == 105
+    assert told.tell(p5=SUCCEEDED, p8=ACCEPTED).followed(107) == 105
+    watch.clock_was_set(None)
+    assert watch.followed(107) is None
+
+
+def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Stepped) -> None:
+    watch = TrackerWatch(ros.node, 'tuned/', PendulumTrackerParameters)
+    values: dict[str, Any] = {'limits.torque': 0.02, 'weights.theta': 5.0}
+
+    def knows(weight: float) -> bool:
+        known = watch.parameters
+        assert known is None or isinstance(known, PendulumTrackerParameters)
+        return known is not None and known.weights.theta == weight
+
+    assert not watch.inactive  # nobody is there: another controller may follow
+    tracker = ros.start(MODULES['tracker'], {**values, 'autostart': False}, namespace='tuned')
+    assert ros.meet(lambda: watch.inactive)
+    tracker.end_cleanly()
+    tracker = ros.start(MODULES['tracker'], values, namespace='tuned')
+    assert ros.spin_until(lambda: knows(5.0), 5.0)
+    assert watch.parameters.limits.torque == 0.02  # type: ignore[union-attr]
+    assert ros.set_parameters('/tuned/tracker', weights__theta=7.0) == ['']
+    assert ros.spin_until(lambda: knows(7.0), 1.0)
+    tracker.end_cleanly()
+    tracker = ros.start(MODULES['tracker'], {**values, 'weights.theta': 9.0}, namespace='tuned')
+    assert ros.spin_until(lambda: knows(9.0), 5.0)
+    tracker.end_cleanly()
+    assert ros.meet(lambda: watch.inactive)

@@ -1,0 +1,326 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The simulated pendulum and robot; what all plant nodes have in common is tested on the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from ros_harness import MODULES
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from stepped_ros import Stepped
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+
+class Plant:
+    """A plant in a namespace of its own, and everything it publishes."""
+
+    def __init__(self, ros: Stepped, kind: str, namespace: str, given: dict[str, Any]) -> None:
+        self.ros, self.namespace = ros, namespace
+        self.node = f'/{namespace}/{kind}'
+        self.states = ros.subscribe(f'/{namespace}/joint_states', JointState, 1000)
+        self.odom = ros.subscribe(f'/{namespace}/odom', Odometry, 1000)
+        self.name = f'{self.node}: simulation'
+        given = {'command_timeout': 30.0, **given}
+        self.process = ros.start(MODULES[kind], given, namespace=namespace)
+        self.commands = ros.publisher(f'/{namespace}/joint_command', JointState)
+
+    def command(self, names: list[str], effort: list[float], **more: Any) -> None:
+        """Command, and listen for .1 s."""
+        self.commands.publish(JointState(name=names, effort=effort, **more))
+        self.listen(0.1)
+
+    def listen(self, seconds: float) -> None:
+        """Receive what is published from now on, and nothing else."""
+        self.ros.settle()
+        self.states.clear()
+        self.odom.clear()
+        self.ros.spin_for(seconds)
+
+    @property
+    def status(self) -> DiagnosticStatus:
+        """The newest status of this node, 1 s later."""
+        self.listen(1.0)
+        return self.ros.statuses[self.name]
+
+    def figure(self, key: str) -> str:
+        self.listen(1.0)
+        return self.ros.figure(self.name, key)
+
+    def trigger(self, service: str) -> str:
+        response = self.ros.call(f'/{self.namespace}/{service}', Trigger)
+        assert response.success
+        return str(response.message)
+
+    def efforts(self, joint: int) -> list[float]:
+        return [state.effort[joint] for state in self.states]
+
+
+def times(messages: list[Any]) -> np.ndarray:
+    return np.array([nanoseconds_of(message.header.stamp) for message in messages])
+
+
+def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepped) -> None:
+    given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
+    rig = Plant(ros, 'pendulum_plant', 'wrong', given)
+    for names, effort in ((['arm'], [0.01]), (['disk'], [math.nan]), (['disk'], [])):
+        rig.command(names, effort)
+        assert not any(rig.efforts(1))
+    words = "joint_command ignored: it must name joint 'disk' once, but its names are: arm"
+    assert words in rig.process.output
+    assert "'plant.colour' is unknown" in rig.process.output
+    status = rig.status
+    assert status.level == DiagnosticStatus.ERROR
+    assert "'plant.mass' = -1.0" in status.message  # its default is kept
+    assert 'beyond limits.disk_angle' not in status.message  # but at it
+    assert ros.figure(rig.name, 'commands refused') == '3'
+    assert ros.figure(rig.name, 'commands accepted') == '0'
+    rig.process.end_cleanly()
+
+
+def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> None:
+    rig = Plant(ros, 'pendulum_plant', 'hasty', {'command_timeout': 0.2})
+    rig.commands.publish(JointState(name=['disk'], effort=[0.003]))
+    rig.listen(0.5)
+    efforts = rig.efforts(1)
+    assert efforts == sorted(efforts, reverse=True)
+    assert efforts.count(0.003) == pytest.approx(40, abs=1)
+    assert efforts[-1] == 0.0
+    assert 'no command for 0.2 s (command_timeout): actuators off' in rig.process.output
+    assert rig.figure('command time-outs') == '1'
+    rig.process.end_cleanly()
+
+
+def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Stepped) -> None:
+    given = {'noise.theta': 0.01, 'initial.psi': 2.5, 'mismatch': 0.05, 'mismatch_seed': 3}
+    rig = Plant(ros, 'pendulum_plant', 'noisy', given)
+    status = rig.status
+    assert status.level == DiagnosticStatus.WARN
+    assert 'disk at 2.500 rad, beyond limits.disk_angle = 2 rad' in status.message
+    thetas = np.array([state.position[0] for state in rig.states])
+    assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
+    assert thetas.std() == pytest.approx(0.01, rel=0.3)
+    rig.process.end_cleanly()
+
+
+def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None:
+    """At a tenth of the speed the pendulum covers a tenth of its velocity in the clock's time."""
+    given = {'real_time_factor': 0.1, 'disturbance.impulse': 1e-4}
+    rig = Plant(ros, 'pendulum_plant', 'slow', given)
+    rig.trigger('push')
+    rig.listen(0.3)
+    angles, rates = (
+        np.array([getattr(s, name)[0] for s in rig.states]) for name in ('position', 'velocity')
+    )
+    assert np.abs(rates).min() > 0.1
+    ratios = np.diff(angles) / (np.diff(times(rig.states)) * 1e-9)
+    assert ratios / (0.5 * (rates[1:] + rates[:-1])) == pytest.approx(0.1, rel=0.01)
+    before = float(rig.figure('simulated time [s]'))
+    ros.step_to(ros.now + 500_000_000)
+    status = rig.status
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.startswith('0.4')
+    assert ' s left out: the process was stalled' in status.message
+    later = float(ros.figure(rig.name, 'simulated time [s]'))
+    assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
+    rig.process.end_cleanly()
+
+
+# The robot.
+
+
+def position(message: Odometry) -> np.ndarray:
+    return np.array([message.pose.pose.position.x, message.pose.pose.position.y])
+
+
+def yaw(message: Odometry) -> float:
+    q = message.pose.pose.orientation
+    return 2.0 * math.atan2(q.z, q.w)
+
+
+def velocity_in_arena(message: Odometry) -> np.ndarray:
+    """Read the twist as every user of odometry does: it is in the child's frame."""
+    cosine, sine = math.cos(yaw(message)), math.sin(yaw(message))
+    rotation = np.array([[cosine, -sine], [sine, cosine]])
+    return rotation @ [message.twist.twist.linear.x, message.twist.twist.linear.y]
+
+
+def rate_of(messages: list[Any], quantity: Callable[[Any], np.ndarray]) -> np.ndarray:
+    """Mean rate of change."""
+    elapsed = np.ptp(times(messages)) * 1e-9
+    return np.asarray((quantity(messages[-1]) - quantity(messages[0])) / elapsed)
+
+
+def command(robot: Plant, thrust: float, rate: float, torque: float) -> None:
+    robot.command(['reaction_wheel', 'thruster'], [torque, thrust], velocity=[0.0, rate])
+
+
+def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
+    initial = {'x': 1.0, 'y': 2.5, 'yaw': 0.6, 'u': 0.2, 'v': -0.1, 'alpha': 0.3}
+    given = {'wheel_speed': 5.0, **initial}
+    given = {f'initial.{name}': value for name, value in given.items()}
+    robot = Plant(ros, 'robot_plant', 'arena/drifter', given)
+    robot.listen(0.5)
+    first = robot.odom[0]
+    assert (first.header.frame_id, first.child_frame_id) == ('arena', 'drifter')
+    assert yaw(first) == pytest.approx(0.6)
+    np.testing.assert_allclose(velocity_in_arena(first), [0.2, -0.1], atol=1e-9)
+    np.testing.assert_allclose(rate_of(robot.odom, position), [0.2, -0.1], rtol=1e-6)
+    joints = robot.states[0]
+    assert list(joints.name) == ['thruster', 'reaction_wheel']
+    assert joints.position[0] == pytest.approx(0.3)
+    assert list(joints.velocity) == [0.0, 5.0]
+    assert list(joints.effort) == [0.0, 0.0]
+    turning = rate_of(robot.states, lambda s: np.array([s.position[1]]))
+    np.testing.assert_allclose(turning, [5.0], rtol=1e-6)
+    command(robot, 0.5, 0.2, 0.001)
+    last = robot.states[-1]
+    assert (list(last.effort), last.velocity[0]) == ([0.5, 0.001], 0.2)
+    assert last.position[0] == pytest.approx(0.32, abs=2e-3)
+    assert last.velocity[1] < 5.0
+    command(robot, 9.0, -9.0, 9.0)
+    last = robot.states[-1]
+    assert (list(last.effort), last.velocity[0]) == ([1.05, 0.02], -2.0)
+    command(robot, -1.0, 0.0, 0.0)
+    assert robot.states[-1].effort[0] == 0.0
+    pushes = {robot.trigger('push') for _ in range(2)}  # each in a direction of its own
+    assert len(pushes) == 2
+    assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
+    robot.process.end_cleanly()
+
+
+def test_acceleration_is_along_the_thrust(ros: Stepped) -> None:
+    given = {'initial.yaw': 0.5, 'initial.alpha': 1.0}
+    robot = Plant(ros, 'robot_plant', 'arena/thrusting', given)
+    command(robot, 1.0, 0.0, 0.0)
+    expected = 1.0 / 10.5 * np.array([math.cos(1.5), math.sin(1.5)])
+    np.testing.assert_allclose(rate_of(robot.odom, velocity_in_arena), expected, rtol=1e-3)
+    robot.process.end_cleanly()
+
+
+def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
+    given = {'disturbance.impulse': 2.1, 'disturbance.direction': 0.0, 'rate': 100}
+    robot = Plant(ros, 'robot_plant', 'arena/robot9', given)
+    assert robot.trigger('push') == 'pushed robot9 with 2.1 N s towards 0.000 rad'
+    robot.listen(0.1)
+    assert len(robot.odom) == len(robot.states) == pytest.approx(10, abs=1)
+    np.testing.assert_allclose(velocity_in_arena(robot.odom[-1]), [0.2, 0.0], atol=1e-9)
+    robot.trigger('reset')
+    robot.command(['thruster'], [1.0], velocity=[0.0])
+    np.testing.assert_allclose(position(robot.odom[-1]), [2.0, 2.0])
+    words = "joint_command ignored: it must name joint 'reaction_wheel' once"
+    assert words in robot.process.output
+    assert robot.states[-1].effort[0] == 0.0
+    robot.process.end_cleanly()
+
+
+def test_walls_and_name(ros: Stepped) -> None:
+    given = {'robot_name': 'ball', 'arena.walls': True, 'initial.x': 3.7, 'initial.u': 1.0}
+    robot = Plant(ros, 'robot_plant', 'arena/bouncer', given)
+    robot.listen(0.5)
+    assert robot.odom[0].child_frame_id == 'ball'
+    assert max(position(odom)[0] for odom in robot.odom) == pytest.approx(3.85, abs=6e-3)
+    assert max(position(odom)[0] for odom in robot.odom) <= 3.85 + 1e-9
+    assert velocity_in_arena(robot.odom[-1])[0] == pytest.approx(-1.0)
+    assert '1 collisions with a wall' in robot.status.message
+    assert 'ball hit a wall with 1 m/s along x' in robot.process.output
+    (reason,) = ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=2.0)
+    assert "'arena.robot_radius' = 2 is not allowed: must be in [0, 2) m" in reason
+    assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
+    robot.process.end_cleanly()
+
+
+# One pendulum for all that leaves it as it was.
+
+
+@pytest.fixture(scope='module')
+def shared(ros: Stepped) -> Plant:
+    return Plant(ros, 'pendulum_plant', 'shared', {})
+
+
+@pytest.fixture
+def rig(shared: Plant) -> Plant:
+    shared.trigger('reset')
+    shared.listen(0.02)
+    return shared
+
+
+def test_states_stream_with_names_and_in_time(rig: Plant) -> None:
+    rig.listen(1.0)
+    assert (np.diff(times(rig.states)) == 5_000_000).all()
+    assert len(rig.states) == pytest.approx(200, abs=1)
+    for state in rig.states:
+        assert list(state.name) == ['pendulum', 'disk']
+        assert list(state.position) == pytest.approx([math.pi, 0.0])
+        assert list(state.velocity) == pytest.approx([0.0, 0.0])
+        assert list(state.effort) == [0.0, 0.0]
+
+
+def test_a_command_turns_the_disk_and_saturates(rig: Plant) -> None:
+    rig.command(['disk'], [0.004])
+    assert set(rig.efforts(1)) == {0.004}
+    assert rig.states[-1].velocity[1] > 0.1
+    rig.command(['other', 'disk'], [9.0, -1.0])
+    assert {tuple(state.effort) for state in rig.states} == {(0.0, -0.02)}
+    rig.command(['disk'], [0.0])
+
+
+def test_the_motion_is_that_of_the_equations(rig: Plant) -> None:
+    """The energy of the free pendulum is constant; the angle is the integral of its rate."""
+    assert rig.trigger('push') == 'pushed the pendulum with 0.0002 N m s'
+    rig.listen(0.5)
+    energies = [RotaryPendulum().energy(np.array([*s.position, *s.velocity])) for s in rig.states]
+    assert np.ptp(energies) < 1e-8
+    angles, rates = (
+        np.array([getattr(s, name)[0] for s in rig.states]) for name in ('position', 'velocity')
+    )
+    assert np.abs(rates).max() > 0.1
+    moved = np.sum(0.5 * (rates[1:] + rates[:-1])) * 0.005
+    assert angles[-1] - angles[0] == pytest.approx(moved, rel=1e-2)
+    assert rig.trigger('reset') == 'back in the initial state'
+    rig.listen(0.1)
+    state = rig.states[0]
+    assert [*state.position, *state.velocity] == pytest.approx([math.pi, 0.0, 0.0, 0.0])
+
+
+def test_parameters_act_at_once_and_wrong_ones_are_refused(rig: Plant) -> None:
+    ros, node = rig.ros, rig.node
+    assert ros.set_parameters(node, initial__theta=0.5, limits__torque=0.001) == ['', '']
+    rig.trigger('reset')
+    rig.command(['disk'], [0.01])
+    assert set(rig.efforts(1)) == {0.001}
+    assert rig.states[0].position[0] == pytest.approx(0.5, abs=0.01)
+    wrong = {
+        'plant.mass': -1.0,
+        'noise.theta': math.nan,
+        'mismatch': 1.0,
+        'limits.torque': 0.0,
+        'rate': 50.0,
+        'initial.theta': 'up',
+    }
+    for reason, name in zip(ros.set_parameter_mapping(node, wrong), wrong, strict=True):
+        assert name in reason
+        assert len(reason.splitlines()) == 1
+    # Each value is allowed, but a point mass on a massless arm leaves the equations singular.
+    inertias = {f'plant.inertia.{name}': 1e-300 for name in ('disk', 'y', 'z')}
+    reasons = ros.set_parameter_mapping(node, inertias)
+    assert reasons[:2] == ['', '']
+    assert 'do not make a rig' in reasons[2]
+    before = {'plant.inertia.disk': 2.334e-4, 'plant.inertia.y': 2.7e-7, 'limits.torque': 0.02}
+    assert ros.set_parameter_mapping(node, {**before, 'initial.theta': math.pi}) == [''] * 4
+    rig.command(['disk'], [0.0])
