@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_harness import Ros
+from stepped_ros import Stepped
 from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.robot_messages import robot_controls_message, robot_trajectory_message
@@ -28,13 +28,11 @@ ROBOTS = ('robot1', 'robot2')
 @pytest.fixture(scope='module')
 def solution() -> Any:
     places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
-    problem = RobotFormation.from_parameters(
-        {'robots': list(ROBOTS), 'solver.deadline': 30.0, **places}
-    )
+    problem = RobotFormation.from_parameters({'robots': list(ROBOTS), **places})
     return problem, problem.solve()
 
 
-def test_a_plan_is_found_when_all_follow_it(ros: Ros, solution: Any) -> None:
+def test_a_plan_is_found_when_all_follow_it(ros: Stepped, solution: Any) -> None:
     problem, plan = solution
     found: list[Any] = []
     FollowedPlans(ros.node, ROBOTS, lambda plans, start: found.append((plans, start)))
@@ -54,7 +52,7 @@ def test_a_plan_is_found_when_all_follow_it(ros: Ros, solution: Any) -> None:
 
     follow('robot1', 5)
     follow('robot2', 4)
-    ros.spin_for(0.5)
+    ros.settle()
     assert not found
     follow('robot2', 5)
     assert ros.spin_until(lambda: bool(found))

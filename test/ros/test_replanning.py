@@ -136,6 +136,7 @@ def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Stepped, rig: Ri
         done, answer = ros.trigger('/replanning/plan')
         assert done or answer['code'] != 'BUSY', answer
         ros.spin_for(0.03)
+    ros.spin_for(0.5)
 
 
 def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(
