@@ -48,7 +48,7 @@ REQUESTS = {
 
 
 class Stranger(ManagedNode):
-    """A node that does nothing but serve; `think` is served by a worker that waits for `release`."""
+    """A node that only serves; `think` by a worker that waits for `release`."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('stranger', 'stranger', {}, **options)
