@@ -103,7 +103,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     rig.plan()
     begins = seconds_of(rig.plans[0].header.stamp)
     assert ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.15)
-    rig.push(2e-3)
+    rig.push(1e-3)
     assert rig.stands_up(), rig.planner.output
     assert len(rig.plans) > 1, rig.planner.output
     # The tracker takes the plans made on the way, or rightly refuses one that was made before.
