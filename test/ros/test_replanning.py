@@ -103,7 +103,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     rig.plan()
     begins = seconds_of(rig.plans[0].header.stamp)
     assert ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.15)
-    rig.push(1e-3)
+    rig.push(1.5e-3)
     assert rig.stands_up(), rig.planner.output
     assert len(rig.plans) > 1, rig.planner.output
     # The tracker takes the plans made on the way, or rightly refuses one that was made before.
@@ -125,7 +125,7 @@ def test_upright_there_are_no_more_plans_until_it_falls(ros: Stepped, rig: Rig) 
     ros.spin_for(0.5)
     assert len(rig.plans) == count
     assert rig.upright_for(0.5)
-    rig.push(4e-3)
+    rig.push(-4e-3)
     assert ros.spin_until(lambda: len(rig.plans) > count), rig.planner.output
     assert rig.stands_up(), rig.planner.output
     assert rig.planner.output.count(NOT_TAKEN) <= rig.tracker.output.count(REFUSED)
