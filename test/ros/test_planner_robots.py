@@ -21,8 +21,14 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
+from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
-from tdm_planner.nodes.robot_messages import robot_trajectory, to_quaternion
+from tdm_planner.nodes.robot_messages import (
+    robot_controls_message,
+    robot_trajectory,
+    robot_trajectory_message,
+    to_quaternion,
+)
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
@@ -64,7 +70,7 @@ class Fleet:
     def plan(self, name: str) -> tuple[Trajectory, int]:
         """Return the newest plan of a robot and the instant it starts [ns]."""
         motion, controls = self.motions[name][-1], self.controls[name][-1]
-        assert motion.header == controls.header or motion.header.stamp == controls.header.stamp
+        assert motion.header.stamp == controls.header.stamp
         return robot_trajectory(motion, controls, name), nanoseconds_of(motion.header.stamp)
 
     def count(self) -> int:
@@ -154,11 +160,9 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
 def test_contradictions_are_named_and_the_node_keeps_serving(ros: Stepped, fleet: Fleet) -> None:
     before = RobotFormation.parameter_specifications({})
     cases: list[tuple[dict[str, Any], list[str]]] = [
-        ({'robot1.start.x': -0.5}, ['robot1', '-0.5']),
         ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, ['robot1', 'robot2']),
         ({'formation.robot1': [9.0, 0.0, 0.0]}, ['robot1']),
         ({'formation.robot1': [-0.2, 0.39, 0.0]}, ['robot1', 'robot2']),
-        ({'arena.length': 0.3}, ['arena.length', '0.3']),
         ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, ['weights']),
     ]
     for changes, words in cases:
@@ -232,3 +236,44 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> N
         expected = old.sample((start - before) * 1e-9).state
         np.testing.assert_allclose(new.states[0], expected, atol=0.02)
     fleet.here.end_cleanly()
+
+
+def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
+    ros: Stepped,
+) -> None:
+    pair = ('robot1', 'robot2')
+    places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
+    problem = RobotFormation.from_parameters({'robots': list(pair), **places})
+    plan = problem.solve()
+    found: list[Any] = []
+    FollowedPlans(ros.node, pair, lambda plans, start: found.append((plans, start)))
+    publishers = {
+        robot: (
+            ros.publisher(f'{robot}/trajectory_in_force', MultiDOFJointTrajectory, LATCHED),
+            ros.publisher(f'{robot}/controls_in_force', JointTrajectory, LATCHED),
+        )
+        for robot in pair
+    }
+
+    def follow(robot: str, start: int) -> None:
+        trajectory = plan.trajectories[robot].with_rates(problem.plant.derivative)
+        motion, controls = publishers[robot]
+        motion.publish(robot_trajectory_message(robot, trajectory, to_stamp(start)))
+        controls.publish(robot_controls_message(trajectory, problem.plant, to_stamp(start)))
+        ros.settle()
+
+    follow('robot1', 5)
+    follow('robot2', 4)
+    assert not found
+    follow('robot2', 5)
+    trajectories, start = found[-1]
+    assert start == 5
+    for robot in pair:
+        planned = plan.trajectories[robot]
+        assert np.allclose(trajectories[robot].controls, planned.controls, atol=1e-12)
+    assert problem.recognised(trajectories).cost == pytest.approx(plan.cost)
+    for motion, controls in publishers.values():
+        motion.publish(MultiDOFJointTrajectory())
+        controls.publish(JointTrajectory())
+    ros.settle()
+    assert not found[-1][0]

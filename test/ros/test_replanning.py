@@ -28,6 +28,7 @@ from stepped_ros import Stepped
 from tdm_planner.nodes.messages import joint_motion, LATCHED, PENDULUM_JOINTS, seconds_of
 from trajectory_msgs.msg import JointTrajectory
 
+PLANNER = 'tdm_planner.nodes.planner'
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
 NOT_TAKEN, REFUSED = 'was not taken over by', 'trajectory refused'
 
@@ -46,7 +47,7 @@ class Rig:
         self.ros, self.namespace = ros, namespace
         self.plant = self.start('tdm_sim.pendulum_plant', plant or {})
         self.tracker = self.start('tdm_planner.nodes.tracker', tracker or {})
-        self.planner = self.start('tdm_planner.nodes.planner', planner)
+        self.planner = self.start(PLANNER, planner)
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
         self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
         self.summaries = ros.subscribe(f'/{namespace}/plan_summary', String, LATCHED)
@@ -149,8 +150,9 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     answer = rig.plan()
     sentence = f'plan {answer["plan_id"]} is not followed by pendulum: the tracker says why'
+    ros.spin_for(0.5)  # it begins after .3 s, and trackers have another .3 s to tell
+    assert rig.tracker.output.count(REFUSED) > refused
     assert sentence not in rig.planner.output
-    assert ros.spin_until(lambda: rig.tracker.output.count(REFUSED) > refused)
     assert ros.spin_until(lambda: rig.planner.output.count(NOT_TAKEN) > told), rig.planner.output
     ros.spin_for(0.5)
     assert sentence in rig.planner.output
@@ -186,4 +188,28 @@ def test_the_last_of_several_requests_is_followed(ros: Stepped, pauses: tuple[fl
     # Made in the middle of a swing a plan may be refused, and the one before be carried on.
     assert len(pauses) > 1 or 'refused' not in rig.tracker.output
     assert 'stopped' not in rig.tracker.output
+    rig.end()
+
+
+def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(
+    ros: Stepped,
+) -> None:
+    rig = Rig(ros, 'again', {'start.delay': 0.2})
+    rig.plan()
+    assert ros.spin_until(lambda: 'tracking' in rig.tracker.output)
+    rig.planner.end_cleanly()
+    rig.planner = rig.start(PLANNER, {})
+    assert ros.spin_until(lambda: len(rig.plans) == 2), rig.planner.output
+    assert rig.plans[1] == rig.plans[0]
+    assert 'was followed already: taken over' in rig.planner.output
+    rig.plant.end_cleanly()
+    given = {**STRONG, 'start.source': 'parameters'}
+    own = ['-r', 'plan:=plan_of_the_second']
+    second = ros.start(PLANNER, given, namespace='again', arguments=own)
+    assert ros.trigger('/again/plan_of_the_second')[0]
+    ros.settle()
+    assert "another planner's plan is in force: plan 1 is not reviewed now" in rig.planner.output
+    warning = '2 planners publish /again/plan_summary: trackers follow'
+    assert ros.spin_until(lambda: warning in rig.planner.output)
+    second.end_cleanly()
     rig.end()

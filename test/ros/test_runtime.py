@@ -126,12 +126,14 @@ def test_the_end_of_a_node_that_runs(
 
 
 class Finalised:
+    """Is asked to end when it is freed."""
+
     def __del__(self) -> None:
         ask_twice()
 
 
 def asked_in_a_finaliser() -> Node:
-    """Raised there, as Python does it, KeyboardInterrupt would be told as ignored."""
+    """Make a node; KeyboardInterrupt, raised there as Python does, would be ignored."""
     Finalised()
     return Node('starting')
 
