@@ -61,14 +61,19 @@ class SteppedTime:
         self._wakes: dict[int, int] = {}  # by thread that sleeps [ns]
 
     def step_to(self, now: int) -> None:
-        """Set every steady clock, and wake who has slept long enough."""
+        """Set every steady clock; who has slept long enough is woken by `wake`."""
+        self.now = now
+        for clock in self.steady:
+            clock.set_ros_time_override(Time(nanoseconds=now, clock_type=ClockType.ROS_TIME))
+
+    def wake(self) -> bool:
+        """Wake who has slept long enough; False if there is nobody."""
         with self._moved:
-            self.now = now
-            for clock in self.steady:
-                clock.set_ros_time_override(Time(nanoseconds=now, clock_type=ClockType.ROS_TIME))
-            for thread in [one for one, at in self._wakes.items() if at <= now]:
+            due = [thread for thread, at in self._wakes.items() if at <= self.now]
+            for thread in due:
                 del self._wakes[thread]
             self._moved.notify_all()
+        return bool(due)
 
     @property
     def next_wake(self) -> int | None:
@@ -231,6 +236,8 @@ class Stepped(Ros):
             if computes:
                 assert time.monotonic() < patience, 'a computation does not end'
                 time.sleep(0.0005)
+                continue
+            if self.time.wake():  # threads see an instant when all that belongs to it was served
                 continue
             if self.now >= end:
                 return False
