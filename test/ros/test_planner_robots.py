@@ -7,77 +7,125 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The planner node for robots over real DDS."""
+"""The planner of robots over DDS: plans for all of them, and a formation that moves."""
+
+from __future__ import annotations
 
 import json
 import math
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
-from tdm_planner.nodes.robot_messages import robot_trajectory, to_quaternion
+from stepped_ros import Stepped
+from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
+from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
+from tdm_planner.nodes.robot_messages import (
+    robot_controls_message,
+    robot_trajectory,
+    robot_trajectory_message,
+    to_quaternion,
+)
 from tdm_planner.problems import RobotFormation
+from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 MODULE = 'tdm_planner.nodes.planner'
+FORMATION = {'problem': 'robot_formation'}
 ROBOTS = ['robot1', 'robot2', 'robot3']
-SPACE = '/robots'
+MOVED = [2.3, 1.8, 0.7]
+
+
+class Fleet:
+    """A planner in a namespace, and robots that are where the test says."""
+
+    def __init__(self, ros: Stepped, space: str, **parameters: Any) -> None:
+        self.ros, self.space = ros, space
+        self.here = ros.start(MODULE, {**FORMATION, **parameters}, namespace=space)
+        self.motions = self.subscribe('trajectory', MultiDOFJointTrajectory)
+        self.controls = self.subscribe('controls', JointTrajectory)
+        self.paths = self.subscribe('path', Path)
+        self.odometry = self.publishers('odom', Odometry)
+        self.joints = self.publishers('joint_states', JointState)
+
+    def subscribe(self, topic: str, kind: Any) -> dict[str, list[Any]]:
+        topics = {name: f'/{self.space}/{name}/{topic}' for name in ROBOTS}
+        return {name: self.ros.subscribe(full, kind, LATCHED) for name, full in topics.items()}
+
+    def publishers(self, topic: str, kind: Any) -> dict[str, Any]:
+        return {name: self.ros.publisher(f'/{self.space}/{name}/{topic}', kind) for name in ROBOTS}
+
+    def set(self, **values: Any) -> list[str]:  # noqa: A003
+        return self.ros.set_parameters(f'/{self.space}/planner', **values)
+
+    def request(self) -> tuple[bool, dict[str, Any]]:
+        made = self.ros.trigger(f'/{self.space}/plan')
+        self.ros.settle()
+        return made
+
+    def plan(self, name: str) -> tuple[Trajectory, int]:
+        """Return the newest plan of a robot and the instant it starts [ns]."""
+        motion, controls = self.motions[name][-1], self.controls[name][-1]
+        assert motion.header.stamp == controls.header.stamp
+        return robot_trajectory(motion, controls, name), nanoseconds_of(motion.header.stamp)
+
+    def count(self) -> int:
+        """Return how many plans there were for every robot."""
+        return min(len(x[name]) for x in (self.motions, self.controls) for name in ROBOTS)
+
+    def measure(self, name: str, state: list[float]) -> None:
+        """Publish a robot's state [x, y, u, v, yaw, omega, alpha]."""
+        x, y, u, v, yaw, omega, alpha = state
+        message = Odometry()
+        message.header.stamp = to_stamp(self.ros.now)
+        message.header.frame_id, message.child_frame_id = 'arena', name
+        message.pose.pose.position.x, message.pose.pose.position.y = x, y
+        message.pose.pose.orientation = to_quaternion(yaw)
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        message.twist.twist.linear.x = cosine * u + sine * v
+        message.twist.twist.linear.y = cosine * v - sine * u
+        message.twist.twist.angular.z = omega
+        joints = JointState(name=['thruster', 'reaction_wheel'], position=[alpha, 0.0])
+        joints.velocity = joints.effort = [0.0, 0.0]
+        joints.header.stamp = message.header.stamp
+        self.joints[name].publish(joints)
+        self.odometry[name].publish(message)
+        self.ros.settle()
+
+    def follow(self, plans: dict[str, tuple[Trajectory, int]]) -> None:
+        """Publish where the robots are that follow these plans exactly."""
+        for name, (plan, start) in plans.items():
+            self.measure(name, plan.sample((self.ros.now - start) * 1e-9).state.tolist())
 
 
 @pytest.fixture(scope='module')
-def planner(ros):
-    return ros.start(
-        MODULE,
-        {'problem': 'robot_formation', 'start.source': 'parameters'},
-        namespace=SPACE,
-    )
+def fleet(ros: Stepped) -> Fleet:
+    return Fleet(ros, 'robots', **{'start.source': 'parameters'})
 
 
-def latched(ros, robot):
-    """Return the plan in force of one robot, received by late subscribers."""
-    motion = ros.subscribe(f'{SPACE}/{robot}/trajectory', MultiDOFJointTrajectory, LATCHED)
-    controls = ros.subscribe(f'{SPACE}/{robot}/controls', JointTrajectory, LATCHED)
-    path = ros.subscribe(f'{SPACE}/{robot}/path', Path, LATCHED)
-    assert ros.spin_until(lambda: motion and controls and path)
-    return motion[-1], controls[-1], path[-1]
-
-
-def test_a_plan_for_every_robot_is_published(ros, planner):
-    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
+def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fleet) -> None:
+    markers = ros.subscribe('/robots/markers', MarkerArray, LATCHED)
+    summaries = ros.subscribe('/robots/plan_summary', String, LATCHED)
+    success, answer = fleet.request()
     assert success, answer
-    assert set(answer) >= {
-        'plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary',
-    }  # fmt: skip
-    task = RobotFormation().task
-    starts = set()
+    task, starts = RobotFormation().task, set()
     for k, name in enumerate(ROBOTS):
-        motion, controls, path = latched(ros, name)
-        plan = robot_trajectory(motion, controls, name)
+        plan, start = fleet.plan(name)
+        starts.add(start)
         np.testing.assert_allclose(plan.states[-1, :2], task.goal[k], atol=5e-3)
         np.testing.assert_allclose(plan.states[0, :2], task.start[k], atol=1e-12)
-        assert math.remainder(plan.states[-1, 4] - task.goal_yaw[k], 2 * math.pi) == (
-            pytest.approx(0, abs=0.01)
-        )
-        assert path.header.frame_id == motion.header.frame_id == 'arena'
+        turned = math.remainder(plan.states[-1, 4] - task.goal_yaw[k], math.tau)
+        assert turned == pytest.approx(0, abs=0.01)
+        path = fleet.paths[name][-1]
+        assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
         assert len(path.poses) == plan.times.size
-        starts.add(nanoseconds_of(motion.header.stamp))
     assert len(starts) == 1
-    markers = ros.subscribe(f'{SPACE}/markers', MarkerArray, LATCHED)
-    assert ros.spin_until(lambda: markers)
     assert {m.ns for m in markers[-1].markers} >= {'arena', 'planned_path', 'goal'}
-
-
-def test_the_summary_tells_of_every_robot(ros, planner):
-    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
-    assert success, answer
-    received = ros.subscribe(f'{SPACE}/plan_summary', String, LATCHED)
-    assert ros.spin_until(lambda: bool(received))
-    summary = json.loads(received[-1].data)
+    summary = json.loads(summaries[-1].data)
     assert summary['plan_id'] == answer['plan_id']
     assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
     assert list(summary['vehicles']) == ROBOTS
@@ -85,112 +133,63 @@ def test_the_summary_tells_of_every_robot(ros, planner):
     assert set(check['worst']) == set(check['worst_times']) == set(check['units'])
     assert {'robot1.walls', 'separation robot1-robot3'} <= set(check['worst'])
     problem = RobotFormation.from_parameters(summary['parameters'])
-    np.testing.assert_array_equal(problem.task.goal, RobotFormation().task.goal)
-    np.testing.assert_array_equal(problem.task.start, RobotFormation().task.start)
+    np.testing.assert_array_equal(problem.task.goal, task.goal)
+    np.testing.assert_array_equal(problem.task.start, task.start)
 
 
-def test_trackers_and_plants_that_are_missing_are_named(ros, planner):
-    success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
-    assert success
-    text = ' '.join(answer['warnings'])
-    assert all(f"'{name}'" in text for name in ROBOTS)
-
-
-def test_the_measured_state_of_every_robot_is_needed(ros, planner):
-    assert ros.set_parameters(f'{SPACE}/planner', start__source='measured') == ['']
-    try:
-        success, answer = ros.trigger(f'{SPACE}/plan')
+def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
+    assert fleet.set(start__source='measured') == ['']
+    for known in (0, 2):
+        for k, name in enumerate(ROBOTS[:known]):
+            fleet.measure(name, [1.0 + k, 0.5, 0.0, 0.0, 0.3, 0.0, 0.0])
+        success, answer = fleet.request()
         assert not success
         assert answer['code'] == 'NO_STATE'
-        assert all(name in answer['reason'] for name in ROBOTS)
-        publish_states(ros, ROBOTS[:2])
-        success, answer = ros.trigger(f'{SPACE}/plan')
-        assert not success
-        assert 'robot3' in answer['reason']
-        assert 'robot1' not in answer['reason']
-        publish_states(ros, ROBOTS)
-        success, answer = ros.trigger(f'{SPACE}/plan', timeout=30.0)
-        assert success, answer
-        motion, _, _ = latched(ros, 'robot2')
-        assert motion.points[0].transforms[0].translation.x == pytest.approx(2.0)
-    finally:
-        ros.set_parameters(f'{SPACE}/planner', start__source='parameters')
+        assert [name in answer['reason'] for name in ROBOTS] == [
+            k >= known for k in range(len(ROBOTS))
+        ]
+    for k, name in enumerate(ROBOTS):
+        fleet.measure(name, [1.0 + k, 0.5, 0.0, 0.0, 0.3, 0.0, 0.0])
+    success, answer = fleet.request()
+    assert success, answer
+    first = fleet.motions['robot2'][-1].points[0].transforms[0].translation
+    assert first.x == pytest.approx(2.0)
+    assert fleet.set(start__source='parameters') == ['']
 
 
-def publish_states(ros, names):
-    """Robots at rest in a row, y = 0.5 m, x = 1, 2, 3 m."""
-    publishers = {}
-    for name in names:
-        publishers[name] = (
-            ros.publisher(f'{SPACE}/{name}/odom', Odometry),
-            ros.publisher(f'{SPACE}/{name}/joint_states', JointState),
-        )
-    ages = ros.subscribe('/diagnostics', DiagnosticArray)
-    assert ages is not None
-    for k, name in enumerate(names):
-        odom, joints = publishers[name]
-        stamp = ros.node.get_clock().now().to_msg()
-        message = Odometry()
-        message.header.stamp, message.header.frame_id = stamp, 'arena'
-        message.pose.pose.position.x, message.pose.pose.position.y = 1.0 + k, 0.5
-        message.pose.pose.orientation = to_quaternion(0.3)
-        odom.publish(message)
-        state = JointState(name=['thruster', 'reaction_wheel'], position=[0.0, 0.0])
-        state.velocity = state.effort = [0.0, 0.0]
-        state.header.stamp = stamp
-        joints.publish(state)
-    ros.spin_for(0.1)
-
-
-@pytest.mark.parametrize(
-    ('changes', 'words'),
-    [
-        ({'robot1.start.x': -0.5}, ['robot1', '-0.5']),
+def test_contradictions_are_named_and_the_node_keeps_serving(ros: Stepped, fleet: Fleet) -> None:
+    before = RobotFormation.parameter_specifications({})
+    cases: list[tuple[dict[str, Any], list[str]]] = [
         ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, ['robot1', 'robot2']),
         ({'formation.robot1': [9.0, 0.0, 0.0]}, ['robot1']),
         ({'formation.robot1': [-0.2, 0.39, 0.0]}, ['robot1', 'robot2']),
-        ({'arena.length': 0.3}, ['arena.length', '0.3']),
         ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, ['weights']),
-    ],
-)
-def test_contradictions_are_named_and_the_node_keeps_serving(ros, planner, changes, words):
-    node = f'{SPACE}/planner'
-    before = RobotFormation.parameter_specifications({})
-    assert set(ros.set_parameter_mapping(node, changes)) == {''}
-    try:
-        success, answer = ros.trigger(f'{SPACE}/plan')
+    ]
+    for changes, words in cases:
+        assert set(ros.set_parameter_mapping('/robots/planner', changes)) == {''}
+        success, answer = fleet.request()
         assert not success
         assert answer['code'] == 'INVALID_PROBLEM'
         assert all(word in answer['reason'] for word in words), answer
-    finally:
-        ros.set_parameter_mapping(node, {name: before[name].default for name in changes})
-    assert ros.trigger(f'{SPACE}/plan', timeout=30.0)[0]
+        defaults = {name: before[name].default for name in changes}
+        assert set(ros.set_parameter_mapping('/robots/planner', defaults)) == {''}
+    for name, value in [
+        ('arrival_interval', -1.0),
+        ('arena.minimum_separation', math.nan),
+        ('limits.thrust', 0.0),
+        ('robots', ['robot1', 'robot1']),
+        ('robot9.start.x', 1.0),
+    ]:
+        (reason,) = ros.set_parameter_mapping('/robots/planner', {name: value})
+        assert name in reason
+    assert fleet.request()[0]
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'words'),
-    [
-        ('arrival_interval', -1.0, ['arrival_interval', '-1', '[0, 1e+12] s']),
-        ('weights.gas', -0.1, ['weights.gas', '-0.1']),
-        ('arena.minimum_separation', math.nan, ['arena.minimum_separation', 'nan']),
-        ('limits.thrust', 0.0, ['limits.thrust', '(0, 1e+12] N']),
-        ('robots', ['robot1', 'robot1'], ['robots']),
-        ('robot9.start.x', 1.0, ['robot9.start.x', 'unknown']),
-    ],
-)
-def test_values_that_are_not_allowed_are_refused_when_set(ros, planner, name, value, words):
-    (reason,) = ros.set_parameter_mapping(f'{SPACE}/planner', {name: value})
-    assert all(word in reason for word in words), reason
-
-
-@pytest.mark.parametrize('robots', ['[]', '[a, a]', '[1st]', '[limits]'])
-def test_wrong_names_at_the_start_are_answered(ros, robots):
-    node = ros.start(
-        MODULE,
-        {'problem': 'robot_formation', 'start.source': 'parameters'},
-        namespace='/wrong',
-        arguments=['-p', f'robots:={robots}'],
-    )
+@pytest.mark.parametrize('robots', ['[]', '[1st]'])
+def test_wrong_names_at_the_start_are_answered(ros: Stepped, robots: str) -> None:
+    given = {**FORMATION, 'start.source': 'parameters'}
+    arguments = ['-p', f'robots:={robots}']
+    node = ros.start(MODULE, given, namespace='/wrong', arguments=arguments)
     success, answer = ros.trigger('/wrong/plan')
     assert not success
     assert answer['code'] == 'INVALID_PROBLEM'
@@ -200,16 +199,81 @@ def test_wrong_names_at_the_start_are_answered(ros, robots):
     node.end_cleanly()
 
 
-def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros):
-    node = ros.start(
-        MODULE,
-        {'problem': 'robot_formation', 'formation.alice': [0.4, 0.0, 0.0]},
-        namespace='/own',
-        arguments=['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]'],
-    )
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(
+    ros: Stepped,
+) -> None:
+    names = ['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]']
+    given = {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0]}
+    node = ros.start(MODULE, given, namespace='/own', arguments=names)
     success, answer = ros.trigger('/own/plan')
     assert not success
     assert answer['code'] == 'NO_STATE'
     assert "robot 'alice'" in answer['reason']
     assert "robot 'bob'" in answer['reason']
     node.end_cleanly()
+
+
+def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> None:
+    parameters = {'start.source': 'parameters', 'replan.rate': 5.0, 'replan.delay': 1.5}
+    fleet = Fleet(ros, 'fleet', **parameters)
+    done, answer = fleet.request()
+    assert done, answer
+    plans = {name: fleet.plan(name) for name in ROBOTS}
+    under_way = plans['robot1'][1] + 1_500_000_000
+
+    def follow() -> None:
+        fleet.follow(plans)
+
+    assert ros.publish_until(follow, lambda: ros.now >= under_way, every=0.05)
+    assert fleet.count() == 1  # followed, it is kept
+    assert fleet.set(formation__anchor=MOVED) == ['']
+    assert ros.publish_until(follow, lambda: fleet.count() > 1, every=0.05)
+    goals = RobotFormation.from_parameters({'formation.anchor': MOVED}).task.goal
+    for name, goal in zip(ROBOTS, goals, strict=True):
+        new, start = fleet.plan(name)
+        np.testing.assert_allclose(new.states[-1, :2], goal, atol=5e-3)
+        old, before = plans[name]
+        expected = old.sample((start - before) * 1e-9).state
+        np.testing.assert_allclose(new.states[0], expected, atol=0.02)
+    fleet.here.end_cleanly()
+
+
+def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
+    ros: Stepped,
+) -> None:
+    pair = ('robot1', 'robot2')
+    places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
+    problem = RobotFormation.from_parameters({'robots': list(pair), **places})
+    plan = problem.solve()
+    found: list[Any] = []
+    FollowedPlans(ros.node, pair, lambda plans, start: found.append((plans, start)))
+    publishers = {
+        robot: (
+            ros.publisher(f'{robot}/trajectory_in_force', MultiDOFJointTrajectory, LATCHED),
+            ros.publisher(f'{robot}/controls_in_force', JointTrajectory, LATCHED),
+        )
+        for robot in pair
+    }
+
+    def follow(robot: str, start: int) -> None:
+        trajectory = plan.trajectories[robot].with_rates(problem.plant.derivative)
+        motion, controls = publishers[robot]
+        motion.publish(robot_trajectory_message(robot, trajectory, to_stamp(start)))
+        controls.publish(robot_controls_message(trajectory, problem.plant, to_stamp(start)))
+        ros.settle()
+
+    follow('robot1', 5)
+    follow('robot2', 4)
+    assert not found
+    follow('robot2', 5)
+    trajectories, start = found[-1]
+    assert start == 5
+    for robot in pair:
+        planned = plan.trajectories[robot]
+        assert np.allclose(trajectories[robot].controls, planned.controls, atol=1e-12)
+    assert problem.recognised(trajectories).cost == pytest.approx(plan.cost)
+    for motion, controls in publishers.values():
+        motion.publish(MultiDOFJointTrajectory())
+        controls.publish(JointTrajectory())
+    ros.settle()
+    assert not found[-1][0]

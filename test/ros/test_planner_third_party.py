@@ -13,18 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import math
-import os
 from pathlib import Path
-import signal
-import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
-from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from stepped_ros import NodeHere, Stepped
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
+import third_party_problems
 from trajectory_msgs.msg import JointTrajectory
 
 ENTRY_POINTS = """[tdm_planner.problems]
@@ -35,72 +34,64 @@ homing_cart = third_party_problems:HomingCart
 not_a_problem = third_party_problems:CartStart
 missing_module = no_such_module:Problem
 """
-
-
-@pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder as pip leaves it: the module, its problems registered by metadata."""
-    folder = tmp_path_factory.mktemp('site')
-    module = Path(__file__).with_name('third_party_problems.py')
-    (folder / module.name).write_text(module.read_text())
-    metadata = folder / 'third_party-1.0.dist-info'
-    metadata.mkdir()
-    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n')
-    (metadata / 'entry_points.txt').write_text(ENTRY_POINTS)
-    return folder
+STRONG = {'limits.torque': 0.09}
 
 
 class Planners:
     """Starts planners in namespaces of their own, and ends each with its test."""
 
-    def __init__(self, ros: Ros, site: Path) -> None:
+    def __init__(self, ros: Stepped) -> None:
         self.ros = ros
-        self.path = os.pathsep.join([str(site), ros.environment['PYTHONPATH']])
-        self.started: list[NodeProcess] = []
+        self.started: list[NodeHere] = []
 
-    def start(self, namespace: str, parameters: dict[str, Any]) -> NodeProcess:
-        defaults = {'start.source': 'parameters', 'solver.deadline': 5.0}
-        process = self.ros.start(
-            'tdm_planner.nodes.planner',
-            {**defaults, **parameters},
-            namespace=namespace,
-            environment={'PYTHONPATH': self.path},
-        )
-        self.started.append(process)
-        return process
+    def start(self, namespace: str, parameters: dict[str, Any]) -> NodeHere:
+        given = {'start.source': 'parameters', **parameters}
+        made = self.ros.start('tdm_planner.nodes.planner', given, namespace=namespace)
+        self.started.append(made)
+        return made
 
     def plan(self, namespace: str) -> tuple[bool, dict[str, Any]]:
         return self.ros.trigger(f'/{namespace}/plan')
 
 
 @pytest.fixture
-def planners(ros: Ros, site: Path) -> Iterator[Planners]:
-    made = Planners(ros, site)
+def planners(ros: Stepped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Planners]:
+    """Register the problems by metadata, as pip leaves it."""
+    metadata = tmp_path / 'third_party-1.0.dist-info'
+    metadata.mkdir()
+    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n')
+    (metadata / 'entry_points.txt').write_text(ENTRY_POINTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(third_party_problems, 'time', ros.time.as_module())
+    made = Planners(ros)
     yield made
-    for process in made.started:
-        if process.running:
-            process.end_cleanly()
+    for node in made.started:
+        node.end()
 
 
-def status(received: list[Any], name: str) -> Any:
-    """Return the newest diagnostic status called `name`."""
-    found = [s for array in received for s in array.status if s.name == name]
-    return found[-1] if found else None
+class Status:
+    """The diagnostic status of a planner's planning."""
+
+    def __init__(self, ros: Stepped, namespace: str) -> None:
+        self.name = f'/{namespace}/planner: planning'
+        self.received = ros.subscribe('/diagnostics', DiagnosticArray)
+
+    @property
+    def newest(self) -> Any:
+        found = [s for array in self.received for s in array.status if s.name == self.name]
+        return found[-1] if found else None
+
+    def says(self, message: str) -> bool:
+        return self.newest is not None and self.newest.message == message
 
 
 def test_while_one_request_is_solved_everything_else_is_served(
-    ros: Ros, planners: Planners
+    ros: Stepped, planners: Planners
 ) -> None:
-    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray)
-    planners.start('slow', {'problem': 'slow_swing_up', 'thinking': 2.0, 'limits.torque': 0.09})
+    status = Status(ros, 'slow')
+    planners.start('slow', {'problem': 'slow_swing_up', 'thinking': 2.0, **STRONG})
     first = ros.request('/slow/plan', Trigger)
-    name = '/slow/planner: planning'
-
-    def planning() -> bool:
-        newest = status(diagnostics, name)
-        return newest is not None and newest.message == 'planning'
-
-    assert ros.spin_until(planning)
+    assert ros.spin_until(lambda: status.says('planning'))
     done, answer = planners.plan('slow')
     assert not done
     assert answer['code'] == 'BUSY'
@@ -109,64 +100,45 @@ def test_while_one_request_is_solved_everything_else_is_served(
     assert ros.spin_until(first.done)
     assert first.result().success
     assert planners.plan('slow')[0]
-    assert ros.spin_until(lambda: status(diagnostics, name).message == 'plan 2 in force')
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_request_under_way_does_not_hold_the_end_up(
-    ros: Ros, planners: Planners, number: signal.Signals
-) -> None:
-    namespace = f'ended_{number.name.lower()}'
-    process = planners.start(namespace, {'problem': 'slow_swing_up', 'thinking': 60.0})
-    ros.request(f'/{namespace}/plan', Trigger)
-    assert ros.spin_until(lambda: planners.plan(namespace)[1]['code'] == 'BUSY')
-    assert process.end(number, timeout=5.0) == 0
-    assert 'Traceback' not in process.output
+    assert ros.spin_until(lambda: status.says('plan 2 in force'))
 
 
 def test_failures_have_their_codes_and_show_in_the_diagnostics(
-    ros: Ros, planners: Planners
+    ros: Stepped, planners: Planners
 ) -> None:
-    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray)
-    process = planners.start('failing', {'problem': 'failing_swing_up', 'limits.torque': 0.09})
+    status = Status(ros, 'failing')
+    planner = planners.start('failing', {'problem': 'failing_swing_up', **STRONG})
     expected = {
-        'crash': ('INTERNAL', 'ZeroDivisionError: a bug in the solver', 2),
-        'verification': ('VERIFICATION_FAILED', 'the replay misses the goal', 1),
-        'infeasible': ('INFEASIBLE', 'the torque is too weak', 1),
+        'crash': ('INTERNAL', 'ZeroDivisionError: a bug in the solver', b'\x02'),
+        'verification': ('VERIFICATION_FAILED', 'the replay misses the goal', b'\x01'),
+        'infeasible': ('INFEASIBLE', 'the torque is too weak', b'\x01'),
     }
     for failure, (code, reason, level) in expected.items():
         ros.set_parameters('/failing/planner', failure=failure)
         assert planners.plan('failing') == (False, {'code': code, 'reason': reason})
-        assert f'no plan: {code}: {reason}' in process.output
         message = f'{code}: {reason}'
-
-        def shown(wanted: str = message) -> bool:
-            newest = status(diagnostics, '/failing/planner: planning')
-            return newest is not None and newest.message == wanted
-
-        assert ros.spin_until(shown)
-        assert status(diagnostics, '/failing/planner: planning').level == bytes([level])
+        assert f'no plan: {message}' in planner.output
+        assert ros.spin_until(lambda wanted=message: status.says(wanted))  # type: ignore[misc]
+        assert status.newest.level == level
     ros.set_parameters('/failing/planner', failure='not')
     assert planners.plan('failing')[0]
-    assert ros.spin_until(
-        lambda: status(diagnostics, '/failing/planner: planning').level == b'\x00'
-    )
-    newest = status(diagnostics, '/failing/planner: planning')
-    figures = {item.key: item.value for item in newest.values}
-    assert newest.message == 'plan 1 in force'
-    assert newest.hardware_id == '/failing/planner'
+    assert ros.spin_until(lambda: status.says('plan 1 in force'))
+    assert status.newest.level == b'\x00'
+    assert status.newest.hardware_id == '/failing/planner'
+    figures = {item.key: item.value for item in status.newest.values}
     assert figures['requests'] == '4'
     assert figures['failures'] == '3'
     assert figures['age of joint_states [s]'] == 'never received'
     assert float(figures['duration [s]']) > 0.3
+    assert figures['plan age [s]'] == '-1'
     assert float(figures['margin of disk_angle']) > 0
     assert figures['worst margin'].endswith(')')
-    assert process.output.count('Traceback') == 1  # of the one that is a fault of the program
-    assert process.output.count("raise ZeroDivisionError('a bug") == 1
-    assert process.end() == 0
+    assert planner.output.count('Traceback') == 1  # of the one that is a fault of the program
+    assert planner.output.count("raise ZeroDivisionError('a bug") == 1
+    ros.log.clear()  # or it would be taken for a crash
 
 
-def test_a_problem_of_another_kind_is_served_by_names(ros: Ros, planners: Planners) -> None:
+def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Planners) -> None:
     planners.start('cart', {'problem': 'cart', 'force': 4})
     done, answer = planners.plan('cart')
     assert done
@@ -179,21 +151,16 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Ros, planners: Planne
     assert [list(point.positions) for point in states[0].points] == [[1, 0], [0.5, -2], [0, 0]]
     assert [list(point.effort) for point in controls[0].points] == [[-4], [4], [4]]
     assert nanoseconds_of(states[0].points[1].time_from_start) == 500_000_000
-
-
-def test_a_problem_of_another_kind_plans_from_the_measured_state(
-    ros: Ros, planners: Planners
-) -> None:
-    planners.start('carts', {'problem': 'cart', 'start.source': 'measured'})
-    assert planners.plan('carts')[1]['code'] == 'NO_STATE'
-    publisher = ros.publisher('/carts/joint_states', JointState)
+    # Measured, it waits for its state.
+    ros.set_parameters('/cart/planner', start__source='measured')
+    assert planners.plan('cart')[1]['code'] == 'NO_STATE'
+    pending = ros.request('/cart/plan', Trigger)
     state = JointState(name=['position'], position=[-2.0])
-    pending = ros.request('/carts/plan', Trigger)
-    assert ros.publish_until(lambda: publisher.publish(state), pending.done)
+    ros.publisher('/cart/joint_states', JointState).publish(state)
+    assert ros.spin_until(pending.done)
     assert pending.result().success, pending.result().message
-    states = ros.subscribe('/carts/trajectory', JointTrajectory, LATCHED)
-    assert ros.spin_until(lambda: bool(states))
-    assert states[0].points[0].positions[0] == -2.0
+    ros.settle()
+    assert states[-1].points[0].positions[0] == -2.0
 
 
 def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: Planners) -> None:
@@ -216,62 +183,65 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
         ('not_a_problem', 'is not a subclass of tdm_planner.problems.Problem'),
     ],
 )
-def test_a_problem_that_cannot_be_loaded_ends_the_node(
-    ros: Ros, planners: Planners, problem: str, says: str
-) -> None:
-    process = planners.start('fatal', {'problem': problem})
-    assert process.process.wait(30.0) == 2
-    (line,) = process.output.splitlines()
-    assert line.startswith('fatal: ')
-    assert says in line
+def test_without_its_problem_there_is_no_node(planners: Planners, problem: str, says: str) -> None:
+    with pytest.raises(InvalidProblem) as error:
+        planners.start('fatal', {'problem': problem})
+    assert says in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ('space', 'wrong', 'reasons', 'correct'),
+    [
+        (
+            'wrong',
+            {'limits.torque': 0, 'limits.torqe': 0.09, 'method': 'magic'},
+            ["'limits.torque' = 0 is not allowed", "'method' = 'magic' is not allowed"],
+            {**STRONG, 'method': 'switching'},
+        ),
+        # Values that contradict each other.
+        (
+            'contradiction',
+            {'plant.inertia.disk': 1e250},
+            [],
+            {**STRONG, 'plant.inertia.disk': 2.334e-4},
+        ),
+    ],
+)
 def test_wrong_values_at_the_start_are_said_until_they_are_corrected(
-    ros: Ros, planners: Planners
+    ros: Stepped,
+    planners: Planners,
+    space: str,
+    wrong: dict[str, Any],
+    reasons: list[str],
+    correct: dict[str, Any],
 ) -> None:
-    wrong = {'limits.torque': 0, 'limits.torqe': 0.09, 'method': 'magic'}
-    process = planners.start('wrong', wrong)
-    done, answer = planners.plan('wrong')
+    planner = planners.start(space, wrong)
+    done, answer = planners.plan(space)
     assert not done
     assert answer['code'] == 'INVALID_PROBLEM'
-    assert "parameter 'limits.torque' = 0 is not allowed" in answer['reason']
-    assert "parameter 'method' = 'magic' is not allowed" in answer['reason']
-    assert "parameter 'limits.torqe' is unknown: did you mean limits.torque" in process.output
-    assert (
-        ros.set_parameters('/wrong/planner', limits__torque=0.09, method='switching') == [''] * 2
-    )
-    assert planners.plan('wrong')[0]
+    assert all(f'parameter {reason}' in answer['reason'] for reason in reasons)
+    unknown = "parameter 'limits.torqe' is unknown: did you mean limits.torque"
+    assert (unknown in planner.output) == ('limits.torqe' in wrong)
+    assert set(ros.set_parameter_mapping(f'/{space}/planner', correct)) == {''}
+    assert planners.plan(space)[0]
 
 
-def test_values_that_contradict_each_other_at_the_start(ros: Ros, planners: Planners) -> None:
-    planners.start('contradiction', {'plant.inertia.disk': 1e250})
-    assert planners.plan('contradiction')[1]['code'] == 'INVALID_PROBLEM'
-    corrected = ros.set_parameter_mapping(
-        '/contradiction/planner', {'plant.inertia.disk': 2.334e-4, 'limits.torque': 0.09}
-    )
-    assert corrected == ['', '']
-    assert planners.plan('contradiction')[0]
-
-
-def test_replanning_while_a_plan_is_in_force(ros: Ros, planners: Planners) -> None:
-    parameters = {'replan.rate': 5, 'replan.delay': 1.0, 'limits.torque': 0.09}
-    planners.start('replan', {**parameters, 'start.delay': 0.6})
+def test_replanning_while_a_plan_is_in_force(ros: Stepped, planners: Planners) -> None:
+    """For a pendulum that hangs on, whatever is planned; nobody is heard to track it."""
+    parameters = {'replan.rate': 5, 'replan.delay': 0.4, 'start.delay': 0.2, **STRONG}
+    planners.start('replan', parameters)
     publisher = ros.publisher('/replan/joint_states', JointState)
-    states = ros.subscribe('/replan/trajectory', JointTrajectory, LATCHED)
-    ros.spin_for(0.5)
-    assert not states
+    plans = ros.subscribe('/replan/trajectory', JointTrajectory, LATCHED)
     hanging = JointState(name=['pendulum', 'disk'], position=[math.pi, 0.1], velocity=[0.0, 0.0])
-    end = time.monotonic() + 10.0
+
+    def publish() -> None:
+        publisher.publish(hanging)
+
+    assert not ros.publish_until(publish, lambda: bool(plans), 0.5, every=0.05)
     assert planners.plan('replan')[0]
-    while len(states) < 3 and time.monotonic() < end:
-        publisher.publish(hanging)
-        ros.spin_for(0.05)
-    assert len(states) >= 3
-    assert states[-1].points[0].positions[1] != 0.0
+    assert ros.publish_until(publish, lambda: len(plans) >= 3, every=0.05)
+    assert plans[-1].points[0].positions[1] != 0.0
     assert ros.set_parameters('/replan/planner', replan__rate=0) == ['']
-    ros.spin_for(0.5)
-    count = len(states)
-    for _ in range(5):
-        publisher.publish(hanging)
-        ros.spin_for(0.1)
-    assert len(states) == count
+    ros.settle()
+    count = len(plans)
+    assert not ros.publish_until(publish, lambda: len(plans) > count, 1.0, every=0.1)

@@ -7,51 +7,73 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Replanning over DDS: planner, tracker and plant, a push on the way, a goal that moves."""
+"""Replanning and repeated requests over DDS: planner, tracker and plant of a pendulum."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import json
 import math
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
-from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from stepped_ros import Stepped
 from tdm_planner.nodes.messages import joint_motion, LATCHED, PENDULUM_JOINTS, seconds_of
 from trajectory_msgs.msg import JointTrajectory
 
-LIMIT = 0.02  # N m; the slow swing
-WEAK = {'limits.torque': LIMIT}
-
-
+PLANNER = 'tdm_planner.nodes.planner'
+STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
 NOT_TAKEN, REFUSED = 'was not taken over by', 'trajectory refused'
 
 
 class Rig:
-    """Planner, tracker and plant of a pendulum, and what they say."""
+    """Planner, tracker and plant of a pendulum that hangs at rest, and what they say."""
 
-    def __init__(self, ros: Ros, namespace: str) -> None:
+    def __init__(
+        self,
+        ros: Stepped,
+        namespace: str,
+        planner: dict[str, Any],
+        tracker: dict[str, Any] | None = None,
+        plant: dict[str, Any] | None = None,
+    ) -> None:
         self.ros, self.namespace = ros, namespace
-        plant = {**WEAK, 'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05}
-        tracker = {**WEAK, 'replan.on_deviation': True}
-        planner = {**WEAK, 'replan.rate': 5.0, 'replan.delay': 0.3, 'start.delay': 1.5}
-        planner['start.max_age'] = 5.0  # the planner may meet the plant later than the test does
-        self.plant = self.start('tdm_sim.pendulum_plant', {**plant, 'disturbance.impulse': 1e-3})
-        self.tracker = self.start('tdm_planner.nodes.tracker', tracker)
-        self.planner = self.start('tdm_planner.nodes.planner', planner)
+        self.align()
+        self.plant = self.start('tdm_sim.pendulum_plant', plant or {})
+        self.tracker = self.start('tdm_planner.nodes.tracker', tracker or {})
+        self.planner = self.start(PLANNER, planner)
         self.states = ros.subscribe(f'/{namespace}/joint_states', JointState)
-        self.commands = ros.subscribe(f'/{namespace}/joint_command', JointState)
         self.plans = ros.subscribe(f'/{namespace}/trajectory', JointTrajectory, LATCHED)
         self.summaries = ros.subscribe(f'/{namespace}/plan_summary', String, LATCHED)
+        assert ros.spin_until(lambda: bool(self.states))
+        self.align()
+
+    def align(self) -> None:
+        """Go on at a tenth of a second, however long it took that nodes have met."""
+        self.ros.spin_for((10**8 - self.ros.now % 10**8) * 1e-9)
 
     def start(self, module: str, parameters: dict[str, Any]) -> Any:
-        return self.ros.start(module, parameters, namespace=self.namespace)
+        return self.ros.start(module, {**STRONG, **parameters}, namespace=self.namespace)
+
+    def plan(self) -> dict[str, Any]:
+        done, answer = self.ros.trigger(f'/{self.namespace}/plan')
+        assert done, answer
+        return answer
+
+    def push(self, impulse: float) -> None:
+        node = f'/{self.namespace}/pendulum_plant'
+        assert self.ros.set_parameters(node, disturbance__impulse=impulse) == ['']
+        assert self.ros.call(f'/{self.namespace}/push', Trigger).success
+
+    def angle(self, state: JointState) -> float:
+        return float(joint_motion(state, PENDULUM_JOINTS)[0])
 
     def upright_for(self, seconds: float) -> bool:
         """Whether the pendulum has been upright so long."""
@@ -59,98 +81,142 @@ class Rig:
         for state in reversed(self.states):
             if seconds_of(state.header.stamp) < newest - seconds:
                 return True
-            theta = joint_motion(state, PENDULUM_JOINTS)[0]
-            if abs(math.remainder(float(theta), math.tau)) > 0.1:
+            if abs(math.remainder(self.angle(state), math.tau)) > 0.1:
                 return False
         return False
 
+    def stands_up(self) -> bool:
+        return self.ros.spin_until(lambda: self.upright_for(0.5))
+
+    def end(self) -> None:
+        for node in (self.planner, self.tracker, self.plant):
+            node.end_cleanly()
+
+
+# The first plan begins .6 s after its request; the last request waits for it to begin.
+@pytest.mark.parametrize('pauses', [(0.2,), (0.5,), (0.1, 0.2, 0.2)], ids=str)
+def test_requests_on_the_way_do_not_disturb_the_swing_up(
+    ros: Stepped, pauses: tuple[float, ...]
+) -> None:
+    namespace = 'second_' + '_'.join(str(round(100 * pause)) for pause in pauses)
+    rig = Rig(ros, namespace, {'start.delay': 0.6, 'start.max_age': 5.0})
+    for pause in (*pauses, 0.0):
+        rig.plan()
+        ros.spin_for(pause)
+    assert rig.stands_up(), rig.tracker.output
+    # Made in the middle of a swing a plan may be refused, and the one before be carried on.
+    assert 'stopped' not in rig.tracker.output
+    rig.end()
+
+
+def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of(
+    ros: Stepped,
+) -> None:
+    rig = Rig(ros, 'again', {'start.delay': 0.2})
+    rig.plan()
+    assert ros.spin_until(lambda: 'tracking' in rig.tracker.output)
+    rig.planner.end_cleanly()
+    rig.planner = rig.start(PLANNER, {})
+    assert ros.spin_until(lambda: len(rig.plans) == 2), rig.planner.output
+    assert rig.plans[1] == rig.plans[0]
+    assert 'was followed already: taken over' in rig.planner.output
+    rig.plant.end_cleanly()
+    given = {**STRONG, 'start.source': 'parameters'}
+    own = ['-r', 'plan:=plan_of_the_second']
+    second = ros.start(PLANNER, given, namespace='again', arguments=own)
+    assert ros.trigger('/again/plan_of_the_second')[0]
+    ros.settle()
+    assert "another planner's plan is in force: plan 1 is not reviewed now" in rig.planner.output
+    warning = '2 planners publish /again/plan_summary: trackers follow'
+    assert ros.spin_until(lambda: warning in rig.planner.output)
+    second.end_cleanly()
+    rig.end()
+
 
 @pytest.fixture(scope='module')
-def rig(ros: Ros) -> Rig:
-    made = Rig(ros, 'replanning')
-    assert ros.spin_until(lambda: bool(made.states) and bool(made.commands), 20.0)
-    return made
+def rig(ros: Stepped) -> Iterator[Rig]:
+    made = Rig(
+        ros,
+        'replanning',
+        {'replan.rate': 10.0, 'replan.delay': 0.2, 'start.delay': 0.3},
+        {'replan.on_deviation': True},
+        {'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05},
+    )
+    yield made
+    made.end()
 
 
-def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Ros, rig: Rig) -> None:
-    done, answer = ros.trigger('/replanning/plan')
-    assert done, answer
-    assert ros.spin_until(lambda: bool(rig.plans))
+def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) -> None:
+    rig.plan()
     begins = seconds_of(rig.plans[0].header.stamp)
-    ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.7, 10.0)
-    assert ros.call('/replanning/push', Trigger).success
-    assert ros.spin_until(lambda: rig.upright_for(2.0), 30.0), rig.planner.output
+    assert ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.15)
+    rig.push(1.5e-3)
+    assert rig.stands_up(), rig.planner.output
     assert len(rig.plans) > 1, rig.planner.output
-
-
-def test_the_tracker_takes_the_plans_made_on_the_way(rig: Rig) -> None:
-    # A plan made from a state measured just before the push is rightly refused.
+    # The tracker takes the plans made on the way, or rightly refuses one that was made before.
     assert rig.tracker.output.count('accepted') >= len(rig.plans) - 1
-    assert rig.tracker.output.count('refused') <= 1
-
-
-def test_every_plan_on_the_way_was_verified_and_starts_where_the_pendulum_was(rig: Rig) -> None:
+    assert rig.tracker.output.count(REFUSED) <= 1
+    # Every one was verified, and starts where the pendulum was.
     summaries = [json.loads(message.data) for message in rig.summaries]
     assert [summary['plan_id'] for summary in summaries] == list(range(1, len(rig.plans) + 1))
     assert all(summary['verification']['ok'] for summary in summaries)
     stamps = np.array([seconds_of(state.header.stamp) for state in rig.states])
-    angles = np.array([joint_motion(state, PENDULUM_JOINTS)[0] for state in rig.states])
+    angles = np.array([rig.angle(state) for state in rig.states])
     last = rig.plans[-1]
     measured = float(np.interp(seconds_of(last.header.stamp), stamps, angles))
     assert abs(math.remainder(last.points[0].positions[0] - measured, math.tau)) < 0.3
 
 
-def test_upright_there_are_no_more_plans(ros: Ros, rig: Rig) -> None:
+def test_upright_there_are_no_more_plans_until_it_falls(ros: Stepped, rig: Rig) -> None:
     count = len(rig.plans)
-    ros.spin_for(2.0)
+    ros.spin_for(0.5)
     assert len(rig.plans) == count
-    assert rig.upright_for(2.0)
-
-
-def test_it_is_swung_up_again_from_wherever_it_falls(ros: Ros, rig: Rig) -> None:
-    count = len(rig.plans)
-    assert ros.set_parameters('/replanning/pendulum_plant', disturbance__impulse=2e-3) == ['']
-    assert ros.call('/replanning/push', Trigger).success
-    assert ros.spin_until(lambda: len(rig.plans) > count, 10.0), rig.planner.output
-    assert ros.spin_until(lambda: rig.upright_for(2.0), 30.0), rig.planner.output
-
-
-def test_no_plan_is_thought_refused_that_was_accepted(rig: Rig) -> None:
+    assert rig.upright_for(0.5)
+    rig.push(-4e-3)
+    assert ros.spin_until(lambda: len(rig.plans) > count), rig.planner.output
+    assert rig.stands_up(), rig.planner.output
     assert rig.planner.output.count(NOT_TAKEN) <= rig.tracker.output.count(REFUSED)
 
 
-def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Ros, rig: Rig) -> None:
-    for _ in range(5):
+def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Stepped, rig: Rig) -> None:
+    for _ in range(3):
         done, answer = ros.trigger('/replanning/plan')
         assert done or answer['code'] != 'BUSY', answer
+        ros.spin_for(0.03)
+    ros.spin_for(0.5)
 
 
-def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(ros: Ros, rig: Rig) -> None:
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(
+    ros: Stepped, rig: Rig
+) -> None:
     """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
-    assert ros.spin_until(lambda: rig.upright_for(1.0), 30.0)
+    assert rig.stands_up()
     assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']
     told, refused = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REFUSED))
-    done, answer = ros.trigger('/replanning/plan')
-    assert done, answer
-    assert ros.spin_until(lambda: rig.tracker.output.count(REFUSED) > refused, 10.0)
-    assert ros.spin_until(lambda: rig.planner.output.count(NOT_TAKEN) > told, 10.0), (
-        rig.planner.output
-    )
-    ros.spin_for(2.0)
-    assert rig.upright_for(2.0)
-
-
-def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Ros, rig: Rig) -> None:
+    diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
+    answer = rig.plan()
+    sentence = f'plan {answer["plan_id"]} is not followed by pendulum: the tracker says why'
+    ros.spin_for(0.5)  # it begins after .3 s, and trackers have another .3 s to tell
+    assert rig.tracker.output.count(REFUSED) > refused
+    assert sentence not in rig.planner.output
+    assert ros.spin_until(lambda: rig.planner.output.count(NOT_TAKEN) > told), rig.planner.output
+    ros.spin_for(0.5)
+    assert sentence in rig.planner.output
+    messages = [s.message for array in diagnostics for s in array.status]
+    assert any(sentence in message for message in messages)
+    assert rig.upright_for(0.5)
     assert ros.set_parameters('/replanning/planner', start__source='measured') == ['']
-    count = len(rig.plans)
+
+
+def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Stepped, rig: Rig) -> None:
+    count, before = len(rig.plans), rig.planner.output.count('new plan')
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
     assert ros.call('/replanning/tracker/change_state', ChangeState, request).success
     said = 'no replanning: no tracker is active for pendulum'
     assert ros.spin_until(lambda: said in rig.planner.output), rig.planner.output
-    before = rig.planner.output.count('new plan')
     # The pendulum falls, which would be a reason for a new plan.
-    assert ros.spin_until(lambda: not rig.upright_for(0.2), 30.0)
-    ros.spin_for(2.0)
+    assert ros.spin_until(lambda: not rig.upright_for(0.2))
+    ros.spin_for(0.5)
     assert len(rig.plans) <= count + 1  # one review may have been under way
     assert rig.planner.output.count('new plan') <= before + 1
     assert rig.planner.output.count(said) == 1

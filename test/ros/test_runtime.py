@@ -7,234 +7,226 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
+"""The life of a node's process, lived in this one: how it ends, with which code, what it says."""
+
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+import gc
 import os
-from pathlib import Path
 import signal
-import subprocess
-import sys
+import threading
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
-from ros_harness import NodeProcess, Ros
+import rclpy
+from rclpy.node import Node
 from std_srvs.srv import Trigger
-
-
-def start(ros: Ros, name: str, *arguments: str) -> NodeProcess:
-    path = os.pathsep.join([str(Path(__file__).parent), ros.environment['PYTHONPATH']])
-    return ros.start(
-        'example_node',
-        arguments=['-r', f'__node:={name}', *arguments],
-        environment={'PYTHONPATH': path},
-    )
-
-
-def run_program(ros: Ros, program: str) -> subprocess.CompletedProcess[str]:
-    """Run a program of its own to its end."""
-    return subprocess.run(
-        [sys.executable, '-c', program],
-        env={**os.environ, **ros.environment},
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_process_with_code_0(ros: Ros, number: signal.Signals) -> None:
-    process = start(ros, f'ended_by_{number.name.lower()}')
-    ros.call(f'ended_by_{number.name.lower()}/values', Trigger)
-    assert process.end(number) == 0
-    assert 'Traceback' not in process.output
-    assert 'fatal' not in process.output
-
-
-def test_others_see_at_once_that_it_has_gone(ros: Ros) -> None:
-    """Not when the middleware gives it up, 20 s later."""
-    process = start(ros, 'gone')
-    ros.call('gone/values', Trigger)
-    assert ros.node.count_services(ros.node.resolve_service_name('gone/values')) == 1
-    process.end_cleanly()
-    assert ros.spin_until(lambda: not ros.node.count_services('/gone/values'), 10.0)
-
-
-def test_two_interrupts_in_a_row_end_it_as_cleanly(ros: Ros) -> None:
-    process = start(ros, 'twice')
-    ros.call('twice/values', Trigger)
-    os.killpg(process.process.pid, signal.SIGINT)
-    assert process.end(signal.SIGINT) == 0
-    assert 'Traceback' not in process.output
-
-
-@pytest.mark.parametrize('when', ['in a finaliser', 'while it leaves'])
-def test_signals_while_the_node_is_made(ros: Ros, when: str) -> None:
-    """Raised anywhere, as Python does it, one would be told as ignored, or come too late."""
-    program = f"""
-import os, signal, sys
-from rclpy.node import Node
+from stepped_ros import Stepped
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import runtime
 
-def twice():
-    os.kill(os.getpid(), signal.SIGINT)
-    os.kill(os.getpid(), signal.SIGINT)
 
-class Finalised:
-    def __del__(self):
-        twice()
-
-class Starting(Node):
-    def __init__(self):
-        super().__init__('starting')
-        if {when == 'in a finaliser'}:
-            Finalised()
-        else:
-            ignore = runtime.EndRequest.ignore
-            runtime.EndRequest.ignore = lambda end: (twice(), ignore(end))
-            twice()
-
-sys.exit(runtime.run(Starting))
-"""
-    done = run_program(ros, program)
-    assert (done.returncode, done.stderr) == (0, '')
+class Left(BaseException):
+    """The process would have been left at once, with a code."""
 
 
-def test_what_was_loaded_is_not_looked_through_for_garbage(ros: Ros) -> None:
-    """That takes .1 s with what a tracker loads, in which it sends no command."""
-    program = """
-import gc, sys
-from rclpy.node import Node
-from tdm_planner.nodes import runtime
+@pytest.fixture(autouse=True)
+def left(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+    """Codes with which the process would have been left without tearing the interpreter down."""
+    codes: list[int] = []
 
-class Loaded(Node):
-    def __init__(self):
-        super().__init__('loaded')
-        self.many = [[] for _ in range(100_000)]
-        self.create_timer(0.01, self.look)
+    def leave(code: int) -> None:
+        codes.append(code)
+        raise Left
 
-    def look(self):
-        print(len(gc.get_objects()) < 100_000, flush=True)
-        raise RuntimeError('enough')
-
-runtime.run(Loaded)
-"""
-    assert run_program(ros, program).stdout == 'True\n'
+    monkeypatch.setattr(runtime, 'os', SimpleNamespace(_exit=leave))
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield codes
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    rclpy.try_shutdown()
 
 
-def test_a_computation_under_way_does_not_hold_the_end_up(ros: Ros) -> None:
-    process = start(ros, 'computing')
-    ros.call('computing/compute', Trigger)
-    assert process.end(timeout=5.0) == 0
-    assert 'Traceback' not in process.output
+def run(make: Callable[[], Node], left: list[int], args: list[str] | None = None) -> int:
+    """Return the code with which the process of a node ends."""
+    try:
+        return runtime.run(make, args or [])
+    except Left:
+        return left[-1]
 
 
-def test_an_error_in_a_callback_is_one_line(ros: Ros) -> None:
-    process = start(ros, 'failing')
-    ros.request('failing/fail', Trigger)
-    assert process.process.wait(10.0) == 1
-    assert 'fatal: RuntimeError: something broke\n' in process.output
-    assert 'Traceback' not in process.output
+def told(capfd: pytest.CaptureFixture[str]) -> list[str]:
+    """Return what the process says of its end; nothing in it may look like a crash."""
+    text = capfd.readouterr().err
+    assert 'Traceback' not in text
+    assert 'ignored' not in text
+    return [line for line in text.splitlines() if line.startswith('fatal')]
 
 
-def test_a_missing_parameter_file_is_one_line(ros: Ros) -> None:
-    process = start(ros, 'no_file', '--params-file', '/nowhere.yaml')
-    assert process.process.wait(10.0) == 1
-    assert '/nowhere.yaml' in process.output
-    assert 'Traceback' not in process.output
+def node_that(acts: Callable[[], None], name: str = 'acting') -> Callable[[], Node]:
+    """Return what makes a node that acts once it runs."""
+
+    def make() -> Node:
+        node = Node(name)
+        node.create_timer(0.001, acts)
+        node.create_service(Trigger, f'{name}/service', lambda _, response: response)
+        return node
+
+    return make
 
 
-@pytest.mark.parametrize(('ended', 'code'), [(True, 0), (False, 1)])
-def test_an_error_counts_unless_the_process_was_asked_to_end(
-    ros: Ros, ended: bool, code: int
-) -> None:
+def ask(number: int = signal.SIGINT) -> None:
+    os.kill(os.getpid(), number)
+
+
+def ask_twice() -> None:
+    ask()
+    ask()
+
+
+def fail() -> None:
+    raise RuntimeError('something\nbroke')
+
+
+def fail_after_the_end() -> None:
     """As when a signal interrupts rclpy while it takes a message."""
-    program = f"""
-import rclpy, sys
-from rclpy.node import Node
-from tdm_planner.nodes.runtime import run
-
-class Failing(Node):
-    def __init__(self):
-        super().__init__('failing')
-        self.create_timer(0.01, self.fail)
-
-    def fail(self):
-        if {ended}:
-            rclpy.shutdown()
-        raise RuntimeError('interrupted')
-
-sys.exit(run(Failing))
-"""
-    done = run_program(ros, program)
-    assert done.returncode == code, done.stderr
-    assert ('fatal' in done.stderr) == (code == 1)
+    rclpy.shutdown()
+    fail()
 
 
-def test_a_signal_that_rclpy_turns_into_an_error_of_its_own(ros: Ros) -> None:
+def fail_when_asked() -> None:
     """Seen on a busy machine: an interrupted conversion raises before the context is down."""
-    program = """
-import os, rclpy, signal, sys
-from rclpy.node import Node
-from tdm_planner.nodes.runtime import run
-
-class Converting(Node):
-    def __init__(self):
-        super().__init__('converting')
-        self.create_timer(0.01, self.convert)
-
-    def convert(self):
-        rclpy.ok = lambda: True
-        try:
-            os.kill(os.getpid(), signal.SIGINT)
-        except KeyboardInterrupt:
-            pass
-        raise RuntimeError("Unable to convert call argument '0' to Python object")
-
-sys.exit(run(Converting))
-"""
-    done = run_program(ros, program)
-    assert done.returncode == 0, done.stderr
-    assert 'fatal' not in done.stderr
+    ask()
+    raise RuntimeError("Unable to convert call argument '0' to Python object")
 
 
 @pytest.mark.parametrize(
-    ('ending', 'code'),
+    ('acts', 'code', 'says'),
     [
-        ('os.kill(os.getpid(), signal.SIGINT)', 0),
-        ('os.kill(os.getpid(), signal.SIGTERM)', 0),
-        ("rclpy.shutdown(); raise RuntimeError('the context is gone')", 0),
-        ("raise RuntimeError('something broke')", 1),
+        (ask, 0, []),
+        (lambda: ask(signal.SIGTERM), 0, []),
+        (ask_twice, 0, []),
+        (rclpy.shutdown, 0, []),
+        (fail, 1, ['fatal: RuntimeError: something broke']),
+        (fail_after_the_end, 0, []),
+        (fail_when_asked, 0, []),
     ],
 )
-def test_an_end_while_the_executor_takes_up_a_new_publisher(
-    ros: Ros, ending: str, code: int
+def test_the_end_of_a_node_that_runs(
+    left: list[int],
+    capfd: pytest.CaptureFixture[str],
+    acts: Callable[[], None],
+    code: int,
+    says: list[str],
 ) -> None:
-    """An executor interrupted there is left with half of its callbacks, and aborts when freed."""
-    program = f"""
-import os, rclpy, signal, sys
-from rclpy.event_handler import EventHandler
-from rclpy.node import Node
-from std_msgs.msg import String
-from tdm_planner.nodes.runtime import run
+    assert run(node_that(acts), left) == code
+    assert told(capfd) == says
 
-class Late(Node):
-    def __init__(self):
-        super().__init__('late')
-        self.create_timer(0.2, self.publish)
 
-    def publish(self):
-        taken_up, original = [], EventHandler.get_num_entities
-        def get_num_entities(handler):
-            taken_up.append(handler)
-            if len(taken_up) == 2:
-                {ending}
-            return original(handler)
-        EventHandler.get_num_entities = get_num_entities
-        for name in 'abc':
-            self.create_publisher(String, name, 1)
+class Finalised:
+    """Is asked to end when it is freed."""
 
-sys.exit(run(Late))
-"""
-    done = run_program(ros, program)
-    assert done.returncode == code, done.stderr
-    assert 'Traceback' not in done.stderr
-    assert ('fatal: RuntimeError: something broke' in done.stderr) == (code == 1)
+    def __del__(self) -> None:
+        ask_twice()
+
+
+def asked_in_a_finaliser() -> Node:
+    """Make a node; KeyboardInterrupt, raised there as Python does, would be ignored."""
+    Finalised()
+    return Node('starting')
+
+
+def invalid() -> Node:
+    raise InvalidProblem('there is\nno such problem')
+
+
+@pytest.mark.parametrize(
+    ('make', 'args', 'code', 'says'),
+    [
+        (asked_in_a_finaliser, [], 0, ''),
+        (invalid, [], 2, 'fatal: there is no such problem'),
+        (invalid, ['--ros-args', '--params-file', '/nowhere.yaml'], 1, '/nowhere.yaml'),
+    ],
+)
+def test_the_end_of_a_node_that_is_made(
+    left: list[int],
+    capfd: pytest.CaptureFixture[str],
+    make: Callable[[], Node],
+    args: list[str],
+    code: int,
+    says: str,
+) -> None:
+    assert run(make, left, args) == code
+    lines = told(capfd)
+    assert len(lines) == bool(says)
+    assert says in ''.join(lines)
+
+
+def test_signals_while_it_leaves_are_let_pass(
+    left: list[int], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ignore = runtime.EndRequest.ignore
+
+    def ask_and_ignore(end: runtime.EndRequest) -> None:
+        ask_twice()
+        ignore(end)
+        ask_twice()
+
+    monkeypatch.setattr(runtime.EndRequest, 'ignore', ask_and_ignore)
+    assert run(node_that(ask), left) == 0
+    assert told(capfd) == []
+
+
+def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros: Stepped) -> None:
+    end = runtime.EndRequest()
+    assert not end.asked
+    end._on_signal(signal.SIGINT, None)
+    assert end.asked
+    ros.step_to(ros.now + 1_900_000_000)
+    end._on_signal(signal.SIGINT, None)
+    ros.step_to(ros.now + 200_000_000)
+    with pytest.raises(KeyboardInterrupt):
+        end._on_signal(signal.SIGINT, None)
+
+
+def test_others_see_at_once_that_it_has_gone(ros: Stepped, left: list[int]) -> None:
+    """Not when the middleware gives it up, 20 s later."""
+    seen: list[int] = []
+
+    def look() -> None:
+        seen.append(ros.node.count_services('/gone/service'))
+        if seen[-1]:
+            ask()
+
+    assert run(node_that(look, 'gone'), left) == 0
+    assert seen[-1] == 1
+    assert ros.meet(lambda: not ros.node.count_services('/gone/service'), 10.0)
+
+
+def test_a_computation_under_way_does_not_hold_the_end_up(left: list[int]) -> None:
+    enough = threading.Event()
+
+    def compute() -> None:
+        threading.Thread(target=enough.wait, daemon=True).start()
+        ask()
+
+    assert run(node_that(compute), left) == 0
+    assert left == [0]
+    enough.set()
+
+
+def test_what_was_loaded_is_not_looked_through_for_garbage(left: list[int]) -> None:
+    """That takes .1 s with what a tracker loads, in which it sends no command."""
+    frozen: list[int] = []
+    before = gc.get_freeze_count()
+    loaded: list[Any] = []
+
+    def look() -> None:
+        frozen.append(gc.get_freeze_count())
+        ask()
+
+    loaded.extend([] for _ in range(1000))
+    assert run(node_that(look), left) == 0
+    assert frozen[0] >= before + 1000

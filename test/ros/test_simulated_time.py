@@ -7,102 +7,97 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Nodes with `use_sim_time` before, and after, the first message on `/clock`."""
+"""Nodes with `use_sim_time` before, and after, the first message of the simulated clock."""
 
 from __future__ import annotations
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rclpy.time import Time
-from ros_harness import Ros
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from stepped_ros import Stepped
 from tdm_planner.nodes.messages import LATCHED, pendulum_message
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory
 
 BEGIN = 1_800_000_000_000_000_000  # ns
-STEP = 10_000_000  # ns
+OWN = ['-r', '/clock:=own_clock']  # not the clock that the harness steps
+HANGING = {'name': ['pendulum', 'disk'], 'position': [np.pi, 0.0], 'velocity': [0.0, 0.0]}
 
 
 def texts(diagnostics: list[DiagnosticArray], name: str) -> list[str]:
-    return [
-        status.message
-        for array in diagnostics
-        for status in array.status
-        if status.name.startswith(name)
-    ]
+    return [s.message for array in diagnostics for s in array.status if s.name.startswith(name)]
 
 
-def test_a_planner_without_time_makes_no_plan(ros: Ros) -> None:
-    parameters = {'use_sim_time': True, 'start.source': 'parameters'}
-    planner = ros.start('tdm_planner.nodes.planner', parameters, namespace='timeless')
-    done, answer = ros.trigger('/timeless/plan', timeout=60.0)
+class Simulation:
+    """Publishes a clock of its own, and a pendulum that hangs at rest."""
+
+    def __init__(self, ros: Stepped, namespace: str) -> None:
+        self.ros = ros
+        self.clock = ros.publisher(f'/{namespace}/own_clock', Clock)
+        self.states = ros.publisher(f'/{namespace}/joint_states', JointState)
+
+    def at(self, seconds: float) -> None:
+        now = Time(nanoseconds=BEGIN + round(seconds * 1e9)).to_msg()
+        self.clock.publish(Clock(clock=now))
+        self.ros.spin_for(0.01)
+        state = JointState(**HANGING)
+        state.header.stamp = now
+        self.states.publish(state)
+        self.ros.spin_for(0.01)
+
+
+def test_a_planner_without_time_makes_no_plan(ros: Stepped) -> None:
+    given = {'start.source': 'parameters'}
+    ros.start('tdm_planner.nodes.planner', given, namespace='timeless', arguments=OWN)
+    done, answer = ros.trigger('/timeless/plan')
     assert not done
     assert answer['code'] == 'NO_STATE'
     assert '/clock' in answer['reason']
-    planner.end_cleanly()
 
 
-def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ros) -> None:
-    parameters = {'use_sim_time': True, 'rate': 100.0}
-    tracker = ros.start('tdm_planner.nodes.tracker', parameters, namespace='early')
+def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Stepped) -> None:
+    given = {'rate': 100.0}
+    tracker = ros.start('tdm_planner.nodes.tracker', given, namespace='early', arguments=OWN)
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     in_force = ros.subscribe('/early/trajectory_in_force', JointTrajectory, LATCHED)
     commands = ros.subscribe('/early/joint_command', JointState, 50)
     plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
-    message = pendulum_message(plan, Time(nanoseconds=BEGIN + 50 * STEP).to_msg())
+    message = pendulum_message(plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
     ros.publisher('/early/trajectory', JointTrajectory, LATCHED).publish(message)
     assert ros.spin_until(
-        lambda: any('/clock' in text for text in texts(diagnostics, '/early/tracker')), 20.0
+        lambda: any('/clock' in text for text in texts(diagnostics, '/early/tracker'))
     )
     assert not in_force
 
-    clock = ros.publisher('/clock', Clock)
-    states = ros.publisher('/early/joint_states', JointState)
-    hanging = JointState(name=['pendulum', 'disk'], position=[np.pi, 0.0], velocity=[0.0, 0.0])
-    for k in range(120):
-        now = Time(nanoseconds=BEGIN + k * STEP).to_msg()
-        clock.publish(Clock(clock=now))
-        hanging.header.stamp = now
-        states.publish(hanging)
-        ros.spin_for(0.01)
-    assert ros.spin_until(lambda: any(one.points for one in in_force), 10.0), tracker.output
+    simulation = Simulation(ros, 'early')
+    for k in range(60):
+        simulation.at(0.01 * k)
+    assert any(one.points for one in in_force), tracker.output
     assert any(any(command.effort) for command in commands)
     assert 'refused' not in tracker.output
-    assert not texts(diagnostics[-1:], '/early/tracker')[0].startswith('simulated')
-    tracker.end_cleanly()
+    diagnostics.clear()
+    assert ros.spin_until(lambda: bool(texts(diagnostics, '/early/tracker')))
+    assert not texts(diagnostics, '/early/tracker')[-1].startswith('simulated')
 
 
-def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Ros) -> None:
+def test_a_plan_is_given_up_when_simulated_time_begins_anew(ros: Stepped) -> None:
     """A state measured then is planned from as it is: nobody follows the plan before."""
-    parameters = {'use_sim_time': True, 'limits.torque': 0.09, 'solver.deadline': 10.0}
-    parameters['start.max_age'] = 10.0
-    planner = ros.start('tdm_planner.nodes.planner', parameters, namespace='anew')
-    clock = ros.publisher('/clock', Clock)
-    states = ros.publisher('/anew/joint_states', JointState)
+    given = {'limits.torque': 0.09, 'start.max_age': 10.0}
+    planner = ros.start('tdm_planner.nodes.planner', given, namespace='anew', arguments=OWN)
+    simulation = Simulation(ros, 'anew')
     plans = ros.subscribe('/anew/trajectory', JointTrajectory, LATCHED)
-
-    def at(seconds: float) -> None:
-        now = Time(nanoseconds=BEGIN + round(seconds * 1e9)).to_msg()
-        hanging = JointState(name=['pendulum', 'disk'], position=[np.pi, 0.0], velocity=[0.0, 0.0])
-        hanging.header.stamp = now
-        clock.publish(Clock(clock=now))
-        ros.spin_for(0.05)
-        states.publish(hanging)
-        ros.spin_for(0.05)
-
     pending = ros.request('/anew/plan', Trigger)
-    assert ros.publish_until(lambda: at(100.0), pending.done, 60.0)
+    assert ros.publish_until(lambda: simulation.at(100.0), pending.done)
     assert pending.result().success, pending.result().message
     # Half way up, by the plan, where the pendulum never was.
-    at(100.98)
-    at(99.9)
-    assert ros.spin_until(lambda: 'simulated time was set back' in planner.output)
-    at(101.2)
-    done, answer = ros.trigger('/anew/plan', timeout=60.0)
+    simulation.at(100.98)
+    simulation.at(99.9)
+    assert 'simulated time was set back' in planner.output
+    simulation.at(101.2)
+    done, answer = ros.trigger('/anew/plan')
     assert done, answer
     assert ros.spin_until(lambda: len(plans) == 2)
     np.testing.assert_allclose(plans[-1].points[0].positions, [np.pi, 0.0], atol=1e-9)
-    planner.end_cleanly()
