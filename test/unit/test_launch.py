@@ -169,16 +169,16 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
 
 
 @BOTH
-def test_neither_window_nor_recording_unless_asked_for(name: str, monkeypatch: pytest.MonkeyPatch):
+def test_neither_window_nor_recording_unless_asked_for(name: str):
     started = described(name).started()
     assert not [item for item in started if isinstance(item, ExecuteProcess)]
     assert 'rviz2' not in {item.executable for item in started}
-    launching = __import__('tdm_planner.launching').launching
-    asked: list[bool] = []
-    monkeypatch.setattr(launching, 'record_command', lambda *given: asked.append(given[2]) or [])
-    for switch in ('true', 'false'):
-        described(name).started(record='true', use_sim_time=switch)
-    assert asked == [True, False]
+    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
+    (index / 'ros2bag').touch()
+    for clock in ('true', 'false'):
+        recorded = described(name).started(record='true', use_sim_time=clock)
+        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
+        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
 
 
 @BOTH
