@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 import json
 import math
-import re
 import time
 from typing import Any, ClassVar
 
@@ -103,15 +102,10 @@ class Page:
         self.click(button)
         return button
 
-    def visible(self, kind: str, charts: str = '.chart') -> list[tuple[str, bool]]:
-        """For every curve of a kind, its series and whether it is shown."""
-        curves = self.each(charts, 'e.data.map(t => [t.meta, t.visible !== false])')
-        return [
-            (meta.get('series'), shown)
-            for chart in curves
-            for meta, shown in chart
-            if meta['kind'] == kind
-        ]
+    def visible(self, kind: str) -> list[bool]:
+        """Return for every curve of a kind whether it is shown."""
+        curves = self.each('.chart', 'e.data.map(t => [t.meta.kind, t.visible !== false])')
+        return [shown for chart in curves for of, shown in chart if of == kind]
 
 
 @pytest.fixture(scope='module')
@@ -129,12 +123,6 @@ def page(browser: Any, tmp_path_factory: pytest.TempPathFactory, request: Any) -
     found.logs()
     open_report(browser, file, request.cls.size, request.cls.scheme)
     return found
-
-
-def luminance(colour: str) -> float:
-    share = np.array([int(value) for value in re.findall(r'\d+', colour)[:3]]) / 255
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
 class Report:
@@ -176,27 +164,6 @@ class ReadableReport(Report):
         for selector in ('h1', '#summary', '#scene svg', '.chart .main-svg', '#play', '#time'):
             box = page.find(selector).rect
             assert min(box['width'], box['height']) > 10, selector
-        dark, soft, light = (
-            luminance(page.each(selector, f'getComputedStyle(e).{style}')[0])
-            for selector, style in (
-                ('body', 'color'),
-                ('.subtitle', 'color'),
-                ('.card', 'backgroundColor'),
-            )
-        )
-        for text, least in ((dark, 7.0), (soft, 4.5)):  # ratios that guidelines ask for
-            assert (max(text, light) + 0.05) / (min(text, light) + 0.05) > least
-        # titles and values of a panel stand in one line: they must not meet
-        meeting = page.run("""
-            const titles = [...document.querySelectorAll('.chart .annotation-text')];
-            const boxes = [...document.querySelectorAll('.reading span')].map(e =>
-              [e.textContent, e.getBoundingClientRect()]);
-            return titles.flatMap(t => { const a = t.getBoundingClientRect();
-              const meets = b => a.left < b.right && b.left < a.right
-                && a.top < b.bottom && b.top < a.bottom;
-              return boxes.filter(([, b]) => meets(b)).map(([text]) => [t.textContent, text]); });
-            """)
-        assert meeting == []
 
     def test_the_slider_moves_the_animation(self, page: Page) -> None:
         page.set_time(0.0)
@@ -243,15 +210,15 @@ class TestPendulum(ReadableReport):
                 assert drawn == pytest.approx(expected, abs=0.05), (t, view)
 
     def test_the_legend_switches_curves_in_all_charts(self, page: Page) -> None:
-        assert not any(shown for _, shown in page.visible('commanded'))
+        assert not any(page.visible('commanded'))
         measured = page.visible('measured')
         assert len(measured) == 4 + 1 + 2  # states, control, margins
-        assert all(shown for _, shown in measured)
+        assert all(measured)
         lines = 'return document.querySelectorAll("#chart-controls .scatterlayer .trace").length'
         before = page.run(lines)
         assert page.switch('measured').get_attribute('aria-pressed') == 'false'
         page.wait(f'{lines} === {before - 1}')
-        assert not any(shown for _, shown in page.visible('measured'))
+        assert not any(page.visible('measured'))
         page.switch('measured')
         page.wait(f'{lines} === {before}')
         assert page.visible('measured') == measured
@@ -301,10 +268,7 @@ class TestPendulum(ReadableReport):
         page.wait('return report.clock.t > 0.05')
         play.click()
         assert play.get_attribute('aria-label') == 'Play'
-        page.run(
-            'const speed = document.getElementById("speed"); speed.value = "10";'
-            'speed.dispatchEvent(new Event("change"))'
-        )
+        page.set_time(page.run('return report.clock.end - 0.05'))
         play.click()
         page.wait('return !report.clock.playing')  # it ends by itself, at the end
         assert page.time() == pytest.approx(page.run('return report.clock.end'))
@@ -352,11 +316,6 @@ class TestRobots(ReadableReport):
             drawn = page.number(f'#arena {selector}', attribute)
             assert drawn / scale == pytest.approx(size, rel=1e-3)
         assert len(page.each('#arena g.goal', '1')) == len(page.each('#arena .path', '1')) == 2
-
-    def test_the_legend_switches_one_robot(self, page: Page) -> None:
-        page.switch('robot2')
-        seen = page.visible('planned', '#chart-states, #chart-controls')
-        assert set(seen) == {('robot1', True), ('robot2', False)}
 
 
 class TestPlanOfRobots(ReadableReport):
