@@ -299,6 +299,9 @@ def test_parameters_that_are_invalid_are_said_to_be() -> None:
     comparison = compare(mission)
     assert comparison.margins['robot1'].measured is None
     assert "parameter 'plant.mass' = -1.0" in comparison.missing[0]
+    without = {found.name for found in compare(formation(parameters={})).entries}
+    assert 'smallest distance of two robots' in without
+    assert 'margin of separation' not in without
 
 
 def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
