@@ -69,16 +69,14 @@ def test_every_argument_is_described_and_has_a_default(name: str):
     for argument in arguments.values():
         assert argument.description
         assert argument.choices is None or argument.default_value in argument.choices
-    params_file = Path(arguments['params_file'].default_value)
-    assert params_file == config_file(f'{name}.yaml')
+    assert Path(arguments['params_file'].default_value) == config_file(f'{name}.yaml')
     assert arguments['namespace'].default_value == name
 
 
 def test_nodes_of_the_pendulum_and_their_arguments(tmp_path: Path):
     shipped = nodes('pendulum', description='false')
-    assert places(shipped) == {
-        (name, 'pendulum') for name in ('planner', 'tracker', 'pendulum_plant')
-    }
+    names = ('planner', 'tracker', 'pendulum_plant')
+    assert places(shipped) == {(name, 'pendulum') for name in names}
     for node in shipped:
         assert node.package == 'tdm_planner'
         assert node.parameters == [str(config_file('pendulum.yaml'))]
