@@ -7,15 +7,19 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Messages of a bag, for tests of what records: by topic, in the order they were written in."""
+"""For tests of what records: messages of a bag by topic, as they were written; a full disk."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tdm_sim import full_disk
+from tdm_sim.bag_writer import BagWriter
 import yaml
 
 
@@ -47,3 +51,29 @@ def metadata(bag: Path) -> Any:
 def numbers(messages: list[Any]) -> list[int]:
     """Return the numbers that the texts of messages begin with."""
     return [int(message.data[:6]) for message in messages]
+
+
+class FullFile:
+    """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
+
+    def __init__(self, file: Any, room: int, reserve: Path) -> None:
+        self._file, self._room, self._reserve = file, room, reserve
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def write(self, data: bytes) -> int:
+        room = self._room + (0 if self._reserve.exists() else full_disk.RESERVE)
+        if len(data) > room:
+            self._file.write(data[:room])
+            self._room -= room
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._room -= len(data)
+        return int(self._file.write(data))
+
+
+def fill(writer: BagWriter, room: int) -> BagWriter:
+    """Let the disk that an MCAP file is on be full after so many bytes."""
+    storage: Any = writer._writer.storage
+    storage.bio = FullFile(storage.bio, room, writer.path / '.reserve')
+    return writer

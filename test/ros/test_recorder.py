@@ -7,257 +7,122 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What comes over the wire is in the bag, and the figures of a recording are true."""
+"""What a recorder takes up, its figures, and how it ends, with messages over DDS."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-import os
+from collections.abc import Callable, Iterable
 from pathlib import Path
-import re
-import signal
-import subprocess
-import threading
+from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
-from bag_contents import metadata, numbers, read_with_mcap, read_with_rosbags
+from bag_contents import fill, numbers, read_with_mcap
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros_harness import NodeProcess, Ros
-from sensor_msgs.msg import JointState
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
-from tdm_sim.recorder import IncompleteRecording, Progress, record
+from stepped_ros import Stepped
+from tdm_sim import recorder
+from tdm_sim.bag_writer import BagWriter
+from tdm_sim.recorder import IncompleteRecording, Progress, record, Recorder
 
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-class Recording:
-    """`record` in a thread; a context that ends it."""
-
-    def __init__(self, bag: Path, *topics: str, **options: Any) -> None:
-        self.seen: list[Progress] = []
-        self.done: list[Progress] = []
-        self.failures: list[IncompleteRecording] = []
-        self._stop = threading.Event()
-
-        def run() -> None:
-            told = {'stop': self._stop, 'on_progress': self.seen.append}
-            try:
-                self.done.append(record(bag, topics, **told, **options))
-            except IncompleteRecording as failure:
-                self.failures.append(failure)
-
-        self._thread = threading.Thread(target=run)
-
-    @property
-    def running(self) -> bool:
-        return self._thread.is_alive()
-
-    def messages(self) -> int:
-        return self.seen[-1].messages if self.seen else 0
-
-    def __enter__(self) -> Recording:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join(20.0)
-        assert not self.running
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+Publish = Callable[[Iterable[str]], None]
 
 
-def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
-    """Start the recorder as the process that `tdm record` is."""
-    process = NodeProcess(
-        'tdm_planner.cli', ['record', '-o', str(output), *arguments], ros.environment, ros.folder
-    )
-    assert ros.spin_until(output.is_dir, 20.0), process.output
-    return process
+@pytest.fixture
+def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
+    """Return what publishes texts on /texts, one whenever a recorder looks; then 10 ms pass."""
+
+    def prepare(texts: Iterable[str]) -> None:
+        publisher = ros.node.create_publisher(String, '/texts', 100)
+        make = recorder.make_executor
+        remaining = iter(texts)
+
+        def with_texts(context: Any) -> Any:
+            executor = make(context)
+
+            def spin_once(timeout_sec: float) -> None:
+                ros.step_to(ros.now + 10_000_000)
+                if publisher.get_subscription_count():
+                    publisher.publish(String(data=next(remaining)))
+                executor.spin_once(timeout_sec=timeout_sec)
+
+            also = {name: getattr(executor, name) for name in ('add_node', 'shutdown')}
+            return SimpleNamespace(spin_once=spin_once, **also)
+
+        monkeypatch.setattr(recorder, 'make_executor', with_texts)
+
+    return prepare
 
 
 @pytest.mark.parametrize(
-    ('storage', 'read', 'number'),
-    [('mcap', read_with_mcap, signal.SIGTERM), ('sqlite3', read_with_rosbags, signal.SIGINT)],
-)
-def test_every_message_is_in_the_bag(
-    ros: Ros,
-    tmp_path: Path,
-    storage: str,
-    read: Callable[[Path], dict[str, list[Any]]],
-    number: signal.Signals,
-) -> None:
-    """By the command, ended by a signal."""
-    bag = tmp_path / 'bag'
-    names = [f'/{storage}/{name}' for name in ('latched', 'states', 'late', 'hasty')]
-    latched = ros.node.create_publisher(String, names[0], LATCHED)
-    latched.publish(String(data='published before the recorder came'))
-    recorder = start(ros, bag, '--storage', storage)
-    states = ros.publisher(names[1], JointState, 300)
-    for k in range(300):
-        states.publish(JointState(name=['disk'], position=[0.5 * k], effort=[-1.0 * k]))
-    late = ros.publisher(names[2], String)
-    late.publish(String(data='a late topic'))
-    hasty = ros.publisher(names[3], String, BEST_EFFORT)
-    for publisher in (states, late):
-        assert publisher.wait_for_all_acked()
-
-    def kept() -> bool:
-        return any(b'best effort' in file.read_bytes() for file in bag.glob('bag.*'))
-
-    assert ros.publish_until(lambda: hasty.publish(String(data='best effort')), kept, every=0.1)
-    assert recorder.end(number) == 0, recorder.output
-    assert 'Traceback' not in recorder.output
-    messages = read(bag)
-    assert [m.position[0] for m in messages[names[1]]] == [0.5 * k for k in range(300)]
-    assert [m.effort[0] for m in messages[names[1]]] == [-1.0 * k for k in range(300)]
-    assert [m.data for m in messages[names[0]]] == ['published before the recorder came']
-    assert [m.data for m in messages[names[2]]] == ['a late topic']
-    assert {m.data for m in messages[names[3]]} == {'best effort'}
-    check_metadata(ros, bag, storage, {name: len(messages[name]) for name in names})
-    for publisher in (latched, states, late, hasty):
-        ros.node.destroy_publisher(publisher)
-
-
-def check_metadata(ros: Ros, bag: Path, storage: str, counts: dict[str, int]) -> None:
-    """Compare what rosbag2's own file says with the wire."""
-    document = metadata(bag)
-    assert document['storage_identifier'] == storage
-    topics = {
-        entry['topic_metadata']['name']: (entry['topic_metadata'], entry['message_count'])
-        for entry in document['topics_with_message_count']
-    }
-    assert document['message_count'] == sum(count for _, count in topics.values())
-    for name, count in counts.items():
-        about, written = topics[name]
-        assert written == count
-        (endpoint,) = ros.node.get_publishers_info_by_topic(name)
-        assert about['type'] == endpoint.topic_type
-        assert about['type_description_hash'] == str(endpoint.topic_type_hash)
-        (offered,) = about['offered_qos_profiles']
-        assert offered['reliability'] == endpoint.qos_profile.reliability.name.lower()
-        assert offered['durability'] == endpoint.qos_profile.durability.name.lower()
-
-
-@pytest.mark.parametrize(
-    ('wanted', 'options', 'expected'),
+    ('wanted', 'namespace', 'expected'),
     [
-        (('mine/plan',), {}, ['/mine/plan']),
-        ((), {'namespace': 'mine'}, ['/mine/one/state', '/mine/plan', '/tf']),
+        (('mine/plan',), None, ['/mine/plan']),
+        ((), 'mine', ['/mine/one/state', '/mine/plan', '/tf']),
     ],
     ids=['topics', 'namespace'],
 )
 def test_what_is_asked_for_and_nothing_of_others(
-    ros: Ros, tmp_path: Path, wanted: tuple[str, ...], options: Any, expected: list[str]
+    ros: Stepped, tmp_path: Path, wanted: tuple[str, ...], namespace: str | None, expected: Any
 ) -> None:
-    bag = tmp_path / 'bag'
     topics = ('/mine/one/state', '/mine/plan', '/other/plan', '/minecraft/plan', '/tf')
     publishers = [ros.node.create_publisher(String, topic, LATCHED) for topic in topics]
     for publisher in publishers:
         publisher.publish(String(data='x'))
-    with Recording(bag, *wanted, **options) as recording:
-        assert ros.spin_until(
-            lambda: bool(recording.seen) and set(expected) <= set(recording.seen[-1].counts)
-        )
-        assert ros.spin_until(lambda: recording.messages() >= len(expected))
+    with BagWriter(tmp_path / 'bag') as writer:
+
+        def make(context: Any, cli_args: Any) -> Recorder:
+            return Recorder(writer, wanted, namespace, context=context)
+
+        here = ros.add(make, [])
+        assert ros.spin_until(lambda: all(writer.counts.get(topic) for topic in expected))
+        here.end()
     for publisher in publishers:
         ros.node.destroy_publisher(publisher)
     shared = {'/rosout', '/clock', '/diagnostics', '/tf_static'}
-    assert sorted(set(read_with_mcap(bag)) - shared) == expected
+    assert sorted(set(read_with_mcap(tmp_path / 'bag')) - shared) == expected
 
 
-def test_figures_of_a_recording(ros: Ros, tmp_path: Path) -> None:
-    bag = tmp_path / 'bag'
-    publisher = ros.node.create_publisher(String, '/figures', 100)
-    with Recording(bag, '/figures') as recording:
-        assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
-        sent = [0]
+def test_figures_of_a_recording_that_is_stopped(publish: Publish, tmp_path: Path) -> None:
+    bag, seen, stop = tmp_path / 'bag', list[Progress](), Event()
 
-        def publish() -> None:
-            publisher.publish(String(data='x' * 1000))
-            sent[0] += 1
+    def look(progress: Progress) -> None:
+        seen.append(progress)
+        if progress.messages >= 100:
+            stop.set()
 
-        assert ros.publish_until(publish, lambda: len(recording.seen) >= 4, 20.0, 0.005)
-    (done,) = recording.done
-    assert max(progress.rate for progress in recording.seen[1:]) > 0.0
-    assert done.elapsed >= recording.seen[-1].elapsed > 0.0
+    publish('x' * 1000 for _ in range(100_000))
+    done = record(bag, ['/texts'], stop=stop, on_progress=look)
+    assert max(progress.rate for progress in seen) > 0.0
+    assert done.elapsed >= seen[-1].elapsed > 0.0
     assert done.dropped == 0
-    assert dict(done.counts) == {'/figures': done.messages}
-    assert 0 < recording.messages() <= done.messages <= sent[0]
-    assert len(read_with_mcap(bag)['/figures']) == done.messages
+    assert dict(done.counts) == {'/texts': done.messages}
+    assert 100 <= seen[-1].messages <= done.messages
+    assert len(read_with_mcap(bag)['/texts']) == done.messages
     assert done.size == sum((bag / name).stat().st_size for name in ('bag.mcap', 'metadata.yaml'))
     assert done.messages * 1000 < done.size
     assert done.rate == pytest.approx(done.messages / done.elapsed)
 
 
-def test_ends_by_itself_after_its_duration(ros: Ros, tmp_path: Path) -> None:
-    done = record(tmp_path / 'bag', ['/silence'], 'sqlite3', duration=0.2)
-    assert done.elapsed >= 0.2
-    assert done.messages == 0
-    assert read_with_rosbags(tmp_path / 'bag') == {}
+def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> None:
+    publish(())
+    done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
+    assert done.elapsed == pytest.approx(0.2, abs=0.011)
+    assert read_with_mcap(tmp_path / 'bag') == {}
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """Yield a file system of 12 MB."""
-    folder = tmp_path / 'small'
-    folder.mkdir()
-    command = ['mount', '-t', 'tmpfs', '-o', 'size=12m', 'tmpfs', str(folder)]
-    try:
-        subprocess.run(command, check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip('mounting is not permitted here')
-    yield folder
-    # Python 3.10 may hold a database of rosbags' until its cursors are collected.
-    subprocess.run(['umount', '--lazy', str(folder)], check=True)
-
-
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
-    ros: Ros, small_disk: Path, storage: str
+    publish: Publish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = small_disk / 'bag'
-    publisher = ros.node.create_publisher(String, f'/full/{storage}', 100)
-    with Recording(bag, publisher.topic, storage=storage) as recording:
-        assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
-        texts = (f'{k:06d}' + 'x' * 40_000 for k in range(10_000))
-        assert ros.publish_until(
-            lambda: publisher.publish(String(data=next(texts))),
-            lambda: not recording.running,
-            60.0,
-            0.002,
-        )
-    (failure,) = recording.failures
-    assert re.search('(No space left|disk is full).*; the recording ends there', str(failure))
-    found = numbers(read_with_rosbags(bag)[publisher.topic])
-    assert found == list(range(len(found)))
+    enter = BagWriter.__enter__
+    monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
+    publish(f'{k:06d}' + 'x' * 40_000 for k in range(10_000))
+    with pytest.raises(IncompleteRecording, match=r'No space left.*; the recording') as caught:
+        record(tmp_path / 'bag', ['/texts'])
+    found = numbers(read_with_mcap(tmp_path / 'bag')['/texts'])
     assert len(found) > 50
-    assert f'with {len(found)} messages' in str(failure)
-    assert failure.progress.messages == len(found)
-
-
-def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path) -> None:
-    """A flood that a recorder, stopped for a while, cannot take up."""
-    bag = tmp_path / 'bag'
-    publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
-    recorder = start(ros, bag, '/lost')
-    assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
-    os.kill(recorder.process.pid, signal.SIGSTOP)
-    for _ in range(1000):
-        publisher.publish(String(data='x' * 60_000))
-    os.kill(recorder.process.pid, signal.SIGCONT)
-    sent = [1000]
-
-    def publish() -> None:
-        publisher.publish(String(data='after the flood'))
-        sent[0] += 1
-
-    file = bag / 'bag.mcap'
-    assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), 20.0, 0.05)
-    assert recorder.end() == 0
-    received = len(read_with_mcap(bag)['/lost'])
-    lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
-    assert lost is not None, recorder.output
-    assert 0 < int(lost.group(1)) <= sent[0] - received
+    assert found == list(range(found[0], found[0] + len(found)))
+    assert f'with {len(found)} messages' in str(caught.value)
+    assert caught.value.progress.messages == len(found)

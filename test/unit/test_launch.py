@@ -69,16 +69,14 @@ def test_every_argument_is_described_and_has_a_default(name: str):
     for argument in arguments.values():
         assert argument.description
         assert argument.choices is None or argument.default_value in argument.choices
-    params_file = Path(arguments['params_file'].default_value)
-    assert params_file == config_file(f'{name}.yaml')
+    assert Path(arguments['params_file'].default_value) == config_file(f'{name}.yaml')
     assert arguments['namespace'].default_value == name
 
 
 def test_nodes_of_the_pendulum_and_their_arguments(tmp_path: Path):
     shipped = nodes('pendulum', description='false')
-    assert places(shipped) == {
-        (name, 'pendulum') for name in ('planner', 'tracker', 'pendulum_plant')
-    }
+    names = ('planner', 'tracker', 'pendulum_plant')
+    assert places(shipped) == {(name, 'pendulum') for name in names}
     for node in shipped:
         assert node.package == 'tdm_planner'
         assert node.parameters == [str(config_file('pendulum.yaml'))]
@@ -169,16 +167,16 @@ def test_absolute_names_have_the_namespaces_before_them(pushed: str | None, name
 
 
 @BOTH
-def test_neither_window_nor_recording_unless_asked_for(name: str, monkeypatch: pytest.MonkeyPatch):
+def test_neither_window_nor_recording_unless_asked_for(name: str):
     started = described(name).started()
     assert not [item for item in started if isinstance(item, ExecuteProcess)]
     assert 'rviz2' not in {item.executable for item in started}
-    launching = __import__('tdm_planner.launching').launching
-    asked: list[bool] = []
-    monkeypatch.setattr(launching, 'record_command', lambda *given: asked.append(given[2]) or [])
-    for switch in ('true', 'false'):
-        described(name).started(record='true', use_sim_time=switch)
-    assert asked == [True, False]
+    index = Path(os.environ['AMENT_PREFIX_PATH'], 'share/ament_index/resource_index/packages')
+    (index / 'ros2bag').touch()
+    for clock in ('true', 'false'):
+        recorded = described(name).started(record='true', use_sim_time=clock)
+        (recorder,) = (item for item in recorded if isinstance(item, ExecuteProcess))
+        assert ('--use-sim-time' in recorder.cmd) == (clock == 'true')
 
 
 @BOTH

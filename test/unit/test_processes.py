@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 import os
 from pathlib import Path
 import re
@@ -28,13 +29,6 @@ from tdm_planner.starting import REQUIRED
 
 EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-COUNT = """
-import numpy as np
-matrix = np.ones((500, 500))
-matrix @ matrix
-import os
-print('threads', len(os.listdir('/proc/self/task')))
-"""
 
 
 def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -46,29 +40,6 @@ def python(*arguments: str, **environment: str) -> subprocess.CompletedProcess[s
         text=True,
         timeout=120,
     )
-
-
-def refusal(script: Path, program: str) -> str:
-    """Return the one line that a program says where something is missing."""
-    script.write_text(program)
-    done = python(str(script))
-    assert done.returncode == 1
-    assert done.stdout == ''
-    (line,) = done.stderr.splitlines()
-    return line
-
-
-@pytest.mark.parametrize('name', EXECUTABLES)
-def test_executables_say_which_package_is_missing(name: str, tmp_path: Path) -> None:
-    main = f'from {EXECUTABLES[name]} import main; sys.exit(main())\n'
-    line = refusal(tmp_path / name, f"import sys; sys.modules['numba'] = None\n{main}")
-    assert 'not installed: numba;' in line
-    assert "'pip install numba'" in line
-
-
-def test_a_node_without_ros_says_how_to_get_it(tmp_path: Path) -> None:
-    program = "import sys; sys.modules['rclpy'] = None; import tdm_planner\n"
-    assert "'rclpy', which is not installed" in refusal(tmp_path / 'planner', program)
 
 
 def test_users_of_the_library_get_the_same_as_an_error_and_no_environment() -> None:
@@ -103,78 +74,6 @@ def test_launch_files_need_only_what_ubuntu_has() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def threads(*arguments: str, **environment: str) -> int:
-    """Return how many threads there are after a product of matrices; libraries have some, too."""
-    done = python(*arguments, **environment)
-    assert done.returncode == 0, done.stderr
-    return int(done.stdout.split()[-1])
-
-
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='one core')
-def test_an_executable_uses_one_thread_for_blas_unless_told_otherwise(tmp_path: Path) -> None:
-    script = tmp_path / 'tdm'
-    script.write_text(f'import tdm_planner\n{COUNT}')
-    one = threads(str(script), **dict.fromkeys(THREADS, '1'))
-    assert threads(str(script)) == one < threads(str(script), **dict.fromkeys(THREADS, '2'))
-
-
-def test_nodes_and_modules_that_are_run_limit_threads_too(tmp_path: Path) -> None:
-    pytest.importorskip('rclpy')
-    tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
-    (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
-    as_module = 'import sys; sys.orig_argv = ["python", "-m", "{0}"]; import {0}\n'
-    for words in (
-        [str(tmp_path / 'planner')],
-        ['-c', as_module.format('tdm_planner.set_up') + tell],
-        ['-c', as_module.format('benchmark.pendulum') + tell],
-    ):
-        assert python(*words).stdout == "['1', '1', '1']\n"
-
-
-def make_share(prefix: Path, indexed: bool) -> Path:
-    share = prefix / 'share' / 'tdm_planner'
-    (share / 'config').mkdir(parents=True)
-    (share / 'config' / 'mine.yaml').write_text('')
-    if indexed:
-        index = prefix / 'share/ament_index/resource_index/packages'
-        index.mkdir(parents=True)
-        (index / 'tdm_planner').write_text('')
-    return share
-
-
-@pytest.fixture
-def no_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
-    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
-
-
-@pytest.mark.usefixtures('no_installation')
-def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    assert resources.share_directory() == SOURCE
-    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
-    share = make_share(tmp_path / 'python', indexed=False)
-    assert resources.share_directory() == share
-    not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
-    make_share(not_indexed, indexed=False)
-    share = make_share(workspace, indexed=True)
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
-    assert resources.share_directory() == share
-
-
-@pytest.mark.usefixtures('no_installation')
-def test_what_is_missing_is_told_with_what_there_is(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
-    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
-        resources.share_directory()
-    make_share(tmp_path / 'python', indexed=False)
-    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
-        resources.config_file('pendulum.yaml')
-
-
 def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -195,41 +94,98 @@ def test_every_problem_is_prepared_and_one_that_cannot_be_is_named(
         assert ('theirs cannot be prepared: its module is missing' in captured.err) == code
 
 
+@pytest.mark.parametrize(
+    ('name', 'program', 'said'),
+    [
+        *((name, f"{{'numba': None}}); from {module} import main; main()",
+           "not installed: numba; .*'pip install numba'")
+          for name, module in EXECUTABLES.items()),
+        ('planner', "{'rclpy': None}); import tdm_planner", "'rclpy', which is not installed"),
+    ],
+)  # fmt: skip
+def test_executables_say_which_package_is_missing(
+    name: str, program: str, said: str, tmp_path: Path
+) -> None:
+    script = tmp_path / name
+    script.write_text(f'import sys; sys.modules.update({program}')
+    done = python(str(script))
+    assert (done.returncode, done.stdout) == (1, '')
+    (line,) = done.stderr.splitlines()
+    assert re.search(said, line)
+
+
+def test_executables_and_modules_that_are_run_use_one_thread_unless_told_otherwise(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip('rclpy')
+    tell = f'import os; print([os.environ.get(name) for name in {THREADS}])'
+    (tmp_path / 'planner').write_text(f'import tdm_planner\n{tell}')
+    as_module = 'import sys; sys.orig_argv = ["python", "-m", "{0}"]; import {0}\n'
+    for words in (
+        [str(tmp_path / 'planner')],
+        ['-c', as_module.format('tdm_planner.set_up') + tell],
+        ['-c', as_module.format('benchmark.pendulum') + tell],
+    ):
+        assert python(*words).stdout == "['1', '1', '1']\n"
+    told = python(str(tmp_path / 'planner'), **dict.fromkeys(THREADS, '2'))
+    assert told.stdout == "['2', '2', '2']\n"
+
+
+def make_share(prefix: Path, indexed: bool) -> Path:
+    share = prefix / 'share' / 'tdm_planner'
+    (share / 'config').mkdir(parents=True)
+    (share / 'config' / 'mine.yaml').touch()
+    if indexed:
+        index = prefix / 'share/ament_index/resource_index/packages'
+        index.mkdir(parents=True)
+        (index / 'tdm_planner').touch()
+    return share
+
+
+def test_a_sourced_workspace_comes_before_the_python_environment_before_the_sources(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'python'))
+    assert resources.share_directory() == SOURCE
+    assert resources.config_file('pendulum.yaml') == SOURCE / 'config' / 'pendulum.yaml'
+    monkeypatch.setattr(resources, '__file__', str(tmp_path / 'site-packages/a/b.py'))
+    with pytest.raises(FileNotFoundError, match=r'looked in .*python/share/tdm_planner'):
+        resources.share_directory()
+    share = make_share(tmp_path / 'python', indexed=False)
+    assert resources.share_directory() == share
+    with pytest.raises(FileNotFoundError, match=r"'pendulum.yaml'.*there is: mine\.yaml"):
+        resources.config_file('pendulum.yaml')
+    not_indexed, workspace = tmp_path / 'other', tmp_path / 'workspace'
+    make_share(not_indexed, indexed=False)
+    share = make_share(workspace, indexed=True)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{not_indexed}:{workspace}')
+    assert resources.share_directory() == share
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_the_first_signal_interrupts_and_the_second_does_not_disturb(number: signal.Signals):
-    before = signal.getsignal(number)
-    done = []
+    """What must not be interrupted is done whole."""
+    before, done = signal.getsignal(number), []
     with interruptible(), uninterrupted():
         pass  # without a signal nothing happens
     assert signal.getsignal(number) is before
 
-    def work():
+    def work(whole: bool):
         with interruptible():
             try:
-                signal.raise_signal(number)
+                with uninterrupted() if whole else nullcontext():
+                    signal.raise_signal(number)
+                    done.append('whole')
+                done.append('more')
             finally:
                 signal.raise_signal(signal.SIGINT)
                 signal.raise_signal(signal.SIGTERM)
                 done.append('cleaned up')
 
-    with pytest.raises(Interrupted) as found:
-        work()
-    assert done
-    assert found.value.code == 128 + number
-    assert signal.getsignal(number) is before
-
-
-def test_a_block_is_done_whole():
-    done = []
-
-    def work():
-        with interruptible():
-            with uninterrupted():
-                signal.raise_signal(signal.SIGTERM)
-                done.append(1)
-            done.append(2)
-
-    with pytest.raises(Interrupted) as found:
-        work()
-    assert done == [1]
-    assert found.value.code == 143
+    for whole, expected in ((False, ['cleaned up']), (True, ['whole', 'cleaned up'])):
+        done.clear()
+        with pytest.raises(Interrupted) as found:
+            work(whole)
+        assert (done, found.value.code) == (expected, 128 + number)
+        assert signal.getsignal(number) is before

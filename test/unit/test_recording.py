@@ -19,7 +19,7 @@ from pathlib import Path
 import sqlite3
 from typing import Any
 
-from bag_contents import metadata, numbers, read_with_mcap, read_with_rosbags
+from bag_contents import fill, metadata, numbers, read_with_mcap, read_with_rosbags
 import pytest
 
 if find_spec('rclpy') is None:
@@ -34,25 +34,6 @@ from tdm_sim import full_disk, recorder
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
-
-
-class FullFile:
-    """A file on a disk with room for `room` bytes more; part of what does not fit is written."""
-
-    def __init__(self, file: Any, room: int, reserve: Path) -> None:
-        self._file, self._room, self._reserve = file, room, reserve
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
-
-    def write(self, data: bytes) -> int:
-        room = self._room + (0 if self._reserve.exists() else full_disk.RESERVE)
-        if len(data) > room:
-            self._file.write(data[:room])
-            self._room -= room
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        self._room -= len(data)
-        return int(self._file.write(data))
 
 
 class Endpoint:
@@ -79,8 +60,7 @@ def test_a_full_disk_costs_nothing_that_was_written_to_an_mcap_file(
 ) -> None:
     bag = tmp_path / 'bag'
     with BagWriter(bag) as writer:
-        storage = writer._writer.storage
-        storage.bio = FullFile(storage.bio, room, bag / '.reserve')
+        fill(writer, room)
         count = written(writer, 10_000, 1000)
         assert count < 10_000
         assert 'No space left on device' in writer.failure

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import ast
-import re
 import sys
 from xml.etree import ElementTree
 
@@ -22,8 +21,6 @@ import tdm_planner
 from tdm_planner.starting import REQUIRED
 
 # Order and number of elements in package_format3.xsd (REP 149).
-ELEMENTS = ['name', 'version', 'description', 'maintainer', 'license', 'url', 'author']
-DEPENDENCIES = re.compile(r'(build|build_export|buildtool|buildtool_export|exec|doc|test)_depend$')
 # What a package that is imported is called by rosdep, where not simply its name.
 ROSDEP_KEYS = {
     name: f'python3-{name}'
@@ -46,46 +43,32 @@ def imported(*folders: str) -> set[str]:
     return found - set(sys.stdlib_module_names) - OURS
 
 
-@pytest.fixture(scope='module')
-def manifest() -> ElementTree.Element:
-    return ElementTree.parse(SOURCE / 'package.xml').getroot()
-
-
-def depends(manifest: ElementTree.Element, kind: str) -> set[str]:
-    found = [str(element.text) for element in manifest.findall(kind)]
-    assert len(found) == len(set(found)), found
-    return set(found)
-
-
-def test_manifest_keeps_to_its_schema_and_is_read_without_a_warning(manifest: ElementTree.Element):
-    names = [element.tag for element in manifest]
-    head = [name for name in names if name in ELEMENTS]
-    count = len(head)
-    assert names[:count] == head == sorted(head, key=ELEMENTS.index)
-    rest = names[count:]
-    assert rest[-1] == 'export'
-    assert all(DEPENDENCIES.match(name) for name in rest[:-1])
-    package = pytest.importorskip('catkin_pkg.package')
-    warnings: list[str] = []
-    read = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)
-    read.validate(warnings=warnings)
-    assert not warnings
-    assert read.version == tdm_planner.__version__
-
-
-def test_manifest_depends_on_what_is_used_and_nothing_else(manifest: ElementTree.Element):
+def test_manifest_depends_on_what_is_used_and_nothing_else():
     """Neither RViz nor rosbag2 is listed: a rig without a screen is to get no window system."""
+    manifest = ElementTree.parse(SOURCE / 'package.xml').getroot()
+
+    def depends(kind: str) -> set[str]:
+        found = [str(element.text) for element in manifest.findall(kind)]
+        assert len(found) == len(set(found)), found
+        return set(found)
+
     used = imported('tdm_planner', 'tdm_sim', 'launch') - WITHOUT_KEY
-    ours = depends(manifest, 'exec_depend')
+    ours = depends('exec_depend')
     beside = {'python3-venv', 'robot_state_publisher'}  # for `make setup`; what launch files start
     assert ours == {ROSDEP_KEYS.get(name, name) for name in used} | beside
     by_tests = imported('test')
     with_key = {ROSDEP_KEYS[name] for name in by_tests if name in ROSDEP_KEYS}
-    assert depends(manifest, 'test_depend') == (with_key | {'python3-pytest-timeout'}) - ours
+    assert depends('test_depend') == (with_key | {'python3-pytest-timeout'}) - ours
     assert {name for name in by_tests if name.endswith(ROS_SUFFIXES)} <= ours
 
 
-def test_catkin_can_read_the_changelog_and_raise_the_version():
+def test_catkin_can_read_manifest_and_changelog_and_raise_the_version():
+    package = pytest.importorskip('catkin_pkg.package')
+    warnings: list[str] = []
+    manifest = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)
+    manifest.validate(warnings=warnings)
+    assert not warnings
+    assert manifest.version == tdm_planner.__version__
     changelog = pytest.importorskip('catkin_pkg.changelog')
     package_version = pytest.importorskip('catkin_pkg.package_version')
     text = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')

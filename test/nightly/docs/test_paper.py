@@ -21,18 +21,6 @@ def _pages(monkeypatch):
     monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'paper'), *sys.path])
 
 
-def test_figure_1(tmp_path):
-    import figure_1
-
-    for tau_f in figure_1.ARCS:
-        curve = figure_1.path(tau_f)
-        np.testing.assert_allclose(curve[[0, -1]], [[0, 0], [4, 3]], atol=1e-12)
-    spread = np.ptp([figure_1.path(8.0, c)[50, 0] for c in figure_1.CURVATURES])
-    assert spread > 0.5
-    figure_1.draw(tmp_path / 'figure.png')
-    assert (tmp_path / 'figure.png').stat().st_size > 10_000
-
-
 def test_every_misprint_breaks_the_energy_balance_and_the_right_equations_are_the_plants():
     import misprints
     from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -75,19 +63,6 @@ def test_virtual_arc_works_from_above_the_horizontal_not_from_hanging_with_weak_
     assert (ratios[:, 0] > 1 - 1e-3).all()
 
 
-def test_gravity_forbids_falling_straight_to_upright():
-    import pendulum_scheme as scheme
-
-    plan = scheme.problem(0.4, 0.09, 'switching').solve(5.0).trajectory
-    theta, _, theta_dot, psi_dot = plan.states.T
-    rate = scheme.momentum_needed(theta, theta_dot, psi_dot)
-    gained = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(plan.times)))
-    assert abs(gained) < 0.01 * float(np.abs(rate).max() * plan.duration)
-    assert rate.min() < 0 < rate.max()
-    falling = scheme.momentum_needed(np.linspace(0.01, 1.5, 50), -3.0, np.linspace(0, 50, 50))
-    assert (falling > 0).all()
-
-
 def test_robots_scheme_misses_and_the_exact_inverse_does_not():
     import robots_scheme as robots
 
@@ -100,13 +75,3 @@ def test_robots_scheme_misses_and_the_exact_inverse_does_not():
         assert robots.open_loop_miss(resting, printed) > 0.5
         assert robots.open_loop_miss(resting, robots.exact(resting, nodes)) < 2e-3
     assert robots.yaw_rate_ripple(101) == pytest.approx(1.0)
-
-
-def test_rate_of_the_direction_of_thrust():
-    import robots_scheme as robots
-
-    exact = robots.exact(robots.move(velocity=0.2), 4001)
-    slope = np.gradient(exact.direction, exact.times) - exact.yaw_rate
-    np.testing.assert_allclose(exact.rate[500:1500], slope[500:1500], atol=1e-4)
-    printed = robots.printed(robots.move(velocity=0.2), 4001)
-    assert np.abs(printed.rate - slope)[500:1500].max() > 0.01

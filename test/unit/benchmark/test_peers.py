@@ -12,19 +12,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import math
 
-from benchmark import by_hand, overhead
 from benchmark.peers.attempts import against, Attempt, best_of, summary
 from benchmark.peers.judge import formation_cost, judge_formation, judge_pendulum
-from benchmark.peers.pendulum_guesses import energy_swing, HARD, straight_line
-from benchmark.pendulum import problem, REGIMES, start_state
+from benchmark.pendulum import problem, start_state
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Budget
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.switching_search import Candidate, polish
 
 
 def test_the_dynamics_of_the_peers_are_the_plants() -> None:
@@ -76,13 +71,6 @@ def test_the_judge_of_formations_rejects_collisions_and_misses() -> None:
     assert any('ends' in reason for reason in judge_formation(task, {**motions, first: pushed}))
 
 
-def test_guesses_start_at_the_start() -> None:
-    task = problem(0.02, start_state(3)).task
-    for guess in (straight_line(task), energy_swing(task, HARD)):
-        np.testing.assert_allclose(guess.states[0], task.start)
-        assert guess.duration > 0
-
-
 def attempt(case: int, solved: bool, seconds: float, cost: float) -> Attempt:
     return Attempt(case, True, solved, seconds, 10, cost)
 
@@ -101,15 +89,3 @@ def test_figures_of_attempts() -> None:
     ours = [attempt(0, True, 1.0, 1.0).to_dict(), attempt(1, True, 2.0, 2.0).to_dict()]
     theirs = [attempt(1, True, 8.0, 3.0).to_dict()]
     assert against(ours, theirs) == {'time': pytest.approx(4.0), 'cost': pytest.approx(1.5)}
-
-
-def test_the_search_by_hand_comes_by_the_same_plan() -> None:
-    for regime, seed in (('strong', 0), ('weak', 3)):
-        made = problem(REGIMES[regime], start_state(seed))
-        assert by_hand.solve(made) == pytest.approx(overhead.by_library(made).cost, rel=1e-6)
-    made = problem(0.09, start_state(1))
-    durations, torques, turns = by_hand.arrivals(made, np.random.default_rng(0))[0]
-    flat, _ = by_hand.polish(by_hand.numbers(made), durations, torques, turns, 12, math.inf)
-    arcs = Candidate(durations, torques, turns)
-    found, _ = polish(made.task, arcs, 12, 1e-8, Budget(60.0))
-    np.testing.assert_allclose(found.durations, flat, rtol=1e-6, atol=1e-9)

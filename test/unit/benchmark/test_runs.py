@@ -7,42 +7,31 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The benchmark runs, keeps its figures and says what failed; flame graphs come from stacks."""
+"""The benchmark says what failed, and keeps its figures, its page and its aims together."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 import json
-import math
 from pathlib import Path
+from queue import Queue
 import shutil
-import sys
+import subprocess
 import time
 from typing import Any
 
 from benchmark import __main__ as command
-from benchmark import explanations, flame, page, runner
+from benchmark import aims, page, runner
 from benchmark import figures as records_of_runs
+from benchmark.progress import MARK
 from benchmark.sections import Section, SECTIONS
 import pytest
-import tdm_planner
-
-PIECE = """
-from benchmark.progress import report
-import os
-report('at work')
-print('something else')
-{code}
-"""
 
 
-def told(tmp_path: Path, code: str, limit: float = 60.0) -> tuple[str, tuple[str, ...], list[str]]:
-    file = tmp_path / 'piece.py'
-    file.write_text(PIECE.format(code=code))
+def shell(script: str) -> tuple[str, tuple[str, ...], list[str]]:
     said: list[str] = []
-    words = ['env', f'PYTHONPATH={runner.ROOT}', sys.executable, str(file)]
-    failure, log = runner._watched(words, limit, said.append)
+    failure, log = runner._watched(['sh', '-c', script], 600.0, said.append)
     return failure, log, said
 
 
@@ -50,23 +39,40 @@ def told(tmp_path: Path, code: str, limit: float = 60.0) -> tuple[str, tuple[str
     ('code', 'says'),
     [
         ('', ''),
-        ('raise ValueError("a wrong number")', 'ValueError: a wrong number'),
-        ('os.abort()', 'it was ended by SIGABRT'),
+        ('echo "ValueError: a wrong number"; echo; exit 1', 'ValueError: a wrong number'),
+        ('kill -ABRT $$', 'it was ended by SIGABRT'),
     ],
 )
-def test_how_a_section_ended(tmp_path: Path, code: str, says: str) -> None:
-    failure, log, said = told(tmp_path, code)
+def test_how_a_section_ended(code: str, says: str) -> None:
+    failure, log, said = shell(f'echo "{MARK}at work"; echo something else; {code}')
     assert (failure, said) == (says, ['at work'])
     assert 'something else' in log
 
 
-def test_a_section_that_hangs_is_ended_with_all_that_it_started() -> None:
-    words = ['sh', '-c', 'sleep 600 & echo $!; wait']
-    failure, log = runner._watched(words, 3.0, lambda _: None)
+def test_a_section_that_hangs_is_ended_with_all_that_it_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The limit is over once the section has said what it started."""
+    said: Queue[str] = Queue()
+    children: list[int] = []
+
+    class Hanging(subprocess.Popen):  # type: ignore[type-arg]
+        """Whose limit is over at once."""
+
+        def wait(self, timeout: float | None = None) -> int:
+            if timeout == 3.0:
+                children.append(int(said.get(timeout=60.0)))
+                raise subprocess.TimeoutExpired(self.args, timeout)
+            return super().wait(timeout)
+
+    monkeypatch.setattr(subprocess, 'Popen', Hanging)
+    words = ['sh', '-c', f'sleep 600 & echo "{MARK}$!"; wait']
+    failure, _ = runner._watched(words, 3.0, said.put)
     assert failure == 'it took longer than 3 s and was ended'
-    child = int(next(line for line in log if line.isdigit()))
-    state = Path(f'/proc/{child}/stat')
-    assert not state.exists() or state.read_text().rsplit(')', 1)[1].split()[0] == 'Z'
+    state = Path(f'/proc/{children[0]}/stat')
+    with suppress(FileNotFoundError, ProcessLookupError):
+        while state.read_text().rsplit(')', 1)[1].split()[0] != 'Z':
+            time.sleep(0.01)
 
 
 REGIME = {'planned': 1.0, 'median_ms': 1.0, 'p95_ms': 1.0, 'slowest_ms': 1.0, 'memory_mb': 1.0}
@@ -115,12 +121,6 @@ def test_a_section_alone_brings_the_page_up_to_date(
     assert '`python -m benchmark peers`: not measured yet.' in text
 
 
-@pytest.mark.parametrize('section', SECTIONS.values(), ids=SECTIONS)
-def test_a_quick_run_has_settings_of_the_same_names(section: Section) -> None:
-    assert set(section.quick) == set(section.full)
-    assert section.described(section.full)
-
-
 def test_the_page_is_that_of_the_figures(tmp_path: Path) -> None:
     """Written anew from the figures beside it, it is the same."""
     pytest.importorskip('casadi')
@@ -132,46 +132,46 @@ def test_the_page_is_that_of_the_figures(tmp_path: Path) -> None:
     assert written == (page.DOCS / 'benchmarks.md').read_text()
 
 
-def test_records_are_kept_beside_the_page(tmp_path: Path) -> None:
-    assert records_of_runs.read(tmp_path) == {}
-    figures = {'value': 1.23456789e-3, 'list': [float('nan')], 'count': 7}
-    records_of_runs.write(tmp_path, {'robots': {'figures': figures}})
-    found = records_of_runs.read(tmp_path)['robots']['figures']
-    assert (found['value'], found['count']) == (0.00123457, 7)
-    assert math.isnan(found['list'][0])
+MEASURED = {name: record['figures'] for name, record in records_of_runs.read(page.DOCS).items()}
 
 
-def test_what_is_explained_is_a_function_of_the_package() -> None:
-    sources = {
-        path.stem: path.read_text() for path in Path(tdm_planner.__file__).parent.rglob('*.py')
-    }
-    for label, reason in explanations.EXPLANATIONS.items():
-        module, function = label.split('.')
-        assert f'def {function}(' in sources[module], label
-        assert reason
+def met(path: str = '', value: Any = None) -> list[str]:
+    """Return the verdicts on the figures of the page, with another value of one of them."""
+    figures: dict[str, Any] = json.loads(json.dumps(MEASURED))
+    if path:
+        *parents, key = path.split('/')
+        place = figures
+        for parent in parents:
+            place = place[parent]
+        assert key in place
+        place[key] = value
+    return [aim.row(figures)[-1] for aim in aims.AIMS]
 
 
-def test_stacks_become_a_tree_and_a_picture(tmp_path: Path) -> None:
-    stacks = Counter({
-        ('a.main', 'b.solve', 'c.inner'): 3,
-        ('a.main', 'b.solve'): 1,
-        ('a.main', 'd.other'): 5,
-    })  # fmt: skip
-    found = flame.below(stacks, 'b.solve')
-    tree = flame.tree(found, 'b.solve')
-    assert tree == flame.Frame('b.solve', 4, (flame.Frame('c.inner', 3, ()),))
-    assert flame.costs(found) == [('b.solve', 1.0), ('c.inner', 0.75)]
-    flame.draw(tree, {'b', 'c'}, 'a title', tmp_path / 'flame.png')
-    assert (tmp_path / 'flame.png').stat().st_size > 1000
+def test_what_was_not_measured_is_not_met() -> None:
+    assert {tuple(aim.row({})[1:]) for aim in aims.AIMS} == {(aims.NOT_MEASURED, '-')}
 
 
-def test_the_sampler_sees_who_spends_the_time() -> None:
-    def spin(seconds: float) -> None:
-        until = time.process_time() + seconds
-        while time.process_time() < until:
-            pass
-
-    with flame.Sampler() as sampler:
-        spin(0.3)
-    assert sum(sampler.stacks.values()) >= 10
-    assert dict(flame.costs(sampler.stacks))['test_runs.spin'] > 0.8
+def test_every_figure_that_falls_short_is_seen() -> None:
+    for path, enough, short in (
+        ('replanning/pendulum/model errors and noise/at_once', 36, 35),
+        ('replanning/pendulum/model errors and noise/held', 40, 39),
+        ('replanning/pendulum/and a push half-way/at_once', 36, 35),
+        ('replanning/pendulum/and a push half-way/held', 40, 39),
+        ('replanning/robots/quick robots, one is pushed/arrived', 40, 39),
+        ('replanning/robots/quick robots, one is pushed/separated', 40, 39),
+        ('replanning/robots/quick robots, the goal moves/arrived', 40, 39),
+        ('replanning/robots/quick robots, the goal moves/separated', 40, 39),
+        ('latency/latency/pendulum weak, warm/p50_ms', 10.0, 11.0),
+        ('latency/latency/pendulum strong, cold/p50_ms', 100.0, 101.0),
+        ('latency/latency/pendulum strong, warm/p99_ms', 300.0, 301.0),
+        ('latency/latency/pendulum weak, cold/p99_ms', 300.0, 301.0),
+        ('latency/latency/three robots, warm/p50_ms', 15.0, 16.0),
+        ('latency/latency/three robots, warm/p99_ms', 60.0, 61.0),
+        ('latency/overruns/late', 0, 1),
+        ('latency/stream/p99_ms', 5.0, 5.1),
+        ('latency/overruns/memory_mb', 230.0, 300.0),
+    ):
+        good, bad = met(path, enough), met(path, short)
+        (number,) = [k for k, pair in enumerate(zip(good, bad, strict=True)) if len({*pair}) == 2]
+        assert (good[number], bad[number]) == ('yes', '**no**')

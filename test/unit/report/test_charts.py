@@ -42,6 +42,7 @@ from tdm_sim.report.histories import (
     state_chart,
     switching_instants,
 )
+from tdm_sim.report.margins import MOST_PAIRS
 from tdm_sim.report.mission import Mission, PlanInForce, Vehicle
 
 NAMES = ('theta', 'psi', 'torque')
@@ -63,7 +64,8 @@ def curves(panel: Panel, kind: str) -> list[Curve]:
     return [curve for curve in panel.curves if curve.kind == kind]
 
 
-def test_planned_states_are_held_before_and_after_controls_are_off() -> None:
+def test_poses_planned_and_measured() -> None:
+    """Plans are held before and after, with controls off; gaps of measurements stay gaps."""
     at = np.array([-1.0, 0.0, 0.5, DURATION, 3.0])
     frames = planned_frames(pendulum(), at, NAMES)
     expected = pendulum_states(np.clip(at, 0.0, DURATION))
@@ -73,24 +75,18 @@ def test_planned_states_are_held_before_and_after_controls_are_off() -> None:
     frames = planned_frames(replanned(0.9), np.array([0.8, 0.9, 1.0]), NAMES)
     expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
     assert frames['theta'] == pytest.approx(expected, abs=1e-9)
-
-
-def test_measured_where_it_was_measured_only() -> None:
     states = pendulum().states
     assert states is not None
-    values = states.values.copy()
-    values[(states.times > 0.5) & (states.times < 1.0)] = np.nan
+    states.values[(states.times > 0.5) & (states.times < 1.0)] = np.nan
     at = np.array([-2.0, 0.3, 0.75, 1.3, 5.0])
-    frames = measured_frames(replace(pendulum(), states=replace(states, values=values)), at, NAMES)
+    frames = measured_frames(replace(pendulum(), states=states), at, NAMES)
     assert np.isnan(frames['theta']).tolist() == [True, False, True, False, True]
     assert frames['theta'][1] == pytest.approx(pendulum_states(0.3)[0] + 0.02, abs=1e-6)
     for count in (0, 1):
         few = replace(states, times=states.times[:count], values=states.values[:count])
         frames = measured_frames(replace(pendulum(), states=few), np.linspace(-1, 1, 9), NAMES)
         assert np.isnan(frames['theta']).all()
-
-
-def test_measured_angles_run_on_where_they_were_wrapped() -> None:
+    # measured angles run on where they were wrapped
     (vehicle,) = robots_mission(names=('one',)).vehicles
     states = vehicle.states
     assert states is not None
@@ -98,6 +94,32 @@ def test_measured_angles_run_on_where_they_were_wrapped() -> None:
     states.values[:, states.names.index('yaw')] = np.arctan2(np.sin(turned), np.cos(turned))
     at = np.linspace(0.0, DURATION, 50)
     assert measured_frames(vehicle, at, ('yaw',))['yaw'] == pytest.approx(8.0 * at, abs=1e-6)
+
+
+def test_every_state_and_control_planned_and_measured_with_limits() -> None:
+    for mission in (pendulum_mission(), robots_mission()):
+        plan = mission.vehicles[0].plans[0].trajectory
+        for chart, names in (
+            (state_chart(mission), plan.state_names),
+            (control_chart(mission), plan.control_names),
+        ):
+            assert tuple(panel.title for panel in chart.panels) == names
+            for panel in chart.panels:
+                for kind in ('planned', 'measured'):
+                    assert len(curves(panel, kind)) == len(mission.vehicles)
+    # of the robots: within walls, half the smallest distance away
+    limits = {'x': (0.2, 3.8), 'y': (0.2, 2.8), 'thrust': (0.0, 1.0), 'torque': (-0.02, 0.02)}
+    for name, expected in (limits | {'yaw': ()}).items():
+        assert limits_of(mission, 'robot', name) == pytest.approx(expected)
+    assert limits_of(replace(mission, parameters={}), 'robot', 'thrust') == ()
+    (torque,) = control_chart(pendulum_mission()).panels
+    assert curves(torque, 'planned')[0].held
+    assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
+    assert torque.switches == pytest.approx([0.8])
+    (planned,) = curves(state_chart(pendulum_mission()).panels[0], 'planned')
+    known = np.isfinite(planned.values)
+    expected = pendulum_states(planned.times[known])[:, 0]
+    assert planned.values[known] == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_scene_of_robots() -> None:
@@ -125,30 +147,6 @@ def test_frames_are_bounded_and_hold_the_starts_and_ends_of_plans() -> None:
     assert frame_times(many, 25.0).size * 20 < MOST_POSES + 20 * 3
 
 
-@pytest.mark.parametrize('mission', [pendulum_mission(), robots_mission()])
-def test_every_state_and_control_planned_and_measured(mission: Mission) -> None:
-    plan = mission.vehicles[0].plans[0].trajectory
-    for chart, names in (
-        (state_chart(mission), plan.state_names),
-        (control_chart(mission), plan.control_names),
-    ):
-        assert tuple(panel.title for panel in chart.panels) == names
-        for panel in chart.panels:
-            for kind in ('planned', 'measured'):
-                assert len(curves(panel, kind)) == len(mission.vehicles)
-
-
-def test_planned_values_and_switches() -> None:
-    (torque,) = control_chart(pendulum_mission()).panels
-    assert curves(torque, 'planned')[0].held
-    assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
-    assert torque.switches == pytest.approx([0.8])
-    (planned,) = curves(state_chart(pendulum_mission()).panels[0], 'planned')
-    known = np.isfinite(planned.values)
-    expected = pendulum_states(planned.times[known])[:, 0]
-    assert planned.values[known] == pytest.approx(expected, abs=1e-9)
-
-
 def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
     mission = replace(pendulum_mission(), vehicles=(replanned(0.7),))
     (planned,) = curves(state_chart(mission).panels[0], 'planned')
@@ -169,31 +167,17 @@ def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
     assert (at[0], at[-1]) == pytest.approx((0.1, 0.1 + DURATION))
 
 
-def test_limits_of_robots() -> None:
-    mission = robots_mission()
-    expected = {
-        'x': (0.2, 3.8),
-        'y': (0.2, 2.8),
-        'thrust': (0.0, 1.0),
-        'torque': (-0.02, 0.02),
-        'yaw': (),
-    }
-    for name, limits in expected.items():
-        assert limits_of(mission, 'robot', name) == pytest.approx(limits)
-    assert limits_of(replace(mission, parameters={}), 'robot', 'thrust') == ()
-
-
 def test_distances_of_the_closest_pairs() -> None:
-    mission = robots_mission(names=[f'r{k}' for k in range(5)])
+    mission = robots_mission(names=[f'r{k}' for k in range(24)], rate=20.0)
     chart = distance_chart(mission, compare(mission))
     (panel,) = chart.panels
     assert panel.limits == (ARENA_PARAMETERS['arena.minimum_separation'],)
     series = {curve.series for curve in panel.curves}
-    assert {f'r{k} - r{k + 1}' for k in range(4)} <= series  # neighbours, 1 m apart
     assert len(series) == 6
-    assert 'of 10 pairs' in chart.note
-    nearest = next(c for c in curves(panel, 'planned') if c.series == 'r0 - r1')
-    assert nearest.values == pytest.approx(np.ones(nearest.values.size))
+    assert series < {f'r{k} - r{k + 1}' for k in range(23)}  # neighbours, 1 m apart
+    assert f'of {MOST_PAIRS} pairs' in chart.note
+    for nearest in curves(panel, 'planned'):
+        assert nearest.values == pytest.approx(np.ones(nearest.values.size))
 
 
 def test_margins_and_errors() -> None:

@@ -22,8 +22,6 @@ from missions import (
     pendulum_mission,
     RATES,
     robot_parameters,
-    robot_plan,
-    robot_states,
     robots_mission,
 )
 import numpy as np
@@ -32,7 +30,6 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.comparison import compare, Comparison, Entry
 from tdm_sim.report.limit_entries import missed_deadlines
-from tdm_sim.report.margins import MOST_PAIRS, separations
 from tdm_sim.report.mission import (
     Event,
     Margin,
@@ -71,15 +68,8 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
         states=Signals(at, measured, NAMES, ANGLE_UNITS),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
-    figures = PlanFigures(
-        '1',
-        0.0,
-        DURATION,
-        DURATION,
-        solve_time=0.2,
-        margins={'torque': Margin(0.006, 0.25, 'N m')},
-        terminal_error={'theta': 2e-5},
-    )
+    said = {'margins': {'torque': Margin(0.006, 0.25, 'N m')}, 'terminal_error': {'theta': 2e-5}}
+    figures = PlanFigures('1', 0.0, DURATION, DURATION, solve_time=0.2, **said)
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 
@@ -134,6 +124,7 @@ def test_a_swing_up_that_was_caught_and_held() -> None:
     applied = mission.vehicles[0].applied
     assert applied is not None
     applied.values[:100] = 0.5  # before the motion: it does not count
+    states_of(mission).values[::3, 1] = np.nan  # nor does what was not measured
     comparison = compare(mission)
     duration = entry(comparison, 'time to the goal', 'pendulum')
     # the plan judged alike: within 0.05 rad of upright at pi / 2 rad/s
@@ -212,9 +203,12 @@ def test_replanned_robots_are_judged_at_the_goals_of_the_plans_active_at_the_end
     assert verdict(mission).reached
     (one, *others) = mission.vehicles
     end = one.plans[1].trajectory
-    away = replace(end, states=end.states + np.eye(7)[0])
+    away = replace(end, states=end.states + 0.5 * np.eye(7)[1])
     moved = replace(one, plans=(one.plans[0], replace(one.plans[1], trajectory=away)))
-    missed = verdict(replace(mission, vehicles=(moved, *others)))
+    comparison = compare(replace(mission, vehicles=(moved, *others)))
+    distance, missed = entry(comparison, 'smallest distance of two robots'), comparison.verdict
+    assert (distance.planned, distance.achieved) == pytest.approx((0.5, 1.0))
+    assert missed is not None
     reason = f'{one.name} was not in its place within 8 s of the planned arrival'
     assert missed.reasons == (reason,)
 
@@ -305,33 +299,9 @@ def test_parameters_that_are_invalid_are_said_to_be() -> None:
     comparison = compare(mission)
     assert comparison.margins['robot1'].measured is None
     assert "parameter 'plant.mass' = -1.0" in comparison.missing[0]
-
-
-def test_distances_of_many_robots_are_those_that_come_closest() -> None:
-    robots = []
-    for number in range(24):
-        first = robot_plan(0)
-        plan = replace(first, states=first.states + 0.01 * number**2 * np.eye(7)[1])
-        robots.append(Vehicle(f'r{number}', 'robot', (PlanInForce('', 0.0, plan),)))
-    planned = separations(Mission('', '', tuple(robots))).planned
-    assert planned is not None
-    assert len(planned.names) == MOST_PAIRS
-    assert planned.column('r0 - r1') == pytest.approx(0.01)
-    assert 'r0 - r23' not in planned
-
-
-def test_planned_distances_follow_replans() -> None:
-    first, second = robot_plan(0), robot_plan(1)
-    moved = replace(first, states=first.states - np.eye(7)[1])
-    one = Vehicle('a', 'robot', (PlanInForce('', 0.0, first, 1.0), PlanInForce('', 1.0, moved)))
-    other = Vehicle('b', 'robot', (PlanInForce('', 0.0, second),))
-    planned = separations(Mission('', '', (one, other))).planned
-    assert planned is not None
-    np.testing.assert_allclose(planned.column('a - b')[planned.times < 1.0], 1.0, atol=1e-9)
-    place = robot_states(0.0, 0) - np.eye(7)[1] - robot_states(1.0, 1)
-    k = int(np.argmin(np.abs(planned.times - 1.0)))
-    late = planned.column('a - b')[k + 1]
-    assert late == pytest.approx(math.hypot(*place[:2]), abs=0.02)
+    without = {found.name for found in compare(formation(parameters={})).entries}
+    assert 'smallest distance of two robots' in without
+    assert 'margin of separation' not in without
 
 
 def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
@@ -366,16 +336,6 @@ def test_errors_of_nodes_that_wait_for_each_other_are_not_counted() -> None:
     unsettled = replace(mission, events=early[:1])  # nothing says that it was got over
     for given, count in ((mission, 0.0), (unsettled, 1.0), (planless, 1.0)):
         assert entry(compare(given), 'errors reported by nodes').achieved == count
-
-
-def test_missing_samples_are_no_margins() -> None:
-    mission = swing_up()
-    states_of(mission).values[::3, 1] = np.nan
-    comparison = compare(mission)
-    disk = entry(comparison, 'margin of disk_angle', 'pendulum')
-    assert disk.achieved is not None
-    assert math.isfinite(disk.achieved)
-    assert entry(comparison, 'time to the goal', 'pendulum').achieved == pytest.approx(2.1)
 
 
 @pytest.mark.parametrize('mission', [swing_up(), formation()])

@@ -98,14 +98,8 @@ def test_a_plan_of_robots(plans: Plans) -> None:
 
 
 def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
-    plan = {
-        'problem': 'crane',
-        'cost': 2.0,
-        'times': [0.0, 1.0],
-        'states': {'sway': [0.0, 1.0]},
-        'controls': {'force': [1.0, 1.0]},
-        'interpolation': 'linear',
-    }
+    plan = {'problem': 'crane', 'cost': 2.0, 'times': [0.0, 1.0], 'interpolation': 'linear'}
+    plan |= {'states': {'sway': [0.0, 1.0]}, 'controls': {'force': [1.0, 1.0]}}
     (tmp_path / 'plan.json').write_text(json.dumps(plan))
     mission = read_mission(tmp_path / 'plan.json')
     (vehicle,) = mission.vehicles
@@ -162,11 +156,14 @@ def test_strange_figures_are_left_out(tmp_path: Path) -> None:
     compare(mission)
 
 
-def test_the_command(
-    plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+@pytest.fixture
+def plan(plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return the file of a plan of robots, from an empty folder to work in."""
     monkeypatch.chdir(tmp_path)
-    plan = str(plans['robots'][0])
+    return str(plans['robots'][0])
+
+
+def test_the_command(plan: str, capsys: Any) -> None:
     assert main(['report', plan]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith(f'reading {plan}')
@@ -191,57 +188,46 @@ def test_the_command(
     ],
 )
 def test_mistakes_get_one_sentence(
-    plans: Plans,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Any,
-    arguments: list[str],
-    words: list[str],
+    plan: str, capsys: Any, arguments: list[str], words: list[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path('text.json').write_text('not json')
-    plan = str(plans['robots'][0])
     assert main(['report', *[plan if a == 'PLAN' else a for a in arguments]]) == 2
     said = capsys.readouterr().err
     assert len(said.strip().splitlines()) == 1
     assert 'INVALID_PROBLEM' not in said
     assert all(word in said for word in words), said
-    assert [path.name for path in tmp_path.iterdir()] == ['text.json']
+    assert [path.name for path in Path().iterdir()] == ['text.json']
 
 
 def test_it_is_served_to_this_machine_alone_until_interrupted(
-    plans: Plans, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    plan: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path('secret.txt').write_text('secret')
-    told: dict[str, Any] = {'refused': 0}
+    told: list[tuple[bytes, str]] = []
+    refused: list[int] = []
 
     def browse(address: str) -> None:
-        told['address'] = address
         try:
             for path in ('', 'report.html', '?again'):
-                with urlopen(f'{address}{path}', timeout=10) as answer:
-                    told[path] = answer.read(), answer.headers['Content-Type']
+                with urlopen(f'{address}{path}', timeout=60) as answer:
+                    told.append((answer.read(), answer.headers['Content-Type']))
             Path('report.html').write_text('new')
-            with urlopen(address, timeout=10) as answer:
-                told['new'] = answer.read()
+            with urlopen(address, timeout=60) as answer:
+                assert answer.read() == b'new'
             for path in ('secret.txt', '../report.html', '%2e%2e/etc/passwd'):
-                try:
-                    urlopen(f'{address}{path}', timeout=10)
-                except HTTPError as error:
-                    told['refused'] += error.code == 404
+                with pytest.raises(HTTPError) as caught:
+                    urlopen(f'{address}{path}', timeout=60)
+                refused.append(caught.value.code)
         finally:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
     def opened(address: str) -> None:
+        assert address.startswith('http://127.0.0.1:')
         threading.Thread(target=browse, args=(address,)).start()
 
     monkeypatch.setattr(webbrowser, 'open', opened)
-    assert main(['report', str(plans['pendulum'][0]), '--view']) == 0
-    assert told['address'].startswith('http://127.0.0.1:')
-    assert told['address'] in capsys.readouterr().out
-    for path in ('', 'report.html', '?again'):
-        content, kind = told[path]
-        assert content.startswith(b'<!')
-        assert kind == 'text/html; charset=utf-8'
-    assert (told['new'], told['refused']) == (b'new', 3)
+    assert main(['report', plan, '--view']) == 0
+    assert 'http://127.0.0.1:' in capsys.readouterr().out
+    assert [content[:2] for content, _ in told] == [b'<!'] * 3
+    assert {kind for _, kind in told} == {'text/html; charset=utf-8'}
+    assert refused == [404] * 3

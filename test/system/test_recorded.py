@@ -1,0 +1,128 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The recorder as a process: what comes over the wire is in the bag, what was lost is counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+from pathlib import Path
+import re
+import signal
+from typing import Any
+
+from bag_contents import metadata, read_with_mcap, read_with_rosbags
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from ros_harness import NodeProcess, Ros
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
+    """Start the recorder as the process that `tdm record` is."""
+    process = NodeProcess(
+        'tdm_planner.cli', ['record', '-o', str(output), *arguments], ros.environment, ros.folder
+    )
+    assert ros.spin_until(output.is_dir, 20.0), process.output
+    return process
+
+
+@pytest.mark.parametrize(
+    ('storage', 'read', 'number'),
+    [('mcap', read_with_mcap, signal.SIGTERM), ('sqlite3', read_with_rosbags, signal.SIGINT)],
+)
+def test_every_message_is_in_the_bag(
+    ros: Ros,
+    tmp_path: Path,
+    storage: str,
+    read: Callable[[Path], dict[str, list[Any]]],
+    number: signal.Signals,
+) -> None:
+    """By the command, ended by a signal."""
+    bag = tmp_path / 'bag'
+    names = [f'/{storage}/{name}' for name in ('latched', 'states', 'late', 'hasty')]
+    latched = ros.node.create_publisher(String, names[0], LATCHED)
+    latched.publish(String(data='published before the recorder came'))
+    recorder = start(ros, bag, '--storage', storage)
+    states = ros.publisher(names[1], JointState, 300)
+    for k in range(300):
+        states.publish(JointState(name=['disk'], position=[0.5 * k], effort=[-1.0 * k]))
+    late = ros.publisher(names[2], String)
+    late.publish(String(data='a late topic'))
+    hasty = ros.publisher(names[3], String, BEST_EFFORT)
+    for publisher in (states, late):
+        assert publisher.wait_for_all_acked()
+
+    def kept() -> bool:
+        return any(b'best effort' in file.read_bytes() for file in bag.glob('bag.*'))
+
+    assert ros.publish_until(lambda: hasty.publish(String(data='best effort')), kept, every=0.1)
+    assert recorder.end(number) == 0, recorder.output
+    assert 'Traceback' not in recorder.output
+    messages = read(bag)
+    assert [m.position[0] for m in messages[names[1]]] == [0.5 * k for k in range(300)]
+    assert [m.effort[0] for m in messages[names[1]]] == [-1.0 * k for k in range(300)]
+    assert [m.data for m in messages[names[0]]] == ['published before the recorder came']
+    assert [m.data for m in messages[names[2]]] == ['a late topic']
+    assert {m.data for m in messages[names[3]]} == {'best effort'}
+    check_metadata(ros, bag, storage, {name: len(messages[name]) for name in names})
+    for publisher in (latched, states, late, hasty):
+        ros.node.destroy_publisher(publisher)
+
+
+def check_metadata(ros: Ros, bag: Path, storage: str, counts: dict[str, int]) -> None:
+    """Compare what rosbag2's own file says with the wire."""
+    document = metadata(bag)
+    assert document['storage_identifier'] == storage
+    topics = {
+        entry['topic_metadata']['name']: (entry['topic_metadata'], entry['message_count'])
+        for entry in document['topics_with_message_count']
+    }
+    assert document['message_count'] == sum(count for _, count in topics.values())
+    for name, count in counts.items():
+        about, written = topics[name]
+        assert written == count
+        (endpoint,) = ros.node.get_publishers_info_by_topic(name)
+        assert about['type'] == endpoint.topic_type
+        assert about['type_description_hash'] == str(endpoint.topic_type_hash)
+        (offered,) = about['offered_qos_profiles']
+        assert offered['reliability'] == endpoint.qos_profile.reliability.name.lower()
+        assert offered['durability'] == endpoint.qos_profile.durability.name.lower()
+
+
+def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path) -> None:
+    """A flood that a recorder, stopped for a while, cannot take up."""
+    bag = tmp_path / 'bag'
+    publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
+    recorder = start(ros, bag, '/lost')
+    assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
+    os.kill(recorder.process.pid, signal.SIGSTOP)
+    for _ in range(1000):
+        publisher.publish(String(data='x' * 60_000))
+    os.kill(recorder.process.pid, signal.SIGCONT)
+    sent = [1000]
+
+    def publish() -> None:
+        publisher.publish(String(data='after the flood'))
+        sent[0] += 1
+
+    file = bag / 'bag.mcap'
+    assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), 20.0, 0.05)
+    assert recorder.end() == 0
+    received = len(read_with_mcap(bag)['/lost'])
+    lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
+    assert lost is not None, recorder.output
+    assert 0 < int(lost.group(1)) <= sent[0] - received
