@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import functools
 import gc
+import os
 from typing import Any
 
 from hypothesis import settings
@@ -22,6 +23,10 @@ from ros_harness import ENOUGH, reserved_domain, Ros, ros_environment
 from tdm_planner.starting import limit_threads
 
 limit_threads()  # nothing above imports numpy
+
+# Shared memory of killed processes would stay behind, and block those that come later.
+os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 # The same cases in every run, and no time limit: the machine may be busy.
 settings.register_profile('same', derandomize=True, deadline=None)

@@ -71,10 +71,7 @@ def ros_environment(domain: int, folder: Path) -> dict[str, str]:
     profile.write_text(DISCOVERY_PROFILE)
     return {
         'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_LOG_DIR': str(folder / 'log'),
-        # Shared memory of killed processes would stay behind, and block those that come later.
-        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
         'PYTHONPATH': os.pathsep.join(
             p for p in (str(SOURCE), os.environ.get('PYTHONPATH', '')) if p

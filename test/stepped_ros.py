@@ -277,10 +277,15 @@ class Stepped(Ros):
         return True
 
     def meet(self, known: Callable[[], bool], timeout: float = 20.0) -> bool:
-        """Wait, while time stands still, until an endpoint of this process is known."""
+        """
+        Wait, while time stands still, for what the middleware does in threads of its own.
+
+        That an endpoint becomes known, that a late subscriber is sent latched messages.
+        """
         patience = time.monotonic() + STUCK
         while not known() and time.monotonic() < patience:
-            time.sleep(0.0005)
+            if not self._serve():
+                time.sleep(0.0005)
         return known()
 
     def settle(self) -> None:

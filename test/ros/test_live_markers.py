@@ -140,7 +140,7 @@ class Robots:
         )
         self.live = Viewer(ros, '/robots/robot1/plant_markers')
         self._goals = ros.publisher('/robots/robot1/goal_pose', PoseStamped)
-        ros.settle()
+        assert ros.meet(lambda: bool(self.plan.arrays))
 
     def set(self, **values: Any) -> None:  # noqa: A003
         assert set(self.ros.set_parameters('/robots/planner', **values)) <= {''}
