@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 _CALM_SLACK = 3.0
 # What numerics raise where numbers leave the range in which they can be computed.
 BREAKDOWN = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-_LOOK_AHEAD = 20  # steps, at most, in which the state at a coming start is foreseen
+_LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is foreseen
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
@@ -337,7 +337,8 @@ class TrajectoryTracker(ABC):
     def _foreseen(self, now: float, at: float) -> Array:
         """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
         state, time = self.estimator.predict(now), now
-        longest = max(self.parameters.interval, (at - now) / _LOOK_AHEAD)
+        # Held for much longer than an interval the feedback would not follow a quick swing.
+        longest = max(2.0 * self.parameters.interval, (at - now) / _LOOK_AHEAD)
         while time < at - _CLOCK_TOLERANCE:
             step = min(longest, at - time)
             state = self.estimator.move(state, self._going_on(time, state), step)
