@@ -207,7 +207,7 @@ def test_a_damaged_block_does_not_cost_the_others(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 def test_damage_anywhere_is_read_around_or_refused(tmp_path: Path, storage: str) -> None:
-    bag = write(tmp_path / 'bag', robot_recording(count=1), storage)
+    bag = write(tmp_path / 'bag', robot_recording(), storage)
     (file,) = (path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
     whole, random = file.read_bytes(), np.random.default_rng(3)
     damaged = tmp_path / file.name
