@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 import functools
 import gc
 import importlib.util
@@ -60,17 +61,33 @@ def _unhurried() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope='module')
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
-    """Yield a ROS domain for the test module; nodes started in it end with the module."""
-    pytest.importorskip('rclpy')
-    folder = tmp_path_factory.mktemp('ros')
+@contextmanager
+def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator[Any]:
+    folder = factory.mktemp('ros')
     with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         environment = ros_environment(domain, folder)
         for name, value in environment.items():
             patch.setenv(name, value)
-        harness = Ros(domain, folder, environment)
+        made = harness(domain, folder, environment)
         try:
-            yield harness
+            yield made
         finally:
-            harness.close()
+            made.close()
+
+
+@pytest.fixture(scope='module')
+def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
+    """Yield a ROS domain for the test module; nodes started in it end with the module."""
+    pytest.importorskip('rclpy')
+    with _ros_domain(tmp_path_factory, Ros) as made:
+        yield made
+
+
+@pytest.fixture(scope='module')
+def stepped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Yield one with a time of its own, whose nodes are in the test's process."""
+    pytest.importorskip('rclpy')
+    from stepped_ros import Stepped
+
+    with _ros_domain(tmp_path_factory, Stepped) as made:
+        yield made
