@@ -25,7 +25,7 @@ from tdm_planner.starting import limit_threads
 limit_threads()  # nothing above imports numpy
 
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13
-    collect_ignore_glob = ['interoperability/test_*.py']
+    collect_ignore_glob = ['nightly/test_other_dds.py']
 
 
 def pytest_collection_finish() -> None:

@@ -159,7 +159,7 @@ def harmless(rig: MisledRig, kind: str, amount: float) -> Figures:
 
 
 def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
-    """Without states the torque goes off in time; the mission is completed afterwards."""
+    """Withhold states: the torque goes off in time; the mission is completed afterwards."""
     at = rig.reach(phase)
     rig.relay.suffer(kind, amount)
     rig.wait_until(at + SILENCE)
@@ -172,7 +172,7 @@ def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
 
 
 def stuck(rig: MisledRig, phase: str) -> Figures:
-    """A sensor that repeats itself is noticed."""
+    """Let a sensor repeat itself: it is noticed."""
     at = rig.reach(phase)
     rig.relay.suffer('stuck')
     rig.wait(lambda: rig.says('tracker', 'is a sensor stuck?'))
@@ -198,7 +198,7 @@ def largest_delay(rig: MisledRig, delay: float, falls: bool) -> Figures:
 
 
 def time_of_day_set(rig: MisledRig, step: float, phase: str) -> Figures:
-    """Timers fire, states are fresh: the mission goes on. Nodes without `use_sim_time`."""
+    """Set it for nodes without `use_sim_time`: timers fire, states are fresh."""
     at = rig.reach(phase)
     rig.ros.time_of_day += step
     known = len(rig.states)
@@ -224,7 +224,7 @@ def simulated_time_ahead(rig: MisledRig) -> Figures:
 
 
 def simulated_time_back(rig: MisledRig) -> Figures:
-    """The motion is given up; the next one is as good as any."""
+    """Set it back: the motion is given up, the next one is as good as any."""
     rig.reach('hold')
     rig.ros.leap(-5.0)
     del rig.states[:]

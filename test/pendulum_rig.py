@@ -107,7 +107,7 @@ class PendulumRig:
         )
 
     def kill(self, role: str) -> float:
-        """Kill a process as the kernel does when memory runs out; the instant of the last state."""
+        """Kill a process; return the instant of the last state [s]."""
         process = self.processes[role].process
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(PATIENCE)

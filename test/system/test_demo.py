@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
+from signal_scenes import survivors
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
@@ -54,14 +55,7 @@ def messages(bag: Path, *topics: str) -> list[Any]:
 
 def left(ros: Ros) -> list[int]:
     """Return the processes that were started in the test's domain and have not ended."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*/environ'):
-        try:
-            if f'\0ROS_DOMAIN_ID={ros.domain}\0'.encode() in path.read_bytes():
-                found.append(int(path.parent.name))
-        except OSError:  # it has ended
-            continue
-    return found
+    return survivors(f'ROS_DOMAIN_ID={ros.domain}')
 
 
 def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
