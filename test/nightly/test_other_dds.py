@@ -42,7 +42,6 @@ import pytest
 from ros_harness import ENOUGH, Ros
 from std_srvs.srv import Trigger
 
-
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
 # As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.

@@ -47,10 +47,7 @@ def test_the_sabotage_is_felt(sabotage: Any) -> None:
     """In its largest size it changes what is found, or leaves nothing: the suite has teeth."""
     rng = np.random.default_rng(1)
     changed = 0
-    for problem in (
-        PendulumSwingUp(),
-        RobotFormation(),
-    ):
+    for problem in (PendulumSwingUp(), RobotFormation()):
         right = problem.solve(seed=0)
         with pytest.MonkeyPatch.context() as patch:
             sabotage(patch, rng, 0.3)
