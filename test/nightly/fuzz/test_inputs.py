@@ -52,19 +52,16 @@ def moderate_pendulums(draw: Any) -> dict[str, Any]:
 def moderate_arenas(draw: Any) -> dict[str, Any]:
     """One to three robots at rest, well apart from one another and from the walls."""
     places = [(0.7 + 1.3 * (k % 3), 0.7 + 1.3 * (k // 3)) for k in range(9)]
-    count = draw(st.integers(1, 3))
-    chosen = draw(st.lists(st.sampled_from(places), min_size=count, max_size=count, unique=True))
+    chosen = draw(st.lists(st.sampled_from(places), min_size=1, max_size=3, unique=True))
     near = st.floats(-0.2, 0.2)
     values: dict[str, Any] = {
-        'robots': [f'robot{k + 1}' for k in range(count)],
+        'robots': [f'robot{k + 1}' for k in range(len(chosen))],
         'formation.anchor': [2.0 + draw(near), 2.0 + draw(near), draw(st.floats(-3.0, 3.0))],
         'limits.thrust': draw(st.floats(0.8, 3.0)),
-        'plant.mass': draw(st.floats(8.0, 13.0)),
         'weights.gas': draw(st.floats(0.0, 0.9)),
     }
-    for k, (x, y) in enumerate(chosen):
-        start = {'x': x + draw(near), 'y': y + draw(near), 'yaw': draw(st.floats(-3.0, 3.0))}
-        values |= {f'robot{k + 1}.start.{axis}': value for axis, value in start.items()}
+    for name, (x, y) in zip(values['robots'], chosen, strict=True):
+        values |= {f'{name}.start.x': x + draw(near), f'{name}.start.y': y + draw(near)}
     return values
 
 
