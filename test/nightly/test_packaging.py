@@ -78,7 +78,7 @@ def test_colcon_runs_the_tests(installed: Path, copy: Path):
     workspace = installed.parents[1]
     said = colcon(
         *(workspace, 'test', '--base-paths', str(copy.parent)),
-        *('--pytest-args', 'test/unit/test_trajectory.py', 'test/unit/test_verification.py'),
+        *('--pytest-args', 'test/unit/test_trajectory.py', 'test/unit/test_parameters.py'),
     )
     assert 'stderr' not in said, said
     result = colcon(workspace, 'test-result')
