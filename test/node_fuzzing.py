@@ -12,7 +12,7 @@ Six nodes on a hostile network: every kind once, in an empty home, in the namesp
 
 `SixNodes.suffer` does whatever a participant of the network may do, with the types that the nodes
 themselves announce; `recover` shows that they serve afterwards as if nothing had been. Used with
-few cases by test/system/test_hostile_network.py, with many by test/nightly/fuzz/test_nodes.py.
+few cases by test/system/test_hostile_network.py, with many by test/nightly/fuzz/test_inputs.py.
 """
 
 from __future__ import annotations
