@@ -131,14 +131,6 @@ def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
     assert (tmp_path / 'bag/metadata.yaml').is_file()
 
 
-def test_what_cannot_be_is_one_sentence_and_nothing_is_started(launch: Callable[..., Launched]):
-    launched = launch('robots', 'namespace:=a-b')
-    assert launched.ended() == 1
-    (line,) = (line for line in launched.output.splitlines() if 'ERROR' in line)
-    assert "namespace = 'a-b': Invalid namespace: namespace must not" in line
-    assert 'process started' not in launched.output
-
-
 def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
     launched = launch('pendulum', 'description:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)
