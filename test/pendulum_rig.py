@@ -37,6 +37,7 @@ from trajectory_msgs.msg import JointTrajectory
 TORQUE = 0.09  # N m, the strong motor
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
 PATIENCE = 120.0  # s that anything may take on a busy machine
+STEPPED_PATIENCE = 20.0  # s, where that changes nothing
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held
 LONGEST_LOOK = 5.0  # s before a torque that its command is looked for
@@ -76,6 +77,7 @@ class PendulumRig:
         self.ros, self.namespace = ros, namespace
         self._common = {'limits.torque': TORQUE, **(common or {})}
         self._parameters = parameters
+        self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
         self._arguments = {'pendulum_plant': plant_arguments}
         self.states = self._hear('joint_states', JointState)
         self.commands = self._hear('joint_command', JointState)
@@ -124,7 +126,7 @@ class PendulumRig:
             return 'duration' in answers[-1]
 
         # It may be busy with a request of the tracker's own, or have no fresh state yet.
-        assert self.ros.spin_until(planned, PATIENCE), answers[-1]
+        assert self.ros.spin_until(planned, self._patience), answers[-1]
         self.wait(lambda: len(self.plans) > known)
         start = seconds_of(self.plans[-1].header.stamp)
         return start, start + float(answers[-1]['duration'])
@@ -136,7 +138,7 @@ class PendulumRig:
 
     def wait(self, condition: Callable[[], Any]) -> None:
         """Serve messages until a condition holds."""
-        assert self.ros.spin_until(lambda: bool(condition()), PATIENCE), self.story()
+        assert self.ros.spin_until(lambda: bool(condition()), self._patience), self.story()
 
     def wait_until(self, instant: float) -> None:
         """Serve messages until the plant's clock has passed an instant [s]."""
