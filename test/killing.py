@@ -10,8 +10,8 @@
 """
 Plant, tracker or planner killed, and started again: what goes on, falls safe, recovers.
 
-Each function does it to a `PendulumRig` that is held upright, and returns figures in s; used once
-in test/system/test_killed.py, over and over in test/nightly/faults/test_process_faults.py.
+Each function does it to a `PendulumRig` of processes that is held upright, and returns figures in
+s; used once in test/system/test_ended.py, over and over in test/nightly/faults.
 """
 
 from __future__ import annotations
@@ -40,15 +40,20 @@ def plant_killed(rig: PendulumRig, moment: str = 'holding') -> dict[str, float]:
     if moment == 'tracking':
         rig.fall()
     rig.wait(lambda: rig.says('tracker', moment))
-    newest = rig.kill('plant')
+    newest = rig.kill('pendulum_plant')
     rig.wait(lambda: rig.says('tracker', 'older than state_timeout'))
     rig.wait(lambda: rig.commands[-1].effort[0] == 0.0)
-    safe = rig.last_command() - newest
+
+    def last_command() -> float:
+        last = next(c for c in reversed(rig.commands) if c.effort[0] != 0.0)
+        return seconds_of(last.header.stamp)
+
+    safe = last_command() - newest
     seen = len(rig.states)
-    rig.start('plant')
+    rig.start('pendulum_plant')
     rig.wait(lambda: len(rig.states) > seen)
     back = seconds_of(rig.states[seen].header.stamp)
-    assert rig.last_command() < back
+    assert last_command() < back
     return {'safe': safe, 'recovered': rig.held_since(back) - back}
 
 
@@ -77,9 +82,12 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     ros.request(f'{space}/plan', Trigger)
     rig.wait(lambda: rig.says('planner', 'planning'))
     held = rig.held_since(rig.kill('planner'))
-    accepted, refused = 'trajectories accepted', 'trajectories refused'
-    before = rig.figure('tracker', accepted), rig.figure('tracker', refused)
-    plan = rig.followed[-1]
+
+    def told() -> list[float]:
+        names = 'trajectories accepted', 'trajectories refused'
+        return [rig.figure('tracker', name) for name in names]
+
+    before, plan = told(), rig.followed[-1]
     rig.plans.clear()
     restarted = time.time()
     rig.start('planner')
@@ -93,9 +101,9 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     assert [p.positions for p in late[-1].points] == [p.positions for p in plan.points]
     assert [p.effort for p in late[-1].points] == [p.effort for p in plan.points]
     assert json.loads(summaries[-1].data)['verification']['ok']
-    told = len(rig.statuses('tracker'))
-    rig.wait(lambda: len(rig.statuses('tracker')) > told + 1)
-    assert before == (rig.figure('tracker', accepted), rig.figure('tracker', refused))
+    known = len(rig.statuses('tracker'))
+    rig.wait(lambda: len(rig.statuses('tracker')) > known + 1)
+    assert told() == before
     assert rig.lean(held + 0.5) < 0.2
     done, answer = ros.trigger(f'{space}/plan')
     assert done or answer['code'] == 'BUSY', answer

@@ -10,7 +10,7 @@
 """
 Stand-ins for the few classes of `launch` and `launch_ros` that the launch files use.
 
-There are no wheels of `launch`; test/system/test_real_launch.py uses the real one where it is.
+There are no wheels of `launch`; test/nightly/test_real_launch.py uses the real one where it is.
 """
 
 from __future__ import annotations

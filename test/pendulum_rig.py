@@ -8,18 +8,16 @@
 # language governing permissions and limitations under the License.
 
 """
-A pendulum's plant, tracker and planner as real processes that can be killed, misled and measured.
+A pendulum's plant, tracker and planner that can be killed, misled and measured.
 
-`PendulumRig` starts them in a namespace of its own. With `relayed`, tracker and planner see the
-states only as faulty_relay.py passes them on; with `lockstep`, all live in the simulated time of
-lockstep_clock.py, which waits for the slowest of them: a busy machine makes a mission longer, and
-changes nothing else. What is waited for is waited for long; what is returned are stamps and their
-differences. `note` keeps what was measured for the tables of docs/reliability.md.
+`PendulumRig` starts them in a namespace of its own: as processes with the fixture `ros`, in the
+test's own process and time with `stepped`. What is waited for is waited for long; what is returned
+are stamps and their differences. `note` keeps what was measured, for docs/reliability.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import json
 import math
 import os
@@ -30,39 +28,28 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import NodeProcess, Ros
+from ros_harness import MODULES, Ros
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, seconds_of
+from tdm_planner.nodes.messages import LATCHED, seconds_of
 from trajectory_msgs.msg import JointTrajectory
 
-SECOND = 1_000_000_000  # ns
 TORQUE = 0.09  # N m, the strong motor
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
 PATIENCE = 120.0  # s that anything may take on a busy machine
+STEPPED_PATIENCE = 20.0  # s, where that changes nothing
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held
-SHORTEST_SWING = 0.3  # s, less than any swing-up takes
 LONGEST_LOOK = 5.0  # s before a torque that its command is looked for
 FIGURES = 'TDM_FAULT_FIGURES'  # the file where `python -m tools.measure_faults` collects
 _QUEUE = 20_000
 
-MODULES = {
-    'plant': 'tdm_sim.pendulum_plant',
-    'relay': 'faulty_relay',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'planner': 'tdm_planner.nodes.planner',
-    'clock': 'lockstep_clock',
-}
 # The plant is 2 % other than planner and tracker believe, and its sensors are noisy.
 PARAMETERS: dict[str, dict[str, Any]] = {
-    'plant': {'mismatch': 0.02, 'noise.theta': 0.0015, 'noise.psi': 0.0015,
-              'noise.theta_dot': 0.1, 'noise.psi_dot': 0.1},
-    'relay': {},
+    'pendulum_plant': {'mismatch': 0.02, 'noise.theta': 0.0015, 'noise.psi': 0.0015,
+                       'noise.theta_dot': 0.1, 'noise.psi_dot': 0.1},
     'tracker': {'replan.on_deviation': True, 'replan.interval': 0.3},
     'planner': {'start.delay': 0.6},
-    'clock': {'followers': ['joint_states', 'joint_command', 'passed']},
 }  # fmt: skip
 
 
@@ -76,95 +63,58 @@ def note(scenario: str, **figures: float) -> None:
 
 
 class PendulumRig:
-    """Processes by role, and what the test hears of them; parameters go on top of `PARAMETERS`."""
+    """The nodes by name, and what the test hears of them; parameters go on top of `PARAMETERS`."""
 
     def __init__(
         self,
         ros: Ros,
         namespace: str,
         *,
-        relayed: bool = False,
-        lockstep: bool = False,
-        environment: dict[str, str] | None = None,
+        plant_arguments: list[str] | None = None,
+        common: dict[str, Any] | None = None,
         **parameters: dict[str, Any],
     ) -> None:
         self.ros, self.namespace = ros, namespace
-        self._relayed, self._lockstep = relayed, lockstep
-        folder = Path(__file__).parent
-        path = f'{folder}:{folder / "nightly" / "faults"}:{ros.environment["PYTHONPATH"]}'
-        self._environment = {**(environment or {}), 'PYTHONPATH': path}
+        self._common = {'limits.torque': TORQUE, **(common or {})}
         self._parameters = parameters
+        self._patience = STEPPED_PATIENCE if hasattr(ros, 'step_to') else PATIENCE
+        self._arguments = {'pendulum_plant': plant_arguments}
         self.states = self._hear('joint_states', JointState)
         self.commands = self._hear('joint_command', JointState)
         self.plans = self._hear('trajectory', JointTrajectory, LATCHED)
         self.followed = self._hear('trajectory_in_force', JointTrajectory, LATCHED)
         self._diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, _QUEUE)
-        self.processes: dict[str, NodeProcess] = {}
-        left_out = [*([] if relayed else ['relay']), *([] if lockstep else ['clock'])]
-        for role in MODULES:
-            if role not in left_out:
-                self.start(role)
-        if relayed:
-            self._faults = self._tell('fault')
-            self._faults_taken = self._hear('fault_taken', String, LATCHED)
-            self.mend()
-        if lockstep:
-            self._orders = self._tell('clock_order')
-            self._orders_taken = self._hear('clock_order_taken', String, LATCHED)
+        self.processes: dict[str, Any] = {}
+        for role in PARAMETERS:
+            self.start(role)
         self.wait(lambda: self.states and self.commands)
         self.wait(lambda: self.says('planner', 'ready'))
-        self.wait(lambda: self.says('tracker', 'idle'))
 
     def _hear(self, topic: str, kind: Any, qos: Any = _QUEUE) -> list[Any]:
         heard: list[Any] = self.ros.subscribe(f'/{self.namespace}/{topic}', kind, qos)
         return heard
 
-    def _tell(self, topic: str) -> Any:
-        return self.ros.node.create_publisher(String, f'/{self.namespace}/{topic}', LATCHED)
-
     # What is done to it.
 
     def parameters(self, role: str) -> dict[str, Any]:
-        own = {} if role in ('relay', 'clock') else {'limits.torque': TORQUE}
-        time = {'use_sim_time': self._lockstep and role != 'clock'}
-        return {**own, **time, **PARAMETERS[role], **self._parameters.get(role, {})}
+        return {**self._common, **PARAMETERS[role], **self._parameters.get(role, {})}
 
-    def start(self, role: str) -> NodeProcess:
+    def start(self, role: str) -> None:
         """Start a node, or start it again."""
-        relayed = self._relayed and role in ('tracker', 'planner')
         self.processes[role] = self.ros.start(
             MODULES[role],
             self.parameters(role),
             namespace=self.namespace,
-            arguments=['-r', 'joint_states:=relayed/joint_states'] if relayed else None,
-            environment=self._environment,
+            arguments=self._arguments.get(role),
         )
-        return self.processes[role]
 
     def kill(self, role: str) -> float:
-        """Kill a node as the kernel does when memory runs out; the instant of the last state."""
+        """Kill a process; return the instant of the last state [s]."""
         process = self.processes[role].process
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(PATIENCE)
         self.ros.spin_for(0.0)
         return self.now
-
-    def fault(self, kind: str, amount: float = 0.0, at: float = 0.0, seconds: float = 1e9) -> None:
-        """Have the relay spoil the states from an instant [s] on: see `faulty_relay.Fault`."""
-        when = {'start': round(at * SECOND), 'end': round((at + seconds) * SECOND)}
-        text = json.dumps({'kind': kind, 'amount': amount, **when})
-        self._faults.publish(String(data=text))
-        self.wait(lambda: self._faults_taken and self._faults_taken[-1].data == text)
-
-    def mend(self) -> None:
-        """Let the states pass unspoiled."""
-        self.fault('none')
-
-    def clock(self, **order: Any) -> None:
-        """Do something to the simulated clock: see `lockstep_clock.Order`."""
-        known = len(self._orders_taken)
-        self._orders.publish(String(data=json.dumps(order)))
-        self.wait(lambda: len(self._orders_taken) > known)
 
     def plan(self) -> tuple[float, float]:
         """Have a plan made; return the instants [s] at which its motion starts and ends."""
@@ -172,15 +122,11 @@ class PendulumRig:
         answers: list[dict[str, Any]] = []
 
         def planned() -> bool:
-            if self._lockstep:  # planning takes no simulated time, however busy the machine is
-                self.clock(paused=True)
             answers.append(self.ros.trigger(f'/{self.namespace}/plan', PATIENCE)[1])
-            if self._lockstep:
-                self.clock()
             return 'duration' in answers[-1]
 
         # It may be busy with a request of the tracker's own, or have no fresh state yet.
-        assert self.ros.spin_until(planned, PATIENCE), answers[-1]
+        assert self.ros.spin_until(planned, self._patience), answers[-1]
         self.wait(lambda: len(self.plans) > known)
         start = seconds_of(self.plans[-1].header.stamp)
         return start, start + float(answers[-1]['duration'])
@@ -190,32 +136,9 @@ class PendulumRig:
         self.ros.call(f'/{self.namespace}/reset', Trigger, timeout=PATIENCE)
         self.wait(lambda: abs(self.angle) > UPRIGHT and not self.says('tracker', 'holding'))
 
-    def begin(self) -> tuple[float, float]:
-        """Let a swing-up from hanging begin; return the instants of `plan`."""
-        if self._relayed:
-            self.mend()
-        self.ros.call(f'/{self.namespace}/reset', Trigger, timeout=PATIENCE)
-        resting = ('idle', 'stopped', 'recovering')
-        self.wait(lambda: any(self.says('tracker', word) for word in resting))
-        del self.states[:-1], self.commands[:-1]
-        for _ in range(5):  # a plan made before it hung leads elsewhere
-            start, end = self.plan()
-            if end - start > SHORTEST_SWING:
-                return start, end
-        raise AssertionError(self.story())
-
-    def swing_up(self) -> float:
-        """Swing up and hold; return the instant [s] of the newest state then."""
-        for _ in range(3):  # a plan may be refused: a clock that was set misleads the planner
-            _, end = self.begin()
-            self.wait(lambda end=end: self.now > end + 0.3)
-            if self.ros.spin_until(lambda: self.is_upright, 5.0):
-                return self.now
-        raise AssertionError(self.story())
-
     def wait(self, condition: Callable[[], Any]) -> None:
         """Serve messages until a condition holds."""
-        assert self.ros.spin_until(lambda: bool(condition()), PATIENCE), self.story()
+        assert self.ros.spin_until(lambda: bool(condition()), self._patience), self.story()
 
     def wait_until(self, instant: float) -> None:
         """Serve messages until the plant's clock has passed an instant [s]."""
@@ -233,23 +156,19 @@ class PendulumRig:
         """Angle from upright of the plant's newest state [rad]."""
         return math.remainder(self.states[-1].position[0], math.tau)
 
-    @property
-    def is_upright(self) -> bool:
-        """Whether the pendulum stands, and the tracker says that it holds it."""
-        return abs(self.angle) < UPRIGHT and self.says('tracker', 'holding')
-
     def statuses(self, role: str) -> list[Any]:
         """Return every diagnostic status of a node so far, oldest first."""
-        name = 'pendulum_plant' if role == 'plant' else role
-        prefix = f'/{self.namespace}/{name}: '
-        return [
-            s for array in self._diagnostics for s in array.status if s.name.startswith(prefix)
-        ]
+        return list(self._newest_first(role))[::-1]
+
+    def _newest_first(self, role: str) -> Iterator[Any]:
+        prefix = f'/{self.namespace}/{role}: '
+        for array in reversed(self._diagnostics):
+            yield from (s for s in reversed(array.status) if s.name.startswith(prefix))
 
     def says(self, role: str, text: str) -> bool:
         """Whether the newest diagnostic of a node holds the text."""
-        statuses = self.statuses(role)
-        return bool(statuses) and text in statuses[-1].message
+        newest = next(self._newest_first(role), None)
+        return newest is not None and text in newest.message
 
     def said(self, role: str, text: str) -> bool:
         """Whether any diagnostic of a node has held the text."""
@@ -283,11 +202,6 @@ class PendulumRig:
 
     # What was measured.
 
-    @property
-    def newest_start(self) -> int:
-        """Instant [ns] at which the motion of the newest plan starts."""
-        return nanoseconds_of(self.plans[-1].header.stamp)
-
     def measured(self, start: float = 0.0, end: float = math.inf) -> NDArray[np.float64]:
         """Instants [s], theta, psi and applied torque (n, 4) of the plant in [start, end]."""
         rows = np.array(
@@ -300,12 +214,6 @@ class PendulumRig:
         rows = self.measured(start, end)
         acting = rows[rows[:, 3] != 0.0]
         return float(acting[-1, 0] - start) if len(acting) else 0.0
-
-    def last_command(self) -> float:
-        """Instant of the last command that was not zero [s]."""
-        return next(
-            seconds_of(c.header.stamp) for c in reversed(self.commands) if c.effort[0] != 0.0
-        )
 
     def longest_torque(self) -> float:
         """
@@ -330,7 +238,7 @@ class PendulumRig:
         assert missed <= max(5, 0.02 * len(acting)), f'{missed} of {len(acting)} torques unasked'
         return longest
 
-    def lean(self, start: float, end: float = math.inf) -> float:
+    def lean(self, start: float = 0.0, end: float = math.inf) -> float:
         """Largest angle from upright in [start, end], rad."""
         theta = self.measured(start, end)[:, 1]
         return float(np.abs((theta + math.pi) % math.tau - math.pi).max())

@@ -20,6 +20,9 @@ from collections.abc import Callable, Iterator
 import math
 from typing import Any
 
+import numpy as np
+from scipy.interpolate import CubicSpline
+
 State = list[float]
 Controls = Callable[[float], list[float]]
 
@@ -84,7 +87,9 @@ def replayed(
     columns = list(plan['controls'].values())
     state = [plan['states'][name][0] for name in names]
     yield times[0], state, [column[0] for column in columns]
-    spline = _spline(times, columns) if plan['interpolation'] == 'cubic' else None
+    spline = None
+    if plan['interpolation'] == 'cubic':
+        spline = CubicSpline(times, list(zip(*columns, strict=True)))
     for k in range(len(times) - 1):
         span = times[k + 1] - times[k]
         assert span > 0
@@ -109,18 +114,10 @@ def replayed(
 def _between(
     kind: str, first: list[float], last: list[float], span: float, spline: Any, start: float
 ) -> Controls:
-    if kind == 'zero_order_hold':
-        return lambda t: first
     if kind == 'linear':
         return lambda t: [a + (b - a) * t / span for a, b in zip(first, last, strict=True)]
-    assert kind == 'cubic'
-    return lambda t: spline(start + t).tolist()
-
-
-def _spline(times: list[float], columns: list[list[float]]) -> Any:
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(times, list(zip(*columns, strict=True)))
+    assert kind in ('zero_order_hold', 'cubic')
+    return (lambda t: spline(start + t).tolist()) if kind == 'cubic' else (lambda t: first)
 
 
 def pendulum_faults(document: dict[str, Any]) -> list[str]:
@@ -142,7 +139,6 @@ def pendulum_faults(document: dict[str, Any]) -> list[str]:
     for (name, allowed), error in zip(PENDULUM_END.items(), end, strict=True):
         if not abs(error) <= 1.001 * allowed:
             faults.append(f'{name} ends {error} from the goal')
-    for name, allowed in PENDULUM_END.items():
         away = document['states'][name][0] - p[f'start.{name}']
         if not abs(away) <= 1.001 * allowed:
             faults.append(f'{name} begins {away} elsewhere')
@@ -180,31 +176,28 @@ def _robot_faults(
     thrust, rate, torque = (p[f'limits.{k}'] for k in ('thrust', 'thruster_rate', 'torque'))
     flat = p['arena.obstacles']
     zones = list(zip(flat[::3], flat[1::3], flat[2::3], strict=True))
-    worst = {'thrust': 0.0, 'rate': 0.0, 'torque': 0.0, 'walls': 0.0, 'zones': 0.0}
+    controls, distances = [0.0], [0.0]  # the largest excess
     for time, state, (f, d, t) in replayed(plan, robot_rates(p), 5e-3):
         x, y = state[:2]
         path.append((time, state))
-        worst['thrust'] = max(worst['thrust'], f / thrust - 1, -f / thrust)
-        worst['rate'] = max(worst['rate'], abs(d) / rate - 1)
-        worst['torque'] = max(worst['torque'], abs(t) / torque - 1)
-        sides = (x, y, p['arena.length'] - x, p['arena.width'] - y)
-        worst['walls'] = max(worst['walls'], half - min(sides))
-        for zx, zy, radius in zones:
-            worst['zones'] = max(worst['zones'], half + radius - math.hypot(x - zx, y - zy))
-    for what, excess in worst.items():
-        if not excess <= (DISTANCE if what in ('walls', 'zones') else RELATIVE):
+        controls += [f / thrust - 1, -f / thrust, abs(d) / rate - 1, abs(t) / torque - 1]
+        distances += [half - side for side in (x, y, p['arena.length'] - x, p['arena.width'] - y)]
+        distances += [half + r - math.hypot(x - zx, y - zy) for zx, zy, r in zones]
+    for what, excess, allowed in (
+        ('actuators', max(controls), RELATIVE),
+        ('walls or zones', max(distances), DISTANCE),
+    ):
+        if not excess <= allowed:
             faults.append(f'{name}: {what} by {excess}')
     goal = _goal(name, p)
-    for (state_name, allowed), error in zip(
-        ROBOT_END.items(), [a - b for a, b in zip(state[:6], goal, strict=True)], strict=True
-    ):
-        away = math.remainder(error, math.tau) if state_name == 'yaw' else error
+    for k, (axis, allowed) in enumerate(ROBOT_END.items()):
+        away = state[k] - goal[k]
+        away = math.remainder(away, math.tau) if axis == 'yaw' else away
         if not abs(away) <= 1.001 * allowed:
-            faults.append(f'{name}: {state_name} ends {away} from the goal')
-    for state_name in ROBOT_END:
-        away = plan['states'][state_name][0] - p[f'{name}.start.{state_name}']
+            faults.append(f'{name}: {axis} ends {away} from the goal')
+        away = plan['states'][axis][0] - p[f'{name}.start.{axis}']
         if not abs(away) <= ROBOT_START:
-            faults.append(f'{name}: {state_name} begins {away} elsewhere')
+            faults.append(f'{name}: {axis} begins {away} elsewhere')
     return path, faults
 
 
@@ -217,8 +210,6 @@ def _goal(name: str, p: dict[str, Any]) -> State:
 
 def _on_grid(path: list[tuple[float, State]], last: float) -> list[State]:
     """Places at common instants 5 ms apart, linear between the steps; parked after the end."""
-    import numpy as np
-
     times = np.array([time for time, _ in path])
     places = np.array([state[:2] for _, state in path])
     grid = np.linspace(0.0, last, math.ceil(last / 5e-3) + 1)

@@ -15,6 +15,8 @@ one context and one executor; messages go through DDS, which hands them over wit
 run with `use_sim_time`, and what they take from steady clocks (timers, time-outs, pauses) follows
 the same clock. `Stepped.spin_until` serves callbacks until there is none, waits for solves under
 way while time stands still, then steps to the next timer. So a busy machine changes nothing.
+Clocks may be wrong: `Stepped.leap` sets the simulated one, `time_of_day` that of the machine,
+which nodes started with `use_sim_time` false go by.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rclpy.clock import Clock as RclpyClock
 from rclpy.clock import ClockType, ROSClock
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl import rcutils_logger
@@ -173,6 +176,8 @@ class Stepped(Ros):
         self._nodes: list[NodeHere] = []
         self._worked = False
         self._strangers = set(threading.enumerate())
+        self._leapt = 0  # ns
+        self.time_of_day = 0.0  # s by which it is wrong
         self._patch = pytest.MonkeyPatch()
         self._clock = self.node.create_publisher(Clock, '/clock', 1)
         self._source = self._follow(self.node)
@@ -189,6 +194,15 @@ class Stepped(Ros):
         self._patch.setattr(rcutils_logger, '_rclpy', stand_in)
         throttle = rcutils_logger.Throttle.params  # by which warnings are held back for a while
         self._patch.setitem(throttle, 'throttle_time_source_type', self.time.steady_clock())
+        self._patch.setattr(ROSClock, 'now', self._now_of)
+        # Warnings of rclpy's own, which cost a third of the time of waiting.
+        self._patch.setattr(PublisherEventCallbacks, 'create_event_handlers', lambda *of: [])
+        listen = SubscriptionEventCallbacks.create_event_handlers
+        self._patch.setattr(
+            SubscriptionEventCallbacks,
+            'create_event_handlers',
+            lambda self, *of: listen(self, *of) if self.message_lost else [],
+        )
         for module in MODULES.values():
             importlib.import_module(module)
         self._lend_clock()
@@ -302,8 +316,13 @@ class Stepped(Ros):
         self.node.destroy_publisher(self._clock)
         self._clock = SimpleNamespace(publish=lambda message: None)
 
+    def leap(self, seconds: float) -> None:
+        """Set the simulated clock, and no other, by so much."""
+        self._leapt += round(seconds * 1e9)
+        self._tell_time()
+
     def _tell_time(self) -> None:
-        self._clock.publish(Clock(clock=Time(nanoseconds=self.now).to_msg()))
+        self._clock.publish(Clock(clock=Time(nanoseconds=self.now + self._leapt).to_msg()))
 
     def _serve(self) -> bool:
         """Run one callback; False if there is none."""
@@ -350,6 +369,16 @@ class Stepped(Ros):
                     self._patch.setattr(module, 'time', stand_in)
                 if getattr(module, 'Clock', None) is RclpyClock:
                     self._patch.setattr(module, 'Clock', self.time.steady_clock)
+
+    @property
+    def _now_of(self) -> Callable[[ROSClock], Time]:
+        def now(clock: ROSClock) -> Time:
+            if clock.ros_time_is_active:
+                return RclpyClock.now(clock)
+            shown = self.now + round(self.time_of_day * 1e9)
+            return Time(nanoseconds=shown, clock_type=clock.clock_type)
+
+        return now
 
     def _follow(self, node: Any) -> None:
         from rclpy.parameter import Parameter

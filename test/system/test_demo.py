@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
+from signal_scenes import survivors
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
@@ -54,14 +55,7 @@ def messages(bag: Path, *topics: str) -> list[Any]:
 
 def left(ros: Ros) -> list[int]:
     """Return the processes that were started in the test's domain and have not ended."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*/environ'):
-        try:
-            if f'\0ROS_DOMAIN_ID={ros.domain}\0'.encode() in path.read_bytes():
-                found.append(int(path.parent.name))
-        except OSError:  # it has ended
-            continue
-    return found
+    return survivors(f'ROS_DOMAIN_ID={ros.domain}')
 
 
 def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
@@ -77,17 +71,14 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     assert (folder / 'plan.png').read_bytes().startswith(b'\x89PNG')
     report = (folder / 'report.html').read_text(encoding='utf-8')
     assert '<p class="verdict good">Goal reached and held' in report
-    counts = Counter(message.channel.topic for message in messages(folder / 'bag'))
-    assert counts['/pendulum/trajectory'] == 1
-    assert min(counts['/pendulum/joint_states'], counts['/pendulum/joint_command']) > 500
     # The same verdict, from the bag alone.
+    assert len(messages(folder / 'bag', '/pendulum/trajectory')) == 1
     states = [message.ros_msg for message in messages(folder / 'bag', '/pendulum/joint_states')]
     times = np.array([nanoseconds_of(state.header.stamp) for state in states]) * 1e-9
     theta = np.array([state.position[list(state.name).index('pendulum')] for state in states])
     last = theta[times > times.max() - 4.5]
     assert last.size > 100
-    upright = 2 * np.pi * np.round(last / (2 * np.pi))
-    assert np.abs(last - upright).max() < 0.05
+    assert np.abs((last + np.pi) % (2 * np.pi) - np.pi).max() < 0.05
 
 
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
@@ -104,10 +95,7 @@ def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
 
 def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
     file = tmp_path / 'p.yaml'
-    file.write_text(
-        '/**/planner:\n  ros__parameters:\n    limits: {torque: 0.0001}\n'
-        '    solver: {deadline: 0.3}\n'
-    )
+    file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
     words = ['--params', str(file), '--quiet', '-o', str(tmp_path / 'out')]
     process = demo(ros, 'pendulum', *words)
     assert process.process.wait(LONG) == 2

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 from xml.etree import ElementTree
 
@@ -34,30 +33,21 @@ def nodes(ros: Ros, tmp_path_factory: pytest.TempPathFactory) -> SixNodes:
 def granted(path: str) -> Rights:
     """Return what the policy allows an enclave."""
     (context,) = POLICY.findall(f"contexts/context[@path='{path}']")
-    rights = ('topics', 'publish'), ('topics', 'subscribe'), ('services', 'reply')
-    return Rights(
-        *(
-            frozenset(
-                item.text
-                for item in context.iterfind(f".//{group}[@{right}='ALLOW']/*")
-                if item.text
-            )
-            for group, right in (*rights, ('services', 'request'))
-        )
-    )
+    rights = (('topics', 'publish'), ('topics', 'subscribe'), ('services', 'reply'),
+              ('services', 'request'))  # fmt: skip
+    found = (context.iterfind(f".//{group}[@{right}='ALLOW']/*") for group, right in rights)
+    return Rights(*(frozenset(item.text for item in items if item.text) for items in found))
 
 
 def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros: Ros, nodes: SixNodes) -> None:
     def used(path: str) -> Rights:
         namespace, _, name = path.rpartition('/')
-        node = ros.node
-        asks: tuple[Callable[..., Any], ...] = (
-            node.get_publisher_names_and_types_by_node,
-            node.get_subscriber_names_and_types_by_node,
-            node.get_service_names_and_types_by_node,
-            node.get_client_names_and_types_by_node,
+        asks = (
+            f'get_{kind}_names_and_types_by_node'
+            for kind in ('publisher', 'subscriber', 'service', 'client')
         )
-        return Rights(*(frozenset(item for item, _ in ask(name, namespace)) for ask in asks))
+        found = (getattr(ros.node, ask)(name, namespace) for ask in asks)
+        return Rights(*(frozenset(item for item, _ in items) for items in found))
 
     def all_there() -> bool:
         names = {f'{ns}/{name}' for name, ns in ros.node.get_node_names_and_namespaces()}

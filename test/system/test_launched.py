@@ -46,16 +46,6 @@ def start(ros: Ros, folder: Path, items: list[Any]) -> dict[str, NodeProcess]:
     return started
 
 
-def end(processes: dict[str, NodeProcess]) -> None:
-    """Ctrl-C reaches all at once."""
-    for process in processes.values():
-        assert process.running, process.output
-        process.process.send_signal(signal.SIGINT)
-    for process in processes.values():
-        assert process.process.wait(60.0) == 0, process.output
-        assert 'Traceback' not in process.output, process.output
-
-
 def test_two_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_path: Path):
     bag = tmp_path / 'bag'
     items = described('robots').started(
@@ -74,18 +64,10 @@ def test_two_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_pa
     assert answer['summary'].startswith('2 robots')
     # Without anything recorded a recorder ends without a bag.
     assert ros.spin_until(lambda: any(bag.glob('*.mcap')), 60.0)
-    end(processes)
+    for process in processes.values():
+        assert process.running, process.output
+        process.process.send_signal(signal.SIGINT)
+    for process in processes.values():
+        assert process.process.wait(60.0) == 0, process.output
+        assert 'Traceback' not in process.output, process.output
     assert (bag / 'metadata.yaml').is_file()
-
-
-def test_a_pendulum_without_its_plant_waits_for_the_real_one(ros: Ros, tmp_path: Path):
-    items = described('pendulum').started(plant='false', namespace='rig')
-    processes = start(ros, tmp_path, items)
-    assert set(processes) == {'rig/planner', 'rig/tracker'}
-    commands = ros.subscribe('/rig/joint_command', JointState)
-    done, answer = ros.trigger('/rig/plan')
-    assert not done
-    assert answer['code'] == 'NO_STATE'
-    assert ros.spin_until(lambda: bool(commands), 60.0)
-    assert list(commands[-1].effort) == [0.0]
-    end(processes)

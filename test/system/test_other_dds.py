@@ -7,43 +7,186 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Planner and tracker as seen through another implementation of DDS, without any of ROS."""
+"""
+Planner and tracker as seen by Eclipse Cyclone DDS, without any of ROS.
+
+Of ROS come the definitions of messages only, which `dds_type` turns into those of DDS. A message
+`pkg/msg/Name` is the DDS type `pkg::msg::dds_::Name_`; a topic `/a/b` is `rt/a/b`, a service
+`/a/b` a pair of topics, `rq/a/bRequest` and `rr/a/bReply`.
+
+The server of rmw_fastrtps takes a request's identity from the DDS sample, and puts it on its reply
+as an inline parameter, by which clients of ROS find the answer to their question. Anybody can ask;
+but Cyclone's binding shows no inline parameters: an outsider sees every reply of the service, and
+knows its own only if nobody else asks meanwhile.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from contextlib import suppress
+import functools
+from importlib import import_module
+import json
 import math
 import time
 from typing import Any
 
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
 import pytest
 from ros_harness import ENOUGH, Ros
 from std_srvs.srv import Trigger
 
-outsiders = pytest.importorskip('outsider')  # Cyclone DDS: its wheels end at Python 3.13
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'
+# As ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST has it: this machine only, found without multicast.
+CONFIGURATION = """
+<CycloneDDS><Domain>
+  <General>
+    <Interfaces><NetworkInterface name="lo"/></Interfaces>
+    <AllowMulticast>false</AllowMulticast>
+  </General>
+  <Discovery>
+    <ParticipantIndex>auto</ParticipantIndex>
+    <MaxAutoParticipantIndex>31</MaxAutoParticipantIndex>
+    <SPDPInterval>300ms</SPDPInterval>
+    <Peers><Peer address="127.0.0.1"/></Peers>
+  </Discovery>
+</Domain></CycloneDDS>
+"""
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+VOLATILE = Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10))
+LATCHED = Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+PRIMITIVES: dict[str, Any] = {
+    'double': types.float64, 'int32': types.int32, 'uint32': types.uint32, 'octet': types.byte,
+    'string': str,
+}  # fmt: skip
+
+
+@functools.cache
+def dds_type(name: str) -> Any:
+    """Return the type of DDS for `pkg/msg/Name` or `pkg/srv/Name_Request`."""
+    package, folder, kind = name.split('/')
+    of = getattr(import_module(f'{package}.{folder}'), kind.partition('_')[0])
+    if '_' in kind:
+        of = getattr(of, kind.partition('_')[2])
+    fields = {key: _member(text) for key, text in of.get_fields_and_field_types().items()}
+    fields = fields or {'structure_needs_at_least_one_member': types.uint8}
+    return make_idl_struct(f'{kind}_', f'{package}::{folder}::dds_::{kind}_', fields)
+
+
+def _member(text: str) -> Any:
+    if text.startswith('sequence<'):
+        return types.sequence[_member(text.removeprefix('sequence<').removesuffix('>'))]
+    return dds_type(text.replace('/', '/msg/')) if '/' in text else PRIMITIVES.get(text, bool)
+
+
+def nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
+    """Wait for something that another process does."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f'not within {timeout} s'
+        time.sleep(0.01)
+
+
+def one(reader: DataReader, timeout: float = 60.0) -> Any:
+    """Return the next message."""
+    taken: list[Any] = []
+    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
+    return taken[0]
+
+
+class Outsider:
+    """Reads topics, writes topics and calls services of `std_srvs/Trigger` in a ROS domain."""
+
+    def __init__(self, domain: int) -> None:
+        self._domain = Domain(domain, CONFIGURATION)
+        self._participant = DomainParticipant(domain)
+
+    def reader(self, topic: str, kind: str, qos: Qos = VOLATILE) -> DataReader:
+        made = Topic(self._participant, topic, dds_type(kind))
+        reader = DataReader(self._participant, made, qos=qos)
+        wait_until(reader.get_matched_publications)
+        return reader
+
+    def writer(self, topic: str, kind: str) -> DataWriter:
+        made = Topic(self._participant, topic, dds_type(kind))
+        writer = DataWriter(self._participant, made, qos=VOLATILE)
+        wait_until(writer.get_matched_subscriptions)
+        return writer
+
+
+class Client:
+    """One service, asked by writing and answered by reading."""
+
+    def __init__(self, outsider: Outsider, service: str) -> None:
+        self._requests = outsider.writer(f'rq{service}Request', 'std_srvs/srv/Trigger_Request')
+        self._replies = outsider.reader(f'rr{service}Reply', 'std_srvs/srv/Trigger_Response')
+        # The server may know of us a little later than we know of it; its replies are lost until
+        # then. Those that are merely late are waited for.
+        asked = answered = 0
+        while not answered:
+            self.ask()
+            asked += 1
+            assert asked < 30, 'the service does not answer'
+            with suppress(AssertionError):
+                while answered < asked:
+                    self.reply(8.0)
+                    answered += 1
+
+    def ask(self) -> None:
+        self._requests.write(dds_type('std_srvs/srv/Trigger_Request')(0))
+
+    def reply(self, timeout: float = 60.0) -> tuple[bool, dict[str, Any]]:
+        """Return the next reply that the service gives to anybody, whose message is JSON."""
+        reply = one(self._replies, timeout)
+        return bool(reply.success), json.loads(reply.message)
+
+    def call(self) -> tuple[bool, dict[str, Any]]:
+        self.ask()
+        return self.reply()
 
 
 @pytest.fixture(scope='module')
-def outsider(ros: Ros) -> Iterator[Any]:
+def outsider(ros: Ros) -> Outsider:
     ros.start('tdm_planner.nodes.planner', STRONG, namespace='pendulum')
-    made = outsiders.Outsider(ros.domain)
-    yield made
-    made.close()
+    return Outsider(ros.domain)
 
 
 @pytest.fixture(scope='module')
-def client(outsider: Any) -> Any:
-    return outsider.client('/pendulum/plan')
+def client(outsider: Outsider) -> Client:
+    return Client(outsider, '/pendulum/plan')
 
 
-def test_an_outsider_asks_for_plans_and_reads_them(ros: Ros, outsider: Any, client: Any) -> None:
+def test_an_outsider_asks_for_plans_and_reads_them(
+    ros: Ros, outsider: Outsider, client: Client
+) -> None:
     success, answer = client.call()
     assert not success
     assert answer['code'] == 'NO_STATE'
     assert ros.set_parameters('/pendulum/planner', start__source='parameters') == ['']
-    check_plan(outsider, client)
+    before = time.time_ns()
+    success, answer = client.call()
+    assert success, answer
+    # One who comes late reads it, too.
+    plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
+    assert plan.joint_names == ['pendulum', 'disk']
+    assert before < nanoseconds(plan.header.stamp)
+    times = [nanoseconds(point.time_from_start) for point in plan.points]
+    assert times == sorted(set(times))
+    assert times[-1] / 1e9 == pytest.approx(answer['duration'], abs=1e-6)
+    assert plan.points[0].positions == [math.pi, 0.0]
+    assert math.remainder(plan.points[-1].positions[0], math.tau) == pytest.approx(0.0, abs=1e-4)
+    assert all(abs(point.effort[1]) <= 0.09 + 1e-9 for point in plan.points)
     check_diagnostics(outsider, client)
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan', Trigger)
@@ -55,61 +198,40 @@ def test_an_outsider_asks_for_plans_and_reads_them(ros: Ros, outsider: Any, clie
     assert client.reply() == (True, answer)
 
 
-def check_plan(outsider: Any, client: Any) -> None:
-    """Check that it is made on request, and read by one who comes late."""
-    before = time.time_ns()
-    success, answer = client.call()
-    assert success, answer
-    plan = outsiders.one(outsider.subscribe('/pendulum/trajectory', TRAJECTORY, outsiders.LATCHED))
-    assert plan.joint_names == ['pendulum', 'disk']
-    assert before < outsiders.nanoseconds(plan.header.stamp)
-    times = [outsiders.nanoseconds(point.time_from_start) for point in plan.points]
-    assert times == sorted(set(times))
-    assert times[-1] / 1e9 == pytest.approx(answer['duration'], abs=1e-6)
-    first, last = plan.points[0], plan.points[-1]
-    assert first.positions == [math.pi, 0.0]
-    assert math.remainder(last.positions[0], 2 * math.pi) == pytest.approx(0.0, abs=1e-4)
-    assert last.velocities == [0.0, 0.0]
-    assert all(abs(point.effort[1]) <= 0.09 + 1e-9 for point in plan.points)
-
-
-def check_diagnostics(outsider: Any, client: Any) -> None:
-    reader = outsider.subscribe('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
+def check_diagnostics(outsider: Outsider, client: Client) -> None:
+    reader = outsider.reader('rt/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray')
     _, answer = client.call()
 
     def told() -> bool:
         statuses = [status for array in reader.take(N=10) for status in array.status]
-        figures = [
-            {pair.key: pair.value for pair in status.values}
+        return any(
+            {pair.key: pair.value for pair in status.values}.get('plan id')
+            == str(answer['plan_id'])
             for status in statuses
             if status.name == '/pendulum/planner: planning' and bytes([status.level]) == b'\0'
-        ]
-        return any(found['plan id'] == str(answer['plan_id']) for found in figures)
+        )
 
-    outsiders.wait_until(told, 'diagnostics of the plan')
+    wait_until(told)
 
 
 def test_a_rig_of_another_make_is_planned_for_and_commanded(
-    ros: Ros, outsider: Any, client: Any
+    ros: Ros, outsider: Outsider, client: Client
 ) -> None:
     """Its driver publishes joint_states by another DDS; the plan starts from there."""
     assert ros.set_parameters('/pendulum/planner', start__source='measured') == ['']
-    writer = outsider.publish('/pendulum/joint_states', STATE)
-    stamp_type, header_type = (
-        outsiders.dds_type('builtin_interfaces/msg/Time'),
-        outsiders.dds_type('std_msgs/msg/Header'),
-    )
+    writer = outsider.writer('rt/pendulum/joint_states', STATE)
+    stamp, header = dds_type('builtin_interfaces/msg/Time'), dds_type('std_msgs/msg/Header')
 
     def planned() -> bool:  # the first states may be lost, until the planner knows the writer
-        header = header_type(stamp_type(*divmod(time.time_ns(), 10**9)), '')
+        now = header(stamp(*divmod(time.time_ns(), 10**9)), '')
         names, angles = ['disk', 'pendulum'], [1.0, math.pi]
-        writer.write(outsiders.dds_type(STATE)(header, names, angles, [0.0, 0.0], []))
+        writer.write(dds_type(STATE)(now, names, angles, [0.0, 0.0], []))
         return client.call()[0]
 
-    outsiders.wait_until(planned, 'a plan from the states of another make')
-    plan = outsiders.one(outsider.subscribe('/pendulum/trajectory', TRAJECTORY, outsiders.LATCHED))
+    wait_until(planned)
+    plan = one(outsider.reader('rt/pendulum/trajectory', TRAJECTORY, LATCHED))
     assert plan.points[0].positions == pytest.approx([math.pi, 1.0], abs=1e-6)
     ros.start('tdm_planner.nodes.tracker', namespace='pendulum')
-    command = outsiders.one(outsider.subscribe('/pendulum/joint_command', STATE))
+    command = one(outsider.reader('rt/pendulum/joint_command', STATE))
     assert command.name == ['disk']
     assert command.effort == [0.0]  # no state is measured any more

@@ -14,15 +14,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fuzzing import (
-    corpus,
-    planned,
-    PROPERTIES,
-    read_file,
-    read_setting,
-    survived,
-    try_out,
-)
+from fuzzing import corpus, planned, PROPERTIES, read_file, read_setting, survived, try_out
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
@@ -78,32 +70,26 @@ BOMB = 'a0: &a0 {x: 1, y: 2}\n' + ''.join(
 )
 
 
-@pytest.mark.parametrize('text', [BOMB, 'a: &a [*a]', 'a: &a {b: *a}', '[' * 5_000])
-def test_a_document_without_end_is_refused(tmp_path: Path, text: str) -> None:
-    path = tmp_path / 'parameters.yaml'
-    path.write_text(text)
-    with pytest.raises(InvalidProblem, match=r'parameters.yaml.* is not YAML'):
-        read_parameters(path)
-
-
 @pytest.mark.parametrize(
-    'tag',
-    ['!!python/object/apply:os.system ["touch owned"]',
-     '!!python/object/new:subprocess.Popen [["touch", "owned"]]',
-     '!!python/name:os.system', '!!python/module:os', '!!python/tuple [1, 2]',
-     '!ruby/object:Gem {}'],
+    ('text', 'says'),
+    [
+        *((text, r'parameters.yaml.* is not YAML') for text in (BOMB, 'a: &a [*a]', '[' * 5_000)),
+        *(
+            (f'planner: {{ros__parameters: {{robots: {tag} }} }}', 'not determine a constructor')
+            for tag in ('!!python/object/apply:os.system ["touch owned"]',
+                        '!!python/object/new:subprocess.Popen [["touch", "owned"]]',
+                        '!!python/name:os.system', '!!python/tuple [1, 2]', '!ruby/object:Gem {}')
+        ),
+    ],
 )  # fmt: skip
-def test_objects_of_a_language_are_refused_in_one_sentence(
-    tmp_path: Path, tag: str, monkeypatch: pytest.MonkeyPatch
+def test_documents_without_end_and_objects_of_a_language_are_refused(
+    tmp_path: Path, text: str, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / 'parameters.yaml'
-    path.write_text(f'planner:\n  ros__parameters:\n    robots: {tag}\n')
-    with pytest.raises(InvalidProblem, match='could not determine a constructor') as refusal:
+    path.write_text(text)
+    with pytest.raises(InvalidProblem, match=says) as refusal:
         read_parameters(path)
     assert '\n' not in str(refusal.value)
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_the_loader_of_parameter_files_is_a_safe_one() -> None:
     assert not any('python' in str(tag) for tag in _Loader.yaml_constructors)

@@ -23,16 +23,10 @@ SOURCE = Path(__file__).resolve().parents[2]
 def requirements() -> set[str]:
     """Everything that setup.py asks for, extras included, as package names."""
     tree = ast.parse((SOURCE / 'setup.py').read_text(encoding='utf-8'))
-    (call,) = (
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
-    )
-    arguments = {keyword.arg: keyword.value for keyword in call.keywords}
-    listed = ast.literal_eval(arguments['install_requires'])
-    for extra in ast.literal_eval(arguments['extras_require']).values():
-        listed += extra
-    return {package_name(requirement) for requirement in listed}
+    given = {node.arg: node.value for node in ast.walk(tree) if isinstance(node, ast.keyword)}
+    listed = ast.literal_eval(given['install_requires'])
+    groups = [listed, *ast.literal_eval(given['extras_require']).values()]
+    return {package_name(requirement) for group in groups for requirement in group}
 
 
 def package_name(requirement: str) -> str:
@@ -66,8 +60,6 @@ def pins(name: str) -> dict[str, str]:
 
 
 def test_changelog_tells_of_the_version_or_of_what_is_coming():
-    headings = re.findall(
-        r'^(.+)\n-+$', (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8'), re.MULTILINE
-    )
-    assert headings
-    assert headings[0] == 'Forthcoming' or headings[0].startswith(tdm_planner.__version__)
+    text = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    heading = re.findall(r'^(.+)\n-+$', text, re.MULTILINE)[0]
+    assert heading == 'Forthcoming' or heading.startswith(tdm_planner.__version__)

@@ -38,18 +38,9 @@ FILES = sorted(
     for path in (SOURCE / folder).rglob('*.py')
 )
 MODULES = {'pickle', 'cPickle', 'dill', 'shelve', 'marshal', 'joblib', 'cloudpickle', 'telnetlib'}
-CALLS = {
-    'eval',
-    'exec',
-    '__import__',
-    'os.system',
-    'os.popen',
-    'pandas.read_pickle',
-    'subprocess.getoutput',
-    'tempfile.mktemp',
-    'yaml.full_load',
-    'yaml.unsafe_load',
-}
+CALLS = {'eval', 'exec', '__import__', 'os.system', 'os.popen', 'pandas.read_pickle',
+         'subprocess.getoutput', 'tempfile.mktemp', 'yaml.full_load',
+         'yaml.unsafe_load'}  # fmt: skip
 
 
 def dotted(node: ast.AST) -> str:
@@ -62,27 +53,20 @@ def offences(tree: ast.AST) -> list[str]:
     """Return what is not to be in a source file, by line."""
     found = []
     for node in ast.walk(tree):
-        names = []
+        words: list[str] = []
         if isinstance(node, ast.Import):
-            names = [alias.name.split('.')[0] for alias in node.names]
+            words = [alias.name.split('.')[0] for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            names = [str(node.module).split('.')[0]]
-        found += [f'{node.lineno}: {name}' for name in names if name in MODULES]
-        if not isinstance(node, ast.Call):
-            continue
-        call = dotted(node.func)
-        keywords = {item.arg: item.value for item in node.keywords}
-        if call in CALLS:
-            found.append(f'{node.lineno}: {call}')
-        shell = keywords.get('shell')
-        if shell is not None and not (isinstance(shell, ast.Constant) and shell.value is False):
-            found.append(f'{node.lineno}: shell')
-        if 'allow_pickle' in keywords:
-            found.append(f'{node.lineno}: allow_pickle')
-        if call == 'yaml.load' and dotted(keywords.get('Loader', node)) not in (
-            'yaml.SafeLoader', 'yaml.CSafeLoader', '_Loader',
-        ):  # fmt: skip
-            found.append(f'{node.lineno}: yaml.load')
+            words = [str(node.module).split('.')[0]]
+        words = [word for word in words if word in MODULES]
+        if isinstance(node, ast.Call):
+            call = dotted(node.func)
+            keywords = {item.arg: item.value for item in node.keywords}
+            words += [call] if call in CALLS else []
+            words += [name for name in ('shell', 'allow_pickle') if name in keywords]
+            if call == 'yaml.load' and dotted(keywords.get('Loader', node)) != '_Loader':
+                words.append(call)
+        found += [f'{node.lineno}: {word}' for word in words]
     return found
 
 
@@ -102,10 +86,8 @@ def test_what_is_unsafe_is_seen(line: str) -> None:
 
 
 def test_the_policy_follows_the_schema() -> None:
-    root = POLICY
-    assert root.tag == 'policy'
-    assert root.get('version') == '0.2.0'
-    for element in root.iter():
+    assert (POLICY.tag, POLICY.get('version')) == ('policy', '0.2.0')
+    for element in POLICY.iter():
         attributes, children = SCHEMA[element.tag]
         given = set(element.attrib)
         assert {name for name in attributes if not name.endswith('*')} <= given
@@ -116,13 +98,9 @@ def test_the_policy_follows_the_schema() -> None:
             assert set(element.attrib.values()) == {'ALLOW'}
         if element.tag in ('topic', 'service'):
             assert re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', element.text or '')
-
-
-def test_every_enclave_is_that_of_its_node() -> None:
     contexts = POLICY.findall('contexts/context')
-    paths = [context.get('path') for context in contexts]
-    assert len(set(paths)) == len(paths)
-    for context in contexts:
+    assert len({context.get('path') for context in contexts}) == len(contexts)
+    for context in contexts:  # every enclave is that of its node
         (profile,) = context.findall('profiles/profile')
         name = f'{profile.attrib["ns"].rstrip("/")}/{profile.attrib["node"]}'
         assert name == context.attrib['path']

@@ -14,13 +14,12 @@ from __future__ import annotations
 import heapq
 import math
 
+from closed_loop import pendulum, pendulum_tracker
 import numpy as np
 import pytest
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 TORQUE = 0.09  # N m
 DELAY, JITTER, LOSS = 0.02, 0.005, 0.02
@@ -30,11 +29,8 @@ START, HOLD = 1.0, 5.0  # s
 
 @pytest.fixture(scope='module')
 def plan() -> Trajectory:
-    return (
-        build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': 0.5})
-        .solve(deadline=20.0)
-        .trajectory
-    )
+    problem = build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': 0.5})
+    return problem.solve(deadline=20.0).trajectory
 
 
 class Wire:
@@ -63,12 +59,8 @@ class Wire:
 def worst_angle_while_held(plan: Trajectory, seed: int, command_delay: float) -> float:
     """Return the largest angle from upright [rad] during the last five seconds."""
     rng = np.random.default_rng(seed)
-    values = {'limits.torque': TORQUE, 'command_delay': command_delay}
-    tracker = PendulumTracker(build(PendulumTrackerParameters, values))
-    limit = np.array([TORQUE])
-    hanging = np.array([math.pi, 0.0, 0.0, 0.0])
-    setup = PlantSetup(tracker.parameters.plant, hanging, -limit, limit, np.zeros(4))
-    plant = SimulatedPlant(setup, seed)
+    vehicle = pendulum(pendulum_tracker(TORQUE, command_delay=command_delay), seed=seed)
+    tracker, plant = vehicle.tracker, vehicle.plant
     states, commands = Wire(rng), Wire(rng)
     end = START + plan.duration + 1.0 + HOLD
     worst = 0.0

@@ -7,24 +7,17 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Plant, tracker and planner are killed, one after the other, and come back."""
+"""Streams of states and clocks that are spoiled during a mission: all of data_faults.py."""
 
 from __future__ import annotations
 
-from killing import held_rig, SCENARIOS
-from pendulum_rig import PendulumRig
+from typing import Any
+
+from data_faults import FAULTS, misled_rig
+from pendulum_rig import note
 import pytest
-from ros_harness import Ros
 
 
-@pytest.fixture(scope='module')
-def rig(ros: Ros) -> PendulumRig:
-    return held_rig(ros)
-
-
-@pytest.mark.parametrize(
-    'scenario', [name for name in SCENARIOS if name != 'plant killed in mid-swing']
-)
-def test_a_node_is_killed_and_the_pendulum_comes_back(rig: PendulumRig, scenario: str) -> None:
-    rig.held_since(rig.now)
-    SCENARIOS[scenario](rig)
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_mission_under_a_fault_of_data(stepped: Any, fault: str) -> None:
+    note(fault, **FAULTS[fault](misled_rig(stepped, fault)))

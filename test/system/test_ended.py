@@ -7,13 +7,22 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""SIGINT, SIGTERM and a double Ctrl-C: code 0, no traceback, nobody left behind."""
+"""Processes that are killed, and such that are asked to end: each kind once."""
 
 from __future__ import annotations
 
+from killing import held_rig, SCENARIOS
 import pytest
 from ros_harness import Ros
 from signal_scenes import SCENES
+
+
+def test_nodes_are_killed_and_the_pendulum_comes_back(ros: Ros) -> None:
+    rig = held_rig(ros)
+    for name in ('plant killed while holding', 'tracker killed in mid-swing',
+                 'planner killed while planning'):  # fmt: skip
+        rig.held_since(rig.now)
+        SCENARIOS[name](rig)
 
 
 @pytest.mark.parametrize(
@@ -21,7 +30,7 @@ from signal_scenes import SCENES
     [
         ('solving_planner', 'double Ctrl-C'),
         ('following_tracker', 'SIGTERM'),
-        ('driven_plant', 'double Ctrl-C at once'),
+        ('driven_pendulum', 'double Ctrl-C at once'),
         ('driven_robot', 'SIGINT'),
     ],
 )

@@ -1,0 +1,288 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Faults of data: streams of states that are spoiled, clocks that are set, while a pendulum moves.
+
+`FAULTS` has what is done by name; each asserts what docs/reliability.md promises, and returns what
+was measured, on `misled_rig`: nodes in the test's process, with a time that the test steps. Some
+are tried in test/ros/test_faults.py, all in test/nightly/faults/test_data_faults.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import copy
+from functools import partial
+import heapq
+import itertools
+import random
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from pendulum_rig import COMMAND_TIMEOUT, PendulumRig, STATE_TIMEOUT
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+
+SECOND = 1_000_000_000  # ns
+SHORTEST_SWING = 0.3  # s, less than any swing-up takes
+SILENCE = 0.6  # s
+LATER = 0.01  # s between an event and the next state and command
+SAFE = STATE_TIMEOUT + COMMAND_TIMEOUT + LATER  # s within which the torque is off, at the latest
+STUCK_SAFE = SAFE + 3 * STATE_TIMEOUT
+MOST_LEAN = 0.35  # rad from upright, shortly after the catch
+HELD_LEAN = 0.15  # rad, while being held
+
+Figures = dict[str, float]
+
+
+class Relay:
+    """
+    Passes states on from the plant to all others, and spoils them; chance is seeded.
+
+    - freeze: nothing comes;
+    - repeat: the last message before comes again and again, its stamp included;
+    - stuck: the last message before comes again and again, with fresh stamps;
+    - delay: they come `amount` s late;
+    - drop: each is lost with the probability `amount`;
+    - duplicate: each comes twice, the second time up to `amount` s later;
+    - reorder: each comes up to `amount` s late, whatever came before it;
+    - shift: their stamps are wrong by `amount` s, from the least instant that can be written on;
+    - unstamped: their stamps are zero.
+    """
+
+    def __init__(self, ros: Any, source: str, target: str) -> None:
+        self._ros = ros
+        self._held: list[tuple[float, int, JointState]] = []
+        self._order = itertools.count()
+        self._last = JointState()
+        self._publisher = ros.node.create_publisher(JointState, target, 200)
+        ros.node.create_subscription(JointState, source, self._on_state, 200)
+        self.suffer()
+
+    def suffer(self, kind: str = 'none', amount: float = 0.0) -> None:
+        """Spoil what comes from now on."""
+        self._kind, self._amount, self._random = kind, amount, random.Random(7)
+
+    def _on_state(self, message: JointState) -> None:
+        now = self._ros.now / SECOND
+        for delay, state in self._spoilt(message):
+            heapq.heappush(self._held, (now + delay, next(self._order), state))
+        while self._held and self._held[0][0] <= now:
+            self._publisher.publish(heapq.heappop(self._held)[2])
+
+    def _spoilt(self, message: JointState) -> list[tuple[float, JointState]]:
+        """Return what becomes of a message: those that come, each with its delay [s]."""
+        kind, amount, stamp = self._kind, self._amount, message.header.stamp
+        chance = self._random.random()
+        passed = copy.deepcopy(self._last if kind in ('repeat', 'stuck') else message)
+        if kind not in ('repeat', 'stuck'):
+            self._last = message
+        if kind == 'freeze' or (kind == 'drop' and chance < amount):
+            return []
+        if kind == 'duplicate':
+            return [(0.0, passed), (chance * amount, passed)]
+        if kind in ('delay', 'reorder'):
+            return [(amount if kind == 'delay' else chance * amount, passed)]
+        if kind == 'stuck':
+            passed.header.stamp = stamp
+        elif kind == 'shift':
+            shifted = nanoseconds_of(stamp) + round(amount * SECOND)
+            passed.header.stamp = to_stamp(max(shifted, -(2**31) * SECOND))
+        elif kind == 'unstamped':
+            passed.header.stamp = Time()
+        return [(0.0, passed)]
+
+
+class MisledRig(PendulumRig):
+    """A rig whose planner and tracker see states as `relay` passes them on."""
+
+    def __init__(self, stepped: Any, namespace: str, **common: Any) -> None:
+        plant = f'/{namespace}/unspoilt'
+        self.relay = Relay(stepped, plant, f'/{namespace}/joint_states')
+        super().__init__(
+            stepped,
+            namespace,
+            plant_arguments=['-r', f'joint_states:={plant}'],
+            common=common,
+            planner={'start.delay': 0.1},
+        )
+        self.states = self._hear('unspoilt', JointState)
+        self.wait(lambda: self.states)
+
+    @property
+    def is_held(self) -> bool:
+        return abs(self.angle) < HELD_LEAN and self.says('tracker', 'holding')
+
+    def begin(self) -> tuple[float, float]:
+        """Let a swing-up from hanging begin; return the instants of `plan`."""
+        self.relay.suffer()
+        self.ros.call(f'/{self.namespace}/reset', Trigger)
+        resting = ('idle', 'stopped', 'recovering')
+        self.wait(lambda: any(self.says('tracker', word) for word in resting))
+        del self.states[:-1]
+        for _ in range(5):  # a plan made before it hung leads elsewhere
+            start, end = self.plan()
+            if end - start > SHORTEST_SWING:
+                return start, end
+        raise AssertionError(self.story())
+
+    def reach(self, phase: str) -> float:
+        """Begin a mission; return the instant [s] in mid-swing, or after half a second's hold."""
+        start, end = self.begin()
+        self.wait_until(0.5 * (start + end) if phase == 'swing' else end + 0.5)
+        if phase == 'hold':
+            self.wait(lambda: self.is_held)
+        return self.now
+
+
+def harmless(rig: MisledRig, kind: str, amount: float) -> Figures:
+    """From mid-swing on: the motion and the hold go on."""
+    start, end = rig.begin()
+    rig.wait_until(0.5 * (start + end))
+    rig.relay.suffer(kind, amount)
+    rig.wait_until(end + 2.0)
+    found = {'caught': rig.lean(end + 0.3, end + 0.8), 'held': rig.lean(end + 0.8)}
+    assert rig.is_held, rig.story()
+    assert found['caught'] < MOST_LEAN, found
+    assert found['held'] < HELD_LEAN, found
+    return found
+
+
+def silent(rig: MisledRig, kind: str, amount: float, phase: str) -> Figures:
+    """Withhold states: the torque goes off in time; the mission is completed afterwards."""
+    at = rig.reach(phase)
+    rig.relay.suffer(kind, amount)
+    rig.wait_until(at + SILENCE)
+    rig.relay.suffer()
+    safe = rig.last_torque(at, at + SILENCE)
+    assert safe < SAFE, rig.story()
+    recovered = rig.held_since(at + SILENCE) - at - SILENCE
+    assert rig.said('tracker', 'state_timeout') or 'state_timeout' in rig.story()
+    return {'safe': safe, 'recovered': recovered}
+
+
+def stuck(rig: MisledRig, phase: str) -> Figures:
+    """Let a sensor repeat itself: it is noticed."""
+    at = rig.reach(phase)
+    rig.relay.suffer('stuck')
+    rig.wait(lambda: rig.says('tracker', 'is a sensor stuck?'))
+    rig.wait_until(at + 1.5)
+    safe = rig.last_torque(at, at + 1.5)
+    assert safe < STUCK_SAFE, rig.story()
+    end = rig.now
+    rig.relay.suffer()
+    return {'safe': safe, 'recovered': rig.held_since(end) - end}
+
+
+def largest_delay(rig: MisledRig, delay: float, falls: bool) -> Figures:
+    """While holding, with a `state_timeout` that does not end it."""
+    tracker = f'/{rig.namespace}/tracker'
+    assert rig.ros.set_parameters(tracker, state_timeout=1.0) == ['']
+    at = rig.reach('hold')
+    rig.relay.suffer('delay', delay)
+    rig.wait_until(at + 4.0)
+    assert rig.ros.set_parameters(tracker, state_timeout=STATE_TIMEOUT) == ['']
+    held = rig.lean(at)
+    assert (held > 0.5) == falls, held
+    return {'held': held}
+
+
+def time_of_day_set(rig: MisledRig, step: float, phase: str) -> Figures:
+    """Set it for nodes without `use_sim_time`: timers fire, states are fresh."""
+    at = rig.reach(phase)
+    rig.ros.time_of_day += step
+    known = len(rig.states)
+    rig.ros.spin_for(2.0)
+    assert (rig.now - at - step - 2.0) < LATER
+    del rig.states[: known + 100]
+    assert rig.says('tracker', 'holding'), rig.story()
+    assert 'the clock was set by' in rig.processes['tracker'].output
+    assert 'the process was stalled' not in rig.processes['pendulum_plant'].output
+    found = {'lean': rig.lean()}
+    assert found['lean'] < MOST_LEAN
+    return found
+
+
+def simulated_time_ahead(rig: MisledRig) -> Figures:
+    rig.reach('hold')
+    rig.ros.leap(5.0)
+    rig.ros.spin_for(LATER)
+    at = rig.now
+    rig.wait_until(at + 1.0)
+    assert rig.is_held, rig.story()
+    return {'lean': rig.lean(at)}
+
+
+def simulated_time_back(rig: MisledRig) -> Figures:
+    """Set it back: the motion is given up, the next one is as good as any."""
+    rig.reach('hold')
+    rig.ros.leap(-5.0)
+    del rig.states[:]
+    rig.ros.spin_for(LATER)
+    at = rig.now
+    rig.wait_until(at + 0.5)
+    assert 'the clock was set back' in rig.processes['tracker'].output
+    safe = rig.last_torque(at)
+    assert safe < 2 * LATER
+    rig.reach('hold')
+    return {'safe': safe}
+
+
+def negative_simulated_times(rig: MisledRig) -> Figures:
+    at = rig.reach('hold')
+    deaf = Parameter('use_sim_time', value=False)  # the test's own node is as rclpy made it
+    rig.ros.node.set_parameters([deaf])
+    clock = rig.ros.node.create_publisher(Clock, '/clock', 1)
+    for base in (-5, -(2**31), -5):
+        clock.publish(Clock(clock=Time(sec=base, nanosec=1)))
+        rig.ros.spin_for(0.1)
+    rig.ros.node.destroy_publisher(clock)
+    rig.ros.node.set_parameters([Parameter('use_sim_time', value=True)])
+    rig.wait_until(at + 1.0)
+    assert 'must not be negative' in rig.processes['tracker'].output
+    assert rig.is_held, rig.story()
+    return {'lean': rig.lean(at)}
+
+
+HARMLESS = [('delay', 0.05), ('delay', 0.07), ('drop', 0.05), ('drop', 0.5), ('duplicate', 0.03),
+            ('reorder', 0.03), ('unstamped', 0.0)]  # fmt: skip
+SILENT = [('freeze', 0.0), ('shift', 5.0), ('shift', -5.0), ('repeat', 0.0), ('shift', -2e9)]
+PHASES = ('swing', 'hold')
+QUICK = ('delay 0.07', 'shift -5 in swing', 'stuck in hold', 'simulated time -5 s',
+         'time of day -5 s in swing')  # fmt: skip
+TIME_OF_DAY = 'time of day'  # at the beginning of the names of faults for nodes that go by it
+FAULTS: dict[str, Callable[[MisledRig], Figures]] = {
+    **{f'{kind} {amount:g}': partial(harmless, kind=kind, amount=amount)
+       for kind, amount in HARMLESS},
+    **{f'{kind} {amount:g} in {phase}': partial(silent, kind=kind, amount=amount, phase=phase)
+       for kind, amount in SILENT for phase in PHASES},
+    **{f'stuck in {phase}': partial(stuck, phase=phase) for phase in PHASES},
+    **{f'delay {delay} with state_timeout 1 s': partial(largest_delay, delay=delay, falls=falls)
+       for delay, falls in ((0.2, False), (0.3, True))},
+    'simulated time +5 s': simulated_time_ahead,
+    'simulated time -5 s': simulated_time_back,
+    'negative simulated times': negative_simulated_times,
+    **{f'{TIME_OF_DAY} {step:+g} s in {phase}': partial(time_of_day_set, step=step, phase=phase)
+       for step in (5.0, -5.0) for phase in PHASES},
+}  # fmt: skip
+
+
+def misled_rig(stepped: Any, fault: str) -> MisledRig:
+    """Return a rig for some of the faults, made once in a domain."""
+    by_day = fault.startswith(TIME_OF_DAY)
+    rigs = vars(stepped).setdefault('misled_rigs', {})
+    if by_day not in rigs:
+        space, common = ('day', {'use_sim_time': False}) if by_day else ('misled', {})
+        rigs[by_day] = MisledRig(stepped, space, **common)
+    found: MisledRig = rigs[by_day]
+    return found
