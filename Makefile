@@ -90,7 +90,7 @@ demo: $(READY)
 test: IN_TURN = $(filter test/system%,$(TESTS))
 test: IN_PARALLEL = $(filter-out test/system%,$(TESTS))
 test: $(READY)-test
-	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(IN_PARALLEL))
+	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 $(IN_PARALLEL))
 	$(if $(IN_TURN),@$(BIN)/python -m pytest $(IN_TURN))
 
 # What fuzzing finds is printed as JSON, to be kept in test/nightly/fuzz/corpus.

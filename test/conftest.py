@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import functools
-import gc
 import importlib.util
 import os
 from typing import Any
@@ -36,11 +35,6 @@ if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3
 # The same cases in every run, and no time limit: the machine may be busy.
 settings.register_profile('same', derandomize=True, deadline=None)
 settings.load_profile('same')
-
-
-def pytest_collection_finish() -> None:
-    """Spare what has been imported: looking through it would stop a talk with nodes for .1 s."""
-    gc.freeze()
 
 
 @pytest.fixture(scope='session', autouse=True)

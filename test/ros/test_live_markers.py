@@ -80,6 +80,7 @@ def turned(marker: Marker) -> float:
 def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     plant = ros.start('tdm_sim.pendulum_plant', {'initial.theta': 0.5}, namespace='sim')
     description = ros.subscribe('/sim/robot_description', String, LATCHED)
+    assert ros.meet(lambda: bool(description))
     viewer = Viewer(ros, '/sim/plant_markers')
     assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
     viewer.arrays.clear()

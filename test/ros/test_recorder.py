@@ -19,6 +19,7 @@ from typing import Any
 
 from bag_contents import fill, numbers, read_with_mcap
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from stepped_ros import Stepped
@@ -36,11 +37,10 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
 
     def prepare(texts: Iterable[str]) -> None:
         publisher = ros.node.create_publisher(String, '/texts', 100)
-        make = recorder.make_executor
         remaining = iter(texts)
 
         def with_texts(context: Any) -> Any:
-            executor = make(context)
+            executor = SingleThreadedExecutor(context=context)
 
             def spin_once(timeout_sec: float) -> None:
                 ros.step_to(ros.now + 10_000_000)
