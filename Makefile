@@ -91,7 +91,7 @@ test: IN_TURN = $(filter test/system%,$(TESTS))
 test: IN_PARALLEL = $(filter-out test/system%,$(TESTS))
 test: $(READY)-test
 	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 $(IN_PARALLEL))
-	$(if $(IN_TURN),@$(BIN)/python -m pytest $(IN_TURN))
+	$(if $(IN_TURN),@$(BIN)/python -m pytest --timeout 300 --override-ini timeout_method=signal $(IN_TURN))
 
 # What fuzzing finds is printed as JSON, to be kept in test/nightly/fuzz/corpus.
 nightly: $(READY)-test $(READY)-nightly

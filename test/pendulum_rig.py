@@ -36,7 +36,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 TORQUE = 0.09  # N m, the strong motor
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
-PATIENCE = 120.0  # s that anything may take on a busy machine
+PATIENCE = 60.0  # s that anything may take on a busy machine
 STEPPED_PATIENCE = 20.0  # s, where that changes nothing
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held

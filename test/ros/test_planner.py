@@ -71,7 +71,7 @@ class Planner:
     def latched(self, topic: str, kind: Any) -> Any:
         """Return what a late subscriber gets."""
         received = self.ros.subscribe(f'{self.space}/{topic}', kind, LATCHED)
-        assert self.ros.spin_until(lambda: bool(received))
+        assert self.ros.meet(lambda: bool(received))
         (message,) = received
         return message
 

@@ -146,7 +146,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Pl
     assert answer['summary'] == 'there in two strokes'
     states = ros.subscribe('/cart/trajectory', JointTrajectory, LATCHED)
     controls = ros.subscribe('/cart/controls', JointTrajectory, LATCHED)
-    assert ros.spin_until(lambda: bool(states and controls))
+    assert ros.meet(lambda: bool(states and controls))
     assert list(states[0].joint_names) == ['position', 'velocity']
     assert [list(point.positions) for point in states[0].points] == [[1, 0], [0.5, -2], [0, 0]]
     assert [list(point.effort) for point in controls[0].points] == [[-4], [4], [4]]
