@@ -57,8 +57,10 @@ def test_a_signal_ends_a_node_with_code_0_however_early_it_comes(ros: Ros, modul
     assert ros.spin_until(lambda: begun(process), 20.0), process.output
     assert process.end(signal.SIGINT) == 0, process.output
     says_nothing_of_python(process)
-    process = ros.start(module, NODES[module])
-    assert ros.spin_until(lambda: len(ros.node.get_node_names()) > 1, 20.0), process.output
+    space = f'/{module.rpartition(".")[2]}_later'
+    process = ros.start(module, NODES[module], namespace=space)
+    known = ros.node.get_node_names_and_namespaces
+    assert ros.spin_until(lambda: space in dict(known()).values(), 20.0), process.output
     assert process.end(signal.SIGTERM) == 0, process.output
     says_nothing_of_python(process)
 
