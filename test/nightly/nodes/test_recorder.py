@@ -31,6 +31,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
 
 
+@pytest.fixture(scope='module')
+def ros(stepped: Stepped) -> Stepped:
+    return stepped
+
+
 @pytest.fixture
 def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     """Return what publishes texts on /texts, one whenever a recorder looks; then 10 ms pass."""
