@@ -93,8 +93,8 @@ test: $(READY)-test
 	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 $(IN_PARALLEL))
 	$(if $(IN_TURN),@$(BIN)/python -m pytest --timeout 300 --override-ini timeout_method=signal $(IN_TURN))
 
-# What fuzzing finds is printed as JSON, to be kept in test/nightly/fuzz/corpus.
-nightly: $(READY)-test $(READY)-nightly
+# What fuzzing finds is printed as JSON, to be kept in test/fuzz_corpus.json.
+nightly: $(READY)-test
 	@$(BIN)/python -m pytest --timeout 1800 -rP test/nightly
 
 lint: $(READY)-test $(READY)-dev

@@ -136,23 +136,27 @@ def is_node() -> bool:
 
 def command() -> list[str]:
     """Return the words of the `tdm` command that the process was started as, else none."""
-    if module := _module():
-        after = sys.orig_argv.index('-m') + 2
-        return ['tdm', *sys.orig_argv[after:]] if module == 'tdm_planner.cli' else []
+    if words := _module_words():
+        return ['tdm', *words[1:]] if words[0] == 'tdm_planner.cli' else []
     return ['tdm', *_arguments()[1:]] if Path(_arguments()[0]).name == 'tdm' else []
 
 
 def _module() -> str:
     """Return the module that Python was started with, '' if it was not."""
+    return next(iter(_module_words()), '')
+
+
+def _module_words() -> list[str]:
+    """Return the module that Python was started with and its arguments, none if it was not."""
     words = iter(sys.orig_argv[1:])
     for word in words:
         if word == '-m':
-            return next(words, '')
+            return list(words)
         if word in ('-W', '-X'):  # options whose value is a word of its own
             next(words, '')
         elif word == '-c' or not word.startswith('-'):
-            return ''  # what follows are the arguments of a script
-    return ''
+            break  # what follows are the arguments of a script
+    return []
 
 
 def _arguments() -> list[str]:

@@ -30,11 +30,13 @@ from fuzzing import (
     messages,
     parameter_sets,
     plans,
+    profile,
     quiet_plans,
     robot_plans,
     SPECIFICATIONS,
     texts,
 )
+from hypothesis import given
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -174,6 +176,18 @@ class SixNodes:
                 self._publishers[topic] = kind, publisher
 
     # What is done to them.
+
+    def endure(self, cases: int, *, new: bool = False) -> None:
+        """Do so many things to them, see `profile`; afterwards they serve as before."""
+        self.meet()
+
+        @profile(cases, new=new)
+        @given(st.data())
+        def survive(data: Any) -> None:
+            self.suffer(data.draw)
+
+        survive()
+        self.recover()
 
     def suffer(self, draw: Any) -> None:
         """Do something to one of them; who is asked something answers."""

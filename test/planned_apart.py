@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
 import subprocess
 import sys
 
-SOURCE = Path(__file__).resolve().parents[1]
+from ros_harness import SOURCE
+
 ONE_THREAD = dict.fromkeys(('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 CHILD = """
 import hashlib, json, sys

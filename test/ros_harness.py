@@ -158,7 +158,6 @@ class Ros:
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         import rclpy
-        from rclpy.executors import SingleThreadedExecutor
 
         self.domain = domain
         self.folder = folder
@@ -166,10 +165,28 @@ class Ros:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self.node = rclpy.create_node('test', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = self._make_executor()
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._processes: list[NodeProcess] = []
+
+    def _make_executor(self) -> Any:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor(context=self._context)
+
+    def _arguments(
+        self,
+        module: str,
+        parameters: Mapping[str, Any] | None,
+        namespace: str,
+        arguments: list[str] | None,
+    ) -> list[str]:
+        """Return a node's command line; a planner has time enough unless it says otherwise."""
+        given, more = parameters or {}, arguments or []
+        if module == MODULES['planner'] and '--params-file' not in more:
+            given = {'solver.deadline': ENOUGH, **given}
+        return ros_arguments(given, namespace) + more
 
     def start(
         self,
@@ -180,14 +197,8 @@ class Ros:
         arguments: list[str] | None = None,
         environment: Mapping[str, str] | None = None,
     ) -> NodeProcess:
-        """
-        Start a node; it is ended, and its exit checked, with the fixture if not before.
-
-        A planner has time enough, unless `parameters` or a file among `arguments` say otherwise.
-        """
-        if module == MODULES['planner'] and '--params-file' not in (arguments or []):
-            parameters = {'solver.deadline': ENOUGH, **(parameters or {})}
-        words = ros_arguments(parameters or {}, namespace) + (arguments or [])
+        """Start a node; it is ended, and its exit checked, with the fixture if not before."""
+        words = self._arguments(module, parameters, namespace, arguments)
         return self.run(module, words, environment)
 
     def run(
@@ -226,14 +237,14 @@ class Ros:
         )
         return publisher
 
-    def meet(self, known: Callable[[], bool], timeout: float = 20.0) -> bool:
+    def meet(self, known: Callable[[], bool]) -> bool:
         """
         Wait until an endpoint of another process is known, and a little longer.
 
         The other side may match later; until then it misses best-effort messages and answers. On a
         busy machine this is not enough: what must be heard is sent with `publish_until`.
         """
-        met = self.spin_until(known, timeout)
+        met = self.spin_until(known, 20.0)
         self.spin_for(MATCHING)
         return met
 

@@ -40,8 +40,9 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl import rcutils_logger
 from rclpy.logging import LoggingSeverity
+from rclpy.parameter import Parameter
 from rclpy.time import Time
-from ros_harness import ENOUGH, MODULES, Ros, ros_arguments
+from ros_harness import MODULES, Ros
 from rosgraph_msgs.msg import Clock
 
 BEGIN = 1_800_000_000_000_000_000  # ns
@@ -154,7 +155,6 @@ class NodeHere:
         """End the node, which leaves its plant safe."""
         if self.running:
             self.running = False
-            self._ros.settle()  # what it computes would be handed over to nobody
             self._ros.remove(self.node)
         return 0
 
@@ -169,9 +169,6 @@ class Stepped(Ros):
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
         super().__init__(domain, folder, environment)
-        self._executor.shutdown()
-        self._executor = OrderedExecutor(context=self._context)
-        self._executor.add_node(self.node)
         self.time = SteppedTime()
         self.log: list[tuple[str, str]] = []
         self._nodes: list[NodeHere] = []
@@ -181,7 +178,7 @@ class Stepped(Ros):
         self.time_of_day = 0.0  # s by which it is wrong
         self._patch = pytest.MonkeyPatch()
         self._clock = self.node.create_publisher(Clock, '/clock', 1)
-        self._source = self._follow(self.node)
+        self.node.set_parameters([Parameter('use_sim_time', value=True)])
         self.statuses: dict[str, Any] = {}  # the newest, by name
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_status, 50)
         send = rcutils_logger._rclpy.rclpy_logging_rcutils_log
@@ -215,14 +212,14 @@ class Stepped(Ros):
         *,
         namespace: str = '',
         arguments: list[str] | None = None,
-        **unused: Any,
     ) -> NodeHere:
         """Construct a node; it ends with the fixture if not before."""
         given = {'use_sim_time': True, **(parameters or {})}
-        if module == MODULES['planner'] and '--params-file' not in (arguments or []):
-            given = {'solver.deadline': ENOUGH, **given}
         made = getattr(importlib.import_module(module), CLASSES[module])
-        return self.add(made, ros_arguments(given, namespace) + (arguments or []))
+        return self.add(made, self._arguments(module, given, namespace, arguments))
+
+    def _make_executor(self) -> OrderedExecutor:
+        return OrderedExecutor(context=self._context)
 
     def add(self, make: Callable[..., Any], arguments: list[str]) -> NodeHere:
         """Construct a node of any class with command-line arguments."""
@@ -236,8 +233,8 @@ class Stepped(Ros):
         return here
 
     def remove(self, node: Any) -> None:
-        """Take a node away, after what it computes."""
-        self.settle()
+        """Take a node away."""
+        self.settle()  # what it computes would be handed over to nobody
         self._executor.remove_node(node)
         node.destroy_node()
 
@@ -291,7 +288,7 @@ class Stepped(Ros):
             patience = time.monotonic() + STUCK
         return True
 
-    def meet(self, known: Callable[[], bool], timeout: float = 20.0) -> bool:
+    def meet(self, known: Callable[[], bool]) -> bool:
         """
         Wait, while time stands still, for what the middleware does in threads of its own.
 
@@ -380,11 +377,6 @@ class Stepped(Ros):
             return Time(nanoseconds=shown, clock_type=clock.clock_type)
 
         return now
-
-    def _follow(self, node: Any) -> None:
-        from rclpy.parameter import Parameter
-
-        node.set_parameters([Parameter('use_sim_time', value=True)])
 
     def close(self) -> None:
         """End everything; a log that looks like a crash fails the module."""

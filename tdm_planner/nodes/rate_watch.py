@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-import time
 
 from rclpy.clock import Clock
 from tdm_planner.trajectory import NANOSECOND
@@ -35,7 +34,7 @@ def seconds_by(clock: Clock) -> Callable[[], float]:
 class RateWatch:
     """Counts ticks of a timer of `rate` Hz; `clock` returns the seconds that the timer goes by."""
 
-    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, rate: float, clock: Callable[[], float]) -> None:
         self.rate = rate
         self._clock = clock
         self._began = clock()

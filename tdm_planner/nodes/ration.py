@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import time
 
 
 class Ration:
@@ -27,9 +26,7 @@ class Ration:
     Ask whether it `allows` work, and tell it what was `spent` [s]. `clock` returns seconds.
     """
 
-    def __init__(
-        self, share: float, reserve: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, share: float, reserve: float, clock: Callable[[], float]) -> None:
         self._share, self._reserve, self._clock = share, reserve, clock
         self._left, self._at = reserve, clock()
 

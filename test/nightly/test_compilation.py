@@ -18,10 +18,9 @@ import subprocess
 import sys
 
 from planned_apart import planned_apart
-from ros_harness import Ros
+from ros_harness import Ros, SOURCE
 from tdm_planner.plants.compilation import COMPILING
 
-SOURCE = Path(__file__).resolve().parents[2]
 PROGRAM = """
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.plants.robot_replay import compile_robot_replay

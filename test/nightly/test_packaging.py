@@ -22,9 +22,9 @@ import sys
 import zipfile
 
 import pytest
+from ros_harness import SOURCE
 import tdm_planner
 
-SOURCE = Path(__file__).resolve().parents[2]
 EXECUTABLES = {'planner', 'tracker', 'pendulum_plant', 'robot_plant', 'tdm'}
 PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
 COLCON = 'import sys; from colcon_core.command import main; sys.exit(main())'

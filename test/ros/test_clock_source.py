@@ -11,13 +11,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 import re
 from typing import Any
 
 import numpy as np
 import pytest
-from ros_harness import MODULES
+from ros_harness import MODULES, SOURCE
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
@@ -28,7 +27,6 @@ from tdm_sim.robot_plant import RobotPlantParameters
 from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
-SOURCE = Path(__file__).resolve().parents[2]
 PLANT = '/slow/pendulum_plant'
 
 

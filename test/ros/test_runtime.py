@@ -202,7 +202,7 @@ def test_others_see_at_once_that_it_has_gone(ros: Stepped, left: list[int]) -> N
 
     assert run(node_that(look, 'gone'), left) == 0
     assert seen[-1] == 1
-    assert ros.meet(lambda: not ros.node.count_services('/gone/service'), 10.0)
+    assert ros.meet(lambda: not ros.node.count_services('/gone/service'))
 
 
 def test_a_computation_under_way_does_not_hold_the_end_up(left: list[int]) -> None:

@@ -48,6 +48,15 @@ def demo(ros: Ros, *words: str) -> NodeProcess:
     return ros.run('tdm_planner.cli', ['demo', *words])
 
 
+def successful(ros: Ros, folder: Path, plant: str, speed: str) -> NodeProcess:
+    """Return a demo that has reached its goal; what it writes is below `folder`/out."""
+    words = ['--speed', speed, '-o', str(folder / 'out'), *parameters(folder, plant)]
+    process = demo(ros, plant, *words)
+    assert process.process.wait(LONG) == 0, process.output
+    assert 'goal reached and held' in process.output
+    return process
+
+
 def messages(bag: Path, *topics: str) -> list[Any]:
     (file,) = bag.glob('*.mcap')
     return list(reader.read_ros2_messages(file, topics=topics or None))
@@ -60,10 +69,7 @@ def left(ros: Ros) -> list[int]:
 
 def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     folder = tmp_path / 'out'
-    words = ['--speed', '0.9', '-o', str(folder), *parameters(tmp_path, 'pendulum')]
-    process = demo(ros, 'pendulum', *words)
-    assert process.process.wait(LONG) == 0, process.output
-    assert 'goal reached and held' in process.output
+    process = successful(ros, tmp_path, 'pendulum', '0.9')
     assert 'speed of simulated time' in process.output
     plan = load_plan(folder / 'plan.json')
     assert plan['verification']['ok'] is True
@@ -82,12 +88,8 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
-    folder = tmp_path / 'out'
-    words = ['--speed', '2', '-o', str(folder), *parameters(tmp_path, 'robots')]
-    process = demo(ros, 'robots', *words)
-    assert process.process.wait(LONG) == 0, process.output
-    assert 'goal reached and held' in process.output
-    counts = Counter(message.channel.topic for message in messages(folder / 'bag'))
+    successful(ros, tmp_path, 'robots', '2')
+    counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
     for k in (1, 2, 3):
         assert counts[f'/robots/robot{k}/trajectory'] == 1
         assert counts[f'/robots/robot{k}/odom'] > 100

@@ -11,12 +11,8 @@
 
 from __future__ import annotations
 
-from typing import Any
 from xml.etree import ElementTree
 
-from fuzzing import profile
-from hypothesis import given
-from hypothesis import strategies as st
 from node_fuzzing import NODES, SixNodes
 import pytest
 from ros_harness import Ros, SOURCE
@@ -69,14 +65,6 @@ def test_the_policy_allows_nodes_what_they_use_and_nothing_else(ros: Ros, nodes:
 
 
 def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(nodes: SixNodes) -> None:
-    nodes.meet()
     nodes.refuse_types_that_do_not_exist()
-
-    @profile(50)
-    @given(st.data())
-    def survive(data: Any) -> None:
-        nodes.suffer(data.draw)
-
-    survive()
-    nodes.recover()
+    nodes.endure(50)
     assert not nodes.written()

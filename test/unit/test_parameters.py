@@ -98,7 +98,7 @@ def test_one_sentence_names_parameter_value_and_range(name, value, words):
     ),
     st.sampled_from(list(specifications(Outer))),
 )  # fmt: skip
-@settings(deadline=None, max_examples=300, derandomize=True)
+@settings(max_examples=300)
 def test_any_value_is_taken_or_refused_in_one_line(value, name):
     spec = specifications(Outer)[name]
     try:
@@ -189,7 +189,7 @@ def test_values_replace_defaults_and_are_checked():
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(max_examples=100)
 @given(
     st.one_of(
         FINITE, st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(max_size=20),

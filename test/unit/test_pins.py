@@ -12,12 +12,10 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 import re
 
+from ros_harness import SOURCE
 import tdm_planner
-
-SOURCE = Path(__file__).resolve().parents[2]
 
 
 def requirements() -> set[str]:

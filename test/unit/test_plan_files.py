@@ -61,7 +61,7 @@ def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.tuples(FINITE, FINITE), min_size=3, max_size=3))
-@settings(deadline=None, max_examples=50, derandomize=True)
+@settings(max_examples=50)
 def test_any_finite_state_survives_json(values: list[tuple[float, float]]) -> None:
     plan = json.loads(to_json(solution({'pendulum': trajectory(values)}).to_dict()))
     np.testing.assert_array_equal(Trajectory.from_dict(plan).states, np.array(values))

@@ -12,13 +12,12 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 import re
 from xml.etree import ElementTree
 
 import pytest
+from ros_harness import SOURCE
 
-SOURCE = Path(__file__).resolve().parents[2]
 POLICY = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
 # Elements, their attributes (a * may be left out) and children, as sros2's policy.xsd has them.
 SCHEMA: dict[str, tuple[set[str], set[str]]] = {

@@ -69,13 +69,5 @@ def test_nodes_survive_whatever_comes_and_serve_as_before(ros: Ros, tmp_path: Pa
     """Six nodes under a rain of messages, parameters and requests."""
     nodes = SixNodes(ros, tmp_path / 'home')
     for _ in range(5):
-        nodes.meet()
-
-        @profile(400, new=True)
-        @given(st.data())
-        def survive(data: Any) -> None:
-            nodes.suffer(data.draw)
-
-        survive()
-        nodes.recover()
+        nodes.endure(400, new=True)
     assert not nodes.written()

@@ -54,7 +54,7 @@ def random_program(seed, feasible=True):
 
 
 @given(st.integers(0, 10**6))
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(max_examples=200)
 def test_minimum_is_that_of_the_library_and_optimal(seed):
     program = random_program(seed)
     hessian, gradient, rows, least, lower, upper = program

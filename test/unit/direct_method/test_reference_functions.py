@@ -41,7 +41,7 @@ def conditions(draw):
 
 
 @given(conditions())
-@settings(deadline=None, max_examples=200, derandomize=True)
+@settings(max_examples=200)
 def test_polynomials_meet_every_boundary_condition(given_conditions):
     start, end, span, tau_0 = given_conditions
     x = PolynomialReference(start, end, tau_0 + span, tau_0)
@@ -90,7 +90,7 @@ def references(draw):
 
 
 @given(references())
-@settings(deadline=None, max_examples=150, derandomize=True)
+@settings(max_examples=150)
 def test_every_boundary_condition_holds_whatever_is_varied(drawn):
     x, start, end, span = drawn
     assert len(x.varied_indices) == x.basis.shapes.size - (len(start) + len(end) - 2)
@@ -100,7 +100,7 @@ def test_every_boundary_condition_holds_whatever_is_varied(drawn):
 
 
 @given(references(), st.integers(0, 3))
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60)
 def test_jacobian_is_exact(drawn, order):
     x = drawn[0]
     tau = np.linspace(x.tau_0, x.tau_f, 7)
@@ -153,7 +153,7 @@ def test_shapes_vanish_at_both_ends_exactly(shapes):
 
 
 @given(st.lists(st.tuples(st.integers(1, 5), st.integers(1, 5)), min_size=1, unique=True))
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 def test_power_products_are_the_polynomials_they_say(exponents):
     s = np.linspace(-0.2, 1.2, 9)
     shapes = power_products(exponents)
@@ -177,7 +177,7 @@ def test_sines_and_their_derivatives():
 
 
 @given(st.integers(0, 4), st.integers(0, 4), st.integers(0, 12))
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 def test_conditions_hold_and_free_shapes_are_orthonormal(at_start, at_end, free):
     if at_start + at_end + free == 0:
         return

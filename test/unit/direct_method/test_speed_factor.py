@@ -29,7 +29,7 @@ COEFFICIENTS = st.lists(st.floats(0.05, 20.0), min_size=1, max_size=6)
 
 
 @given(st.floats(-60, 60), st.floats(-60, 60), st.floats(0.0, 1.0))
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60)
 def test_time_of_a_linear_speed_factor_over_many_orders_of_magnitude(low, high, share):
     first, last = 10.0**low, 10.0**high
     factor = SpeedFactor([first, last], 1.0)
@@ -42,7 +42,7 @@ def test_time_of_a_linear_speed_factor_over_many_orders_of_magnitude(low, high, 
 
 
 @given(st.lists(st.floats(-8, 8), min_size=1, max_size=9))
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 def test_duration_with_whatever_coefficients_is_that_of_adaptive_quadrature(exponents):
     coefficients = 10.0 ** np.array(exponents)
     degree = coefficients.size - 1
@@ -68,7 +68,7 @@ def test_arc_is_found_again_though_the_speed_varies_by_orders_of_magnitude(kind,
 
 @pytest.mark.parametrize('kind', [SpeedFactor, TimeFactor])
 @given(coefficients=COEFFICIENTS, span=st.floats(0.1, 50.0))
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 def test_time_and_its_inverse(kind, coefficients, span):
     factor = kind(coefficients, 2.0 + span, 2.0)
     tau = np.linspace(2.0, 2.0 + span, 17)
@@ -126,7 +126,7 @@ def test_jacobian_of_the_speed_factor():
     st.floats(0.1, 10),
     st.lists(st.floats(-3, 3), min_size=3, max_size=3),
 )
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(max_examples=100)
 def test_conversions_round_trip(values, speed, slopes):
     factor = [speed, *slopes]
     there = arc_derivatives(values, factor)

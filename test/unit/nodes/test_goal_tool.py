@@ -21,7 +21,7 @@ from tdm_planner.problems import RobotFormation
 
 
 @given(st.tuples(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0)))
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20)
 def test_the_problem_puts_the_goal_where_it_was_wanted(pose: tuple[float, ...]) -> None:
     """The problem's own composition of anchor and place is the reference."""
     anchor = [2.0, 1.0, 0.8]

@@ -103,7 +103,7 @@ def plan(count: int, end: float = 0.0) -> Trajectory:
 
 
 @given(st.lists(st.tuples(angles, angles), min_size=1, max_size=30))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 def test_every_picture_of_a_pendulum_is_valid_with_the_same_names(states) -> None:
     picture = PendulumPicture(PLANT, 2.0, trail=0.2)
     scene = Scene()
@@ -118,7 +118,7 @@ def test_every_picture_of_a_pendulum_is_valid_with_the_same_names(states) -> Non
 
 
 @given(angles, angles)
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 def test_rod_and_disk_are_where_the_state_has_them(theta, psi) -> None:
     picture = PendulumPicture(PLANT, 2.0, trail=1.0)
     scene = Scene(picture.draw(Time(), theta, psi))
@@ -203,7 +203,7 @@ def in_arena(marker) -> np.ndarray:
 
 
 @given(st.lists(states, min_size=1, max_size=12))
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 def test_every_picture_of_a_robot_is_valid_with_the_same_names(motion) -> None:
     picture, scene = RobotPicture(LOOK, trail=60.0), Scene()
     for k, state in enumerate(motion):
@@ -217,7 +217,7 @@ def test_every_picture_of_a_robot_is_valid_with_the_same_names(motion) -> None:
 
 
 @given(states.filter(lambda state: state.thrust > 0.01))
-@settings(max_examples=50, deadline=None, derandomize=True)
+@settings(max_examples=50)
 def test_the_plume_points_along_the_force_and_leaves_behind(state) -> None:
     plume = Scene(RobotPicture(LOOK, 60.0).draw(Time(), state))['plume']
     motion = np.array([state.x, state.y, 0.0, 0.0, state.yaw, 0.0, state.alpha])

@@ -136,7 +136,7 @@ def test_malformed_trajectories_are_refused(
     assert says in str(refused.value)
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(max_examples=50)
 @given(
     strategies.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9),
     strategies.floats(-1e5, 1e5),

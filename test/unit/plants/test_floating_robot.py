@@ -69,7 +69,7 @@ def integrated(plan, at):
     state=st.lists(NUMBER, min_size=7, max_size=7),
     control=st.lists(NUMBER, min_size=3, max_size=3),
 )
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 def test_is_vectorised(state, control):
     states, controls = np.tile(state, (2, 3, 1)), np.array(control)
     rates = ROBOT.derivative(states, controls)
@@ -99,7 +99,7 @@ def test_verification_replays_splines_by_integration():
 
 
 @given(omega=st.lists(NUMBER, min_size=2, max_size=5), initial=NUMBER, initial_omega=NUMBER)
-@settings(deadline=None, max_examples=30, derandomize=True)
+@settings(max_examples=30)
 def test_wheel_conserves_angular_momentum(omega, initial, initial_omega):
     speed = ROBOT.wheel_speed(np.array(omega), initial, initial_omega)
     momentum = ROBOT.angular_momentum(np.array(omega), speed)

@@ -128,7 +128,6 @@ def test_agrees_with_mujoco(seed):
 
 
 @given(STATES, TORQUES)
-@settings(deadline=None, derandomize=True)
 def test_jacobians_match_finite_differences(state, torque):
     by_state, by_control = PLANT.jacobians(state, torque)
     for column in range(4):
@@ -200,7 +199,7 @@ def random_batch(count: int) -> ArcBatch:
 
 
 @given(STATES, ARCS)
-@settings(deadline=None, derandomize=True, max_examples=30)
+@settings(max_examples=30)
 def test_derivatives_are_those_of_the_discrete_motion(start, durations):
     torques = alternating(durations.size)
     states, derivatives = roll(start, durations, torques, 6)
@@ -247,7 +246,7 @@ def test_steering_arrives_upright_within_the_limit():
 
 
 @given(STATES, st.integers(4, 7), st.integers(0, 100))
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     steps, k = 24, np.array(PLANT.coefficients)
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
@@ -273,7 +272,7 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
 
 
 @given(st.floats(-1e6, 1e6))
-@settings(deadline=None, derandomize=True, max_examples=200)
+@settings(max_examples=200)
 def test_sine_and_cosine(angle):
     sine, cosine = sine_and_cosine(angle)
     assert abs(sine - np.sin(angle)) < 3e-16

@@ -36,7 +36,7 @@ def test_added_robots_get_names_that_are_free():
     assert made['formation.robot1'][:2] != [0.0, 0.0]
 
 
-@settings(deadline=None, max_examples=15, derandomize=True)
+@settings(max_examples=15)
 @given(
     number=st.integers(1, 12),
     length=st.floats(3.5, 8.0),

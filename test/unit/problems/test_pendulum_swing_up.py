@@ -105,7 +105,7 @@ def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
 @pytest.mark.parametrize('torque', [0.09, 0.02])
 @given(start=STATES)
 @example(start=PendulumStart(theta=1.0, theta_dot=5.0, psi_dot=2.0))  # the disk is driven on
-@settings(deadline=None, derandomize=True, max_examples=15)
+@settings(max_examples=15)
 def test_any_state_gets_a_verified_plan(torque, start):
     made = problem(torque, start)
     if made.task.braking_peak() > made.limits.disk_angle:
@@ -186,7 +186,7 @@ def test_the_virtual_arc_is_as_quick_as_switching_where_it_goes_one_way(theta, t
     psi_dot=st.floats(-3.0, 3.0),
     disk_angle=st.sampled_from([2.0, 0.8]),
 )
-@settings(deadline=None, derandomize=True, max_examples=8)
+@settings(max_examples=8)
 def test_along_the_virtual_arc_any_plan_lands_and_any_failure_has_a_reason(
     theta, psi, speed, psi_dot, disk_angle
 ):
@@ -205,7 +205,7 @@ def test_along_the_virtual_arc_any_plan_lands_and_any_failure_has_a_reason(
 
 
 @given(size=st.floats(0.1, 10.0), mass=st.floats(0.1, 10.0), strength=st.floats(3.0, 12.0))
-@settings(deadline=None, derandomize=True, max_examples=8)
+@settings(max_examples=8)
 def test_rigs_of_any_size(size, mass, strength):
     small = RotaryPendulum()
     parts = dataclasses.asdict(small.inertia)

@@ -64,7 +64,7 @@ def in_time(model, motion, s, derivative):
 
 
 @given(form=st.sampled_from(FORMS), seed=st.integers(0, 1000))
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     task = moving_task(seed)
     model = ReferenceMotion(task, *form)
@@ -172,7 +172,7 @@ def follow(wanted, alpha=np.nan, rate=RATE):
     alpha=st.one_of(st.just(np.nan), st.floats(-3.0, 3.0)),
     rate=st.floats(0.2, 3.0),
 )
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40)
 def test_never_turns_faster_than_the_limit(seed, alpha, rate):
     rng = np.random.default_rng(seed)
     coefficients = rng.normal(0, 1, (2, 4))

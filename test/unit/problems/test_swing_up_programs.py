@@ -72,7 +72,7 @@ def differences(xi: np.ndarray, read, step: float = 1e-6) -> np.ndarray:
 
 
 @given(DURATIONS, st.integers(0, 100))
-@settings(deadline=None, derandomize=True, max_examples=20)
+@settings(max_examples=20)
 def test_derivatives_of_arcs_match_finite_differences(durations, seed):
     made, xi = program(durations.size, 0.3), durations * W0
     point = evaluate_arcs(made, xi)
@@ -187,7 +187,7 @@ XI = st.tuples(
 
 
 @given(XI)
-@settings(deadline=None, derandomize=True, max_examples=10)
+@settings(max_examples=10)
 def test_smooth_motions_keep_their_ends_and_match_finite_differences(xi):
     made = SmoothProgram(TASK, 0, 30)
     motion = made.motion(xi)
@@ -207,7 +207,7 @@ ARCS = TORQUE * np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 @given(slope=st.floats(0.0, 2.0))
-@settings(deadline=None, derandomize=True, max_examples=30)
+@settings(max_examples=30)
 def test_the_reference_function_is_monotone_and_ends_at_rest(slope):
     tau = np.linspace(0.0, 1.0, 401)
     values = reference_shape(tau, slope)

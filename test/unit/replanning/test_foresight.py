@@ -46,7 +46,7 @@ from tdm_planner.replanning.execution import Execution
 from tdm_planner.tracking import RobotTrackerParameters
 from tdm_sim.receding import RecedingHorizon
 
-SETTINGS = settings(deadline=None, max_examples=20, derandomize=True)
+SETTINGS = settings(max_examples=20)
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}
 
 

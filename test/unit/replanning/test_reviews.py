@@ -35,7 +35,7 @@ from tdm_planner.replanning import (
 from tdm_planner.replanning.decision import decide, LEAST_LEFT, Outlook, worth_improving
 from tdm_planner.verification import Verification
 
-SETTINGS = settings(deadline=None, max_examples=100, derandomize=True)
+SETTINGS = settings(max_examples=100)
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
 OUTLOOKS = st.builds(
     Outlook, cost=COSTS, trouble=st.sampled_from(['', 'it falls']), settled=st.booleans()

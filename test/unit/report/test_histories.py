@@ -43,7 +43,7 @@ def of(kind: str, messages: list[bytes]) -> list[Any]:
 GOOD = written(joint_state(7, ['a'], position=[1.5]))
 
 
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(names, st.booleans(), stamps), max_size=6), st.booleans())
 def test_numbers_are_those_of_the_library(rows: list[Any], little: bool) -> None:
     """Messages of mixed layouts, in either order of bytes."""
@@ -89,7 +89,7 @@ def test_histories_by_name() -> None:
     assert Signals(np.zeros(0), np.zeros((0, 1)), ('a',), ('',)).at(np.zeros(3)).shape == (3, 1)
 
 
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 3000), st.integers(1, 3), st.integers(10, 400), st.integers(0, 2**31))
 def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def test_an_odometry_and_what_is_cut_short_or_of_absurd_length() -> None:
     assert of(JOINT_STATE, [GOOD[:-9], absurd, b'']) == []
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(max_examples=60)
 @given(st.lists(st.binary(max_size=80), max_size=5))
 def test_bytes_that_are_no_message_are_left_out_quietly(data: list[bytes]) -> None:
     assert len(data) in [row for found in of(JOINT_STATE, [*data, GOOD]) for row in found.rows]

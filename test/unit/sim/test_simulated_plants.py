@@ -30,7 +30,7 @@ from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
-SETTINGS = settings(deadline=None, max_examples=25, derandomize=True)
+SETTINGS = settings(max_examples=25)
 ANGLES = st.floats(-10.0, 10.0)
 PLANT, WHEELED = RotaryPendulum(), WheeledRobot(FloatingRobot())
 HANGING = np.array([math.pi, 0.0, 0.0, 0.0])

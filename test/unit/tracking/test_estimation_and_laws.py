@@ -40,7 +40,7 @@ NOISE = EstimatorNoise(
     driven=np.array([False, False, True, True]),
 )
 TICK = 0.005
-SETTINGS = settings(deadline=None, max_examples=12, derandomize=True)
+SETTINGS = settings(max_examples=12)
 SEEDS = st.integers(0, 1000)
 Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
 
