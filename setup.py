@@ -62,6 +62,7 @@ setup(
     zip_safe=False,
     # The oldest versions are those of Ubuntu 24.04; what its archive lacks comes by pip.
     install_requires=[
+        'casadi',
         'daqp',
         'matplotlib>=3.6.3',
         'mcap',
@@ -79,7 +80,6 @@ setup(
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
         'test': [
-            'casadi',
             'catkin-pkg',
             'colcon-core',
             'colcon-ros',
@@ -111,7 +111,7 @@ setup(
         ],
         'docs': ['furo', 'myst-parser', 'sphinx'],
         # Peers that are not installed are left out of the comparison.
-        'benchmark': ['casadi', 'drake; platform_machine == "x86_64"', 'ruckig'],
+        'benchmark': ['drake; platform_machine == "x86_64"', 'ruckig'],
     },
     entry_points={
         'console_scripts': [

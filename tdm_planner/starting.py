@@ -36,6 +36,7 @@ NO_ROS = (
 )
 # Packages that must be there, and what pip calls them.
 REQUIRED = {
+    'casadi': 'casadi',
     'daqp': 'daqp',
     'matplotlib': 'matplotlib',
     'mcap': 'mcap',

@@ -167,15 +167,27 @@ def _smooth_pieces(trajectory: Trajectory) -> list[int]:
 def _right_hand_side(
     plant: Plant, trajectory: Trajectory, first: int
 ) -> Callable[[float, Array], Array]:
-    held = trajectory.controls[first] if trajectory.interpolation == 'zero_order_hold' else None
+    control = _control_from(trajectory, first)
 
     def rate(t: float, x: Array) -> Array:
         try:
-            return plant.derivative(x, trajectory.sample(t).control if held is None else held)
+            return plant.derivative(x, control(t))
         except NotFinite as error:
             raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
 
     return rate
+
+
+def _control_from(trajectory: Trajectory, first: int) -> Callable[[float], Array]:
+    """Return the controls as a function of time in the smooth piece from sample `first` on."""
+    times, controls = trajectory.times, trajectory.controls
+    if trajectory.interpolation == 'cubic':
+        return lambda t: trajectory.sample(t).control
+    begin = controls[first]
+    if trajectory.interpolation == 'zero_order_hold':
+        return lambda t: begin
+    slope = (controls[first + 1] - begin) / (times[first + 1] - times[first])
+    return lambda t: begin + slope * (t - times[first])
 
 
 def _limited(

@@ -43,7 +43,7 @@ import math
 from typing import ClassVar
 
 import numpy as np
-from tdm_planner.direct_method import arctan2, Duration, Output
+from tdm_planner.direct_method import Duration, Output
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 
@@ -112,14 +112,14 @@ class Landing(DirectProblem, Validated):
         (px, vx, ax), (py, vy, ay), (h, vh, ah) = y['x'], y['y'], y['h']
         level = np.sqrt(vx**2 + vy**2)
         v = np.sqrt(level**2 + vh**2)
-        gamma, chi = np.arctan(vh / level), arctan2(vy, vx)
+        gamma, chi = np.arctan(vh / level), np.arctan2(vy, vx)
         v_dot = (vx * ax + vy * ay + vh * ah) / v
         gamma_dot = (ah - v_dot * vh / v) / level
         chi_dot = (vx * ay - vy * ax) / level**2
         up, side = v * gamma_dot / G + level / v, level * chi_dot / G
         n = np.sqrt(up**2 + side**2)
         thrust = v_dot + drag(v, n) + G * vh / v
-        return (px, py, h, v, gamma, chi), (thrust, n, arctan2(side, up))
+        return (px, py, h, v, gamma, chi), (thrust, n, np.arctan2(side, up))
 
     def derivative(self, x, u):
         (_, _, _, v, gamma, chi), (thrust, n, bank) = x, u

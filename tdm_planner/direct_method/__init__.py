@@ -14,7 +14,8 @@
 
 """The direct method itself, free of any plant: sections 2 and 3 of Yakimenko (2006)."""
 
-from tdm_planner.direct_method.differentiation import absolute, arctan2
+from typing import Any, TYPE_CHECKING
+
 from tdm_planner.direct_method.formulation import Duration, Formulation, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
@@ -35,13 +36,15 @@ from tdm_planner.direct_method.shapes import (
 )
 from tdm_planner.direct_method.speed_factor import ArcTime, SpeedFactor, TimeFactor
 from tdm_planner.direct_method.taranenko import TaranenkoBasis, TaranenkoReference
-from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.direct_method.virtual_domain import (
     arc_derivatives,
     path_speed,
     time_derivatives,
 )
+
+if TYPE_CHECKING:
+    from tdm_planner.direct_method.transcription import Transcription
 
 __all__ = [
     'ArcTime',
@@ -69,12 +72,19 @@ __all__ = [
     'TimeFactor',
     'Transcription',
     'TrustRegionOptions',
-    'absolute',
     'arc_derivatives',
-    'arctan2',
     'minimise',
     'path_speed',
     'power_products',
     'symmetric_powers',
     'time_derivatives',
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what traces, which takes CasADi, when it is used."""
+    if name == 'Transcription':
+        from tdm_planner.direct_method.transcription import Transcription
+
+        return Transcription
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

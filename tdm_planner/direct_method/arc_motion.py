@@ -16,9 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,24 +26,23 @@ from tdm_planner.direct_method.formulation import components
 from tdm_planner.exceptions import InvalidProblem, NotFinite
 
 Array = NDArray[np.float64]
-Values = NDArray[Any]
 
 _SAME = 1e-9  # share by which a state passed on may differ from itself
 
 
 @dataclass(frozen=True, eq=False)
 class ArcMotion:
-    """B candidates at K nodes: times (B, K), states (B, K, nx), controls (B, K, nu), rate mu."""
+    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu), rate mu (K,)."""
 
-    times: Values
-    states: Values
-    controls: Values
-    rate: Values
+    times: Array
+    states: Array
+    controls: Array
+    rate: Array
 
 
 def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
     """
-    Check all that is stated along the first candidate of a motion.
+    Check all that is stated along a motion.
 
     Raises
     ------
@@ -63,15 +61,15 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
         node, what, values = min(found, key=lambda item: item[0])
         raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
-            f'(s = {nodes[node]:.3g}, t = {motion.times[0, node]:.3g} s)'
+            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s)'
         )
 
 
 def check_integrated(
-    stated: CheckedFormulation, motion: ArcMotion, integrated: Mapping[str, Values], nodes: Array
+    stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
 ) -> None:
     """
-    Check that the states of the first candidate are the `integrated` ones, (B, K) by name.
+    Check that the states of a motion are the `integrated` ones (K, nz).
 
     Raises
     ------
@@ -79,9 +77,8 @@ def check_integrated(
         Naming state, node and both values, where `invert` gives another state instead.
 
     """
-    for name, values in integrated.items():
-        expected = values[0]
-        given = motion.states[0, :, stated.state_names.index(name)]
+    for name, expected in zip(stated.integrated(), integrated.T, strict=True):
+        given = motion.states[:, stated.state_names.index(name)]
         size = float(np.abs(expected).max())
         same = np.isclose(given, expected, rtol=_SAME, atol=_SAME * size, equal_nan=True)
         if not same.all():
@@ -107,11 +104,13 @@ def _stated_values(
     ):
         for name, value in zip(names, components(values), strict=True):
             if what != 'invert gives state' or name not in integrated:
-                yield f"{what} '{name}'", value[0], False
+                yield f"{what} '{name}'", value, False
     for name, value in stated.margins(times, states, controls).items():
-        yield f"margins gives '{name}'", value[0], False
-    yield 'running_cost gives J', stated.running_cost(times, states, controls)[0], False
-    ends = times[:, -1], states[:, -1]
-    yield 'final_cost gives J', stated.final_cost(*ends)[:1], True
-    for index, value in enumerate(stated.end_conditions(*ends)):
-        yield f'end_conditions gives number {index}', value[:1], True
+        yield f"margins gives '{name}'", value, False
+    yield 'running_cost gives J', stated.running_cost(times, states, controls), False
+    start, end = (times[:1], states[:1]), (times[-1:], states[-1:])
+    yield 'final_cost gives J', stated.final_cost(*end), True
+    for index, value in enumerate(stated.start_conditions(*start)):
+        yield f'start_conditions gives number {index}', value, False
+    for index, value in enumerate(stated.end_conditions(*end)):
+        yield f'end_conditions gives number {index}', value, True

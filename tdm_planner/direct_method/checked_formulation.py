@@ -16,17 +16,19 @@
 What a user states, called with care: what goes wrong in there is said in one sentence.
 
 A user's function may raise, return too many or too few components, other shapes or types than it
-should, numbers that are not finite, or mix candidates that are computed at once.
+should, or numbers that are not finite.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import cached_property
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checks import shown
+from tdm_planner.direct_method.checks import number, shown
 from tdm_planner.direct_method.formulation import (
     components,
     Duration,
@@ -39,13 +41,12 @@ from tdm_planner.direct_method.formulation import (
 from tdm_planner.exceptions import InvalidProblem, TdmError
 
 Array = NDArray[np.float64]
-# Real, or complex where derivatives are taken by complex step.
 Values = NDArray[Any]
 
 
 class CheckedFormulation:
     """
-    The functions of a formulation on arrays (B, K, n) of states and controls.
+    The functions of a formulation on arrays (K, n) of states and controls at K nodes.
 
     Every method raises `InvalidProblem`, naming the function and what is wrong with it; an error
     of the user's function is its cause.
@@ -61,6 +62,11 @@ class CheckedFormulation:
     def margin_names(self) -> list[str]:
         """Names of the limits, once they have been asked for."""
         return self._margin_names or []
+
+    @property
+    def limit_names(self) -> list[str]:
+        """Names of all limits, those of `control_limits` last."""
+        return [*self.margin_names, *self._limit_margins(np.zeros(len(self.control_names)))]
 
     def outputs(self) -> dict[str, Output]:
         """Return the reference functions by name, at least one."""
@@ -95,15 +101,12 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        is_complex = any(np.iscomplexobj(value) for jet in y.values() for value in jet)
         values = []
         for kind, names, part in zip(
             ('state', 'control'), (self.state_names, self.control_names), found, strict=True
         ):
             what = f'what invert returns as {kind}s'
-            stacked = self._stacked(part, len(names), what, shape)
-            _check_real(what, stacked, is_complex)
-            values.append(stacked)
+            values.append(self._stacked(part, len(names), what, shape))
         return values[0], values[1]
 
     def start(self) -> Array:
@@ -116,42 +119,19 @@ class CheckedFormulation:
         for name, output in self.outputs().items():
             given = output.conditions('start')
             orders = range(output.derivatives + 1)
-            y[name] = [np.full((1, 1), given.get(order, np.nan)) for order in orders]
-        z = {name: np.full((1, 1), float(s.start)) for name, s in self.integrated().items()}
+            y[name] = [np.full(1, given.get(order, np.nan)) for order in orders]
+        z = {name: np.full(1, float(s.start)) for name, s in self.integrated().items()}
         states, _ = self.invert(y, z)
-        return np.asarray(states[0, 0], dtype=float)
+        return np.asarray(states[0], dtype=float)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
         found = self._call('derivative', components(states), components(controls))
         what = 'what derivative returns'
-        stacked = self._stacked(found, len(self.state_names), what, states.shape[:-1])
-        _check_real(what, stacked, np.iscomplexobj(states) or np.iscomplexobj(controls))
-        return stacked
-
-    def slopes(self, y: Outputs, z: Mapping[str, Values], index: Sequence[int]) -> Values:
-        """
-        Return the rates of the states `index` at one point of the arc, (B, len(index)).
-
-        For the integration, step after step: shapes are not checked again.
-        """
-        function = 'invert'
-        try:
-            states, controls = self.formulation.invert(y, z)
-            function = 'derivative'
-            slopes = self.formulation.derivative(states, controls)
-        except TdmError:
-            raise
-        except Exception as error:  # noqa: B902
-            raise self._raised(function, error) from error
-        first = next(iter(z.values()))
-        found = np.empty((first.shape[0], len(index)), dtype=first.dtype)
-        for column, component in enumerate(index):
-            found[:, column] = slopes[component]
-        return found
+        return self._stacked(found, len(self.state_names), what, states.shape[:-1])
 
     def margins(self, times: Values, states: Values, controls: Values) -> dict[str, Values]:
-        """Return what is left to every limit, (B, K) by name."""
+        """Return what is left to every limit, (K,) by name; those of `control_limits` last."""
         found = self._call('margins', times, components(states), components(controls))
         if not isinstance(found, Mapping):
             raise InvalidProblem(
@@ -167,33 +147,124 @@ class CheckedFormulation:
                 f'margins names {names}, but named {self._margin_names} before: the limits must '
                 'always be the same, in the same order'
             )
-        real = _are_real(times, states, controls)
-        return {
-            name: self._shaped(f"margins gives '{name}'", value, times.shape, real)
+        stated = {
+            name: self._shaped(f"margins gives '{name}'", value, times.shape)
             for name, value in found.items()
         }
+        return stated | self._limit_margins(components(controls))
+
+    @cached_property
+    def control_limits(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the controls that are limited, by name; may be infinite."""
+        found = self._call('control_limits')
+        if not isinstance(found, Mapping):
+            raise InvalidProblem(f'control_limits returns {shown(found)}, expected a mapping')
+        limits = {}
+        for name, pair in found.items():
+            if name not in self.control_names:
+                raise InvalidProblem(
+                    f"control_limits names '{shown(name)}', which is not one of the controls "
+                    + ', '.join(self.control_names)
+                )
+            try:
+                low, high = (float(value) for value in pair)
+            except (TypeError, ValueError):
+                low, high = math.nan, math.nan
+            if not low < high:
+                raise InvalidProblem(
+                    f"control_limits gives '{name}' = {shown(pair)}, expected a pair (lowest, "
+                    'highest) of numbers'
+                )
+            limits[name] = (low, high)
+        return limits
+
+    def _limit_margins(self, u: Any, limits: Any = None) -> dict[str, Any]:
+        """Return what is left to `control_limits`, in halves of a control's range."""
+        found = {}
+        for name, (low, high) in (limits or self.control_limits).items():
+            value, ends = u[self.control_names.index(name)], self.control_limits[name]
+            size = 0.5 * (high - low) if np.isfinite(ends).all() else 1.0
+            if math.isfinite(ends[0]):
+                found[f'{name}, lowest'] = (value - low) / size
+            if math.isfinite(ends[1]):
+                found[f'{name}, highest'] = (high - value) / size
+        return found
+
+    @cached_property
+    def reserves(self) -> dict[str, float]:
+        """Share of every limit that is kept for feedback, by the name of its margin."""
+        found = getattr(self.formulation, 'reserve', {})
+        names = self.limit_names
+        reserves = {}
+        for limit, share in dict(found).items():
+            meant = [n for n in names if n == limit or n.rpartition(', ')[0] == limit]
+            if not meant:
+                raise InvalidProblem(
+                    f"reserve names '{shown(limit)}', which is not a limit: there are "
+                    + ', '.join(names)
+                )
+            if not 0.0 <= number(share, f"the reserve of '{limit}'") < 1.0:
+                raise InvalidProblem(
+                    f"reserve gives '{limit}' = {share:g}: must be a share, 0 or more and below 1"
+                )
+            reserves.update(dict.fromkeys(meant, float(share)))
+        return reserves
 
     def running_cost(self, times: Values, states: Values, controls: Values) -> Values:
-        """Return the integrand of J, (B, K)."""
+        """Return the integrand of J, (K,)."""
         found = self._call('running_cost', times, components(states), components(controls))
-        real = _are_real(times, states, controls)
-        return self._shaped('running_cost gives J', found, times.shape, real)
+        return self._shaped('running_cost gives J', found, times.shape)
 
     def final_cost(self, times: Values, states: Values) -> Values:
-        """Return the part of J that the end determines, (B,), from (B,) and (B, nx)."""
+        """Return the part of J that the end determines, (K,), from (K,) and (K, nx)."""
         found = self._call('final_cost', times, components(states))
-        return self._shaped('final_cost gives J', found, times.shape, _are_real(times, states))
+        return self._shaped('final_cost gives J', found, times.shape)
+
+    def start_conditions(self, times: Values, states: Values) -> list[Values]:
+        """Return what must vanish at the start, (K,) each, from (K,) and (K, nx)."""
+        return self._conditions('start_conditions', times, states)
 
     def end_conditions(self, times: Values, states: Values) -> list[Values]:
-        """Return what must vanish at the end, (B,) each, from (B,) and (B, nx)."""
-        found = self._call('end_conditions', times, components(states))
+        """Return what must vanish at the end, (K,) each, from (K,) and (K, nx)."""
+        return self._conditions('end_conditions', times, states)
+
+    def _conditions(self, function: str, times: Values, states: Values) -> list[Values]:
+        found = self._call(function, times, components(states))
         if isinstance(found, str | Mapping) or not hasattr(found, '__iter__'):
-            raise InvalidProblem(f'end_conditions returns {shown(found)}, expected a sequence')
-        real = _are_real(times, states)
+            raise InvalidProblem(f'{function} returns {shown(found)}, expected a sequence')
         return [
-            self._shaped(f'end_conditions gives number {index}', value, times.shape, real)
+            self._shaped(f'{function} gives number {index}', value, times.shape)
             for index, value in enumerate(found)
         ]
+
+    def guess(self, s: Array) -> dict[str, Array]:
+        """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
+        found = self._call('first_guess', s)
+        if not isinstance(found, Mapping):
+            raise InvalidProblem(f'first_guess returns {shown(found)}, expected a mapping by name')
+        names = self.outputs()
+        for name in found:
+            if name not in names:
+                raise InvalidProblem(
+                    f"first_guess names '{shown(name)}', which is not one of the outputs "
+                    + ', '.join(names)
+                )
+        return {
+            name: np.asarray(self._shaped(f"first_guess gives '{name}'", v, s.shape), dtype=float)
+            for name, v in found.items()
+        }
+
+    def symbolic(self, function: str, *arguments: Any) -> list[Any]:
+        """Return the parts of what a function gives of symbols; what it raises passes."""
+        found = getattr(self.formulation, function)(*arguments)
+        if function == 'invert':
+            return [*found[0], *found[1]]
+        if function == 'margins':
+            limits = self.formulation.control_limits()
+            return [*found.values(), *self._limit_margins(arguments[2], limits).values()]
+        if function in ('running_cost', 'final_cost'):
+            return [found]
+        return list(found)
 
     def _call(self, function: str, *arguments: Any) -> Any:
         try:
@@ -245,27 +316,16 @@ class CheckedFormulation:
             ) from None
 
     @staticmethod
-    def _shaped(what: str, value: Any, shape: tuple[int, ...], real: bool) -> Values:
+    def _shaped(what: str, value: Any, shape: tuple[int, ...]) -> Values:
         try:
             found = np.asarray(value)
         except ValueError:
             found = np.asarray(None)
-        if found.dtype.kind not in 'biufc':
-            raise InvalidProblem(f'{what} = {shown(value)}, which is not a number')
-        _check_real(what, found, not real)
+        if found.dtype.kind not in 'biuf':
+            raise InvalidProblem(f'{what} = {shown(value)}, which is not a real number')
         try:
             return np.broadcast_to(found, shape)
         except ValueError:
             raise InvalidProblem(
-                f'{what} of shape {found.shape}, expected {shape}: one number '
-                + ('at every node' if len(shape) == 2 else 'for every candidate')
+                f'{what} of shape {found.shape}, expected {shape}: one number at every node'
             ) from None
-
-
-def _are_real(*values: Values) -> bool:
-    return not any(np.iscomplexobj(value) for value in values)
-
-
-def _check_real(what: str, found: Values, may_be_complex: bool) -> None:
-    if np.iscomplexobj(found) and not may_be_complex:
-        raise InvalidProblem(f'{what}: complex numbers, though the motion is real')

@@ -25,6 +25,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,8 +34,7 @@ from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number
 from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
-# Real, or complex where derivatives are taken by complex step.
-Values = NDArray[Any]
+Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
 Conditions = Sequence[float | None] | Mapping[int, float]
 Components = Sequence[Values] | Values
 Outputs = Mapping[str, Sequence[Values]]
@@ -169,10 +169,14 @@ class Formulation(ABC):
     An optimal control problem in terms of reference functions.
 
     States and controls are passed as sequences of components: `x[i]` is the i-th state at all
-    nodes (and for several candidates at once), an array of any shape. Use numpy's functions, and
-    no loops. They are also called with complex numbers, to differentiate them by complex step;
-    where a function does not allow that (abs, maximum, arctan2), differences are taken instead.
+    nodes, an array. Use numpy's functions (sqrt, arctan2, where, maximum), and nothing that mixes
+    nodes. Every function is also called once with symbols, to trace it: `math.sqrt`, `float` or
+    `if` on a value cannot be traced.
+
+    `reserve` keeps a share of limits for feedback, by the name of a margin or a control.
     """
+
+    reserve: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     state_names: ClassVar[tuple[str, ...]]
     state_units: ClassVar[tuple[str, ...]]
@@ -219,6 +223,18 @@ class Formulation(ABC):
         """
         return {}
 
+    def control_limits(self) -> Mapping[str, tuple[float, float]]:
+        """Return the lowest and highest values of controls, by name; none by default."""
+        return {}
+
+    def start_conditions(self, t: Values, x: Components) -> Sequence[Values]:
+        """Return what must vanish at the start beside the boundary conditions, of order one."""
+        return ()
+
+    def first_guess(self, s: Values) -> Mapping[str, Values]:
+        """Return outputs along the arc, 0 <= s <= 1, to begin the search with; any of them."""
+        return {}
+
     def end_conditions(self, t: Values, x: Components) -> Sequence[Values]:
         """Return what must vanish at the end beside the boundary conditions, of order one."""
         return ()
@@ -244,8 +260,10 @@ def stack(components: Components, count: int, what: str) -> Values:
     if len(parts) != count:
         raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
     for index, part in enumerate(parts):
-        if part.dtype.kind not in 'biufc':
-            raise InvalidProblem(f'{what} has component {index} = {shown(part)}, not a number')
+        if part.dtype.kind not in 'biuf':
+            raise InvalidProblem(
+                f'{what} has component {index} = {shown(part)}, not a real number'
+            )
     try:
         return np.stack(np.broadcast_arrays(*parts), axis=-1)
     except ValueError:

@@ -22,22 +22,24 @@ guess, then the free parameters of every output in units of its scale. Along the
 
 with b the boundary values converted exactly to derivatives by s; states and controls by
 `Formulation.invert`, integrated states by the classical Runge-Kutta method from node to node,
-J by Clenshaw-Curtis quadrature. Many candidates are computed at once.
+J by Clenshaw-Curtis quadrature. What is stated is traced at one node; all else is constant
+matrices, so that first and second derivatives are exact and cheap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_basis import ArcBasis, ArcLayout
 from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite, check_integrated
 from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
-from tdm_planner.direct_method.arc_outputs import ArcOutputs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.differentiation import choose_scheme, jacobians, Scheme
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
@@ -45,157 +47,238 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.direct_method.tracing import Call, Differentiated, Trace
 
 Array = NDArray[np.float64]
-Values = NDArray[Any]
 
 _NEAR = 1.0  # margin within which a node gets a row
-_HESSIAN_STEP = 1e-5
 _LEAST_CURVATURE = 1e-4
-_HESSIAN_BATCH = 400  # most candidates between two looks at the clock
-_HESSIAN_WORK = 200_000  # most products in a batch: more make BLAS start threads
+
+
+class _NodeGraphs:
+    """
+    The graphs of a node: from w (see `ArcBasis`) and the integrated states z to all values.
+
+    `motion` gives states and controls, `node` the integrand of J by s and the margins, `start`
+    and `end` the conditions there (`end` after the final cost), `step` a Runge-Kutta step of z.
+    """
+
+    def __init__(self, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> None:
+        names = list(stated.integrated())
+        w, z = ca.SX.sym('w', layout.size), ca.SX.sym('z', len(names))
+        p = ca.SX.sym('p', trace.invert.numel_in(2))
+        mu, t, y = layout.read(w)
+        wz = ca.vertcat(w, z)
+        jets = ca.vertcat(*(value for jet in y.values() for value in jet))
+        both = trace.invert(jets, z, p)
+        x, u = both[: len(stated.state_names)], both[len(stated.state_names) :]
+        self.motion = ca.Function('motion', [wz, p], [both])
+        rows = ca.vertcat(trace.running(t, x, u, p) * mu, trace.margins(t, x, u, p))
+        ends = ca.vertcat(trace.final(t, x, p), trace.end_conditions(t, x, p))
+        self.node = Differentiated('node', wz, p, rows)
+        self.start = Differentiated('start', wz, p, trace.start_conditions(t, x, p))
+        self.end = Differentiated('end', wz, p, ends)
+        self.starts, self.ends = int(trace.start_conditions.numel_out()), int(ends.numel()) - 1
+        if not names:
+            return
+        index = [stated.state_names.index(name) for name in names]
+        rate = ca.Function('rate', [w, z, p], [trace.rates(x, u, p)[index] * mu])
+        here, middle, there = (ca.SX.sym(name, layout.size) for name in 'amb')
+        h = ca.SX.sym('h')
+        k1 = rate(here, z, p)
+        k2 = rate(middle, z + h / 2 * k1, p)
+        k3 = rate(middle, z + h / 2 * k2, p)
+        k4 = rate(there, z + h * k3, p)
+        following = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        arguments = ca.vertcat(here, middle, there, z), ca.vertcat(p, h)
+        self.step = Differentiated('step', *arguments, following)
 
 
 class Transcription(NonlinearProgram):
     """
     The program of a formulation on the given `nodes` (K,), from 0 to 1.
 
-    `reserve` is what must be left to a limit, by name, at the nodes between the ends. Group 0 of
-    the constraints are equalities (ends of integrated states, end conditions), group 1 margins.
+    `reserve` is what must be left to a limit, by name, at the nodes between the ends, beyond what
+    the formulation reserves. Group 0 of the constraints are equalities (ends of integrated states,
+    conditions at both ends), group 1 margins. `trace` is that of the formulation, if known.
 
     Raises
     ------
     InvalidProblem
         For boundary conditions that contradict each other, components that do not match the
-        names, or a performance index that is not stated.
+        names, or what cannot be traced.
 
     """
 
     def __init__(
-        self, formulation: Formulation, nodes: Array, reserve: Mapping[str, float] | None = None
+        self,
+        formulation: Formulation,
+        nodes: Array,
+        reserve: Mapping[str, float] | None = None,
+        trace: Trace | None = None,
     ) -> None:
         self.formulation = formulation
         self.nodes = check_nodes(nodes)
         self.reserve = dict(reserve or {})
         self.evaluations = 0
         self.cost_scale = 1.0
-        self.scheme: Scheme = 'complex_step'
-        self._equality_count = 0
-        self._checked = False  # whether shapes have been found to be right
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
         middles = 0.5 * (self.nodes[1:] + self.nodes[:-1])
         points = np.sort([*self.nodes, *middles]) if self.integrated else self.nodes
         self._stride = 2 if self.integrated else 1
         duration = self._stated.duration()
-        self._arc = ArcOutputs(self._stated.outputs(), duration, points)
+        self.basis = ArcBasis(self._stated.outputs(), duration, points)
+        self.trace = trace or Trace.of(self._stated)
+        self._numbers = self.trace.values(formulation)
+        self._graphs = self._graphs_of_kind()
+        self._calls: dict[tuple[str, str, int | None], Call] = {}
         shortest, longest = duration.bounds
-        self.lower = np.full(self._arc.size, -1e3)
-        self.upper = np.full(self._arc.size, 1e3)
-        self.lower[self._arc.timing] = shortest / duration.guess
-        self.upper[self._arc.timing] = longest / duration.guess
+        self.lower = np.full(self.basis.size, -1e3)
+        self.upper = np.full(self.basis.size, 1e3)
+        self.lower[: self.basis.timing] = shortest / duration.guess
+        self.upper[: self.basis.timing] = longest / duration.guess
+
+    def _graphs_of_kind(self) -> _NodeGraphs:
+        made, layout = self.trace.functions, self.basis.layout
+        if layout not in made:
+            made[layout] = _NodeGraphs(self.trace, layout, self._stated)
+        graphs: _NodeGraphs = made[layout]
+        return graphs
 
     @property
     def size(self) -> int:
         """Return the number of varied parameters."""
         return int(self.lower.size)
 
-    @property
-    def first_guess(self) -> Array:
-        """Return the guessed duration, and nothing beside the boundary conditions."""
-        xi = np.zeros(self.size)
-        xi[self._arc.timing] = 1.0
-        return xi
-
     @cached_property
-    def _weights(self) -> Array:
-        return quadrature_weights(self.nodes)
+    def first_guess(self) -> Array:
+        """The guessed duration, and the outputs nearest to those that `first_guess` states."""
+        xi = np.zeros(self.size)
+        xi[: self.basis.timing] = 1.0
+        wanted = self._stated.guess(self.nodes)
+        w = self._w(self.basis, xi)
+        row, at = self.basis.layout.rates + 1, self.basis.timing
+        for name, order in zip(self.basis.layout.names, self.basis.layout.orders, strict=True):
+            free = self.basis.free[name]
+            if name in wanted and free:
+                shapes = self.basis.scales[name] * self.basis.bases[name].varied(self.nodes)
+                missing = wanted[name] - w[:: self._stride, row]
+                xi[at : at + free] = np.linalg.lstsq(shapes, missing, rcond=None)[0]
+            row, at = row + order + 1, at + free
+        return xi
 
     def begin(self, xi: Array) -> None:
         """
-        Scale the cost and choose the scheme of differentiation at a first point (n,).
+        Scale the cost at a first point (n,).
 
         Raises
         ------
         InvalidProblem
-            Naming function, node and value, if something is not a finite number there, differs
-            from what is integrated, or depends on other candidates that are computed at once.
+            Naming function, node and value, if something is not a finite number there, or differs
+            from what is integrated.
 
         """
         with np.errstate(all='ignore'):
-            motion, z = self._motion(xi[None])
+            motion, z = self._motion(xi)
             check_finite(self._stated, motion, self.nodes)
             check_integrated(self._stated, motion, z, self.nodes)
-            self.cost_scale = 1.0
-            values = self._values(xi[None])[0]
-            self._check_independent(xi, values)
-            cost = abs(float(values[0]))
-            self.cost_scale = cost if cost > 1e-9 else 1.0
-            self._checked = True
-            self.scheme = choose_scheme(self._values, xi)
+        self.cost_scale = 1.0
+        cost = abs(self.evaluate(xi).cost)
+        self.cost_scale = cost if cost > 1e-9 else 1.0
 
     def refine(self, nodes: Array, reserve: Mapping[str, float]) -> Transcription:
-        """Return the program on other nodes, scaled and differentiated alike."""
-        other = Transcription(self.formulation, nodes, reserve)
-        other.cost_scale, other.scheme = self.cost_scale, self.scheme
-        other._checked = self._checked
+        """Return the program on other nodes, scaled alike."""
+        other = Transcription(self.formulation, nodes, reserve, self.trace)
+        other.cost_scale = self.cost_scale
         return other
 
-    def motion(self, xi: Values) -> ArcMotion:
-        """Motion of candidates (B, n) at the nodes."""
+    def motion(self, xi: Array) -> ArcMotion:
+        """Motion of a candidate (n,) at the nodes."""
         return self._motion(xi)[0]
 
-    def _motion(self, xi: Values) -> tuple[ArcMotion, dict[str, Values]]:
-        """Return the motion, and the integrated states (B, K) by name."""
-        mu, times, y = self._arc.values(xi)
-        every = slice(None, None, self._stride)
-        z = self._integrate(y, mu) if self.integrated else {}
-        at_nodes = {name: [value[:, every] for value in jet] for name, jet in y.items()}
-        states, controls = self._stated.invert(at_nodes, z)
-        return ArcMotion(times[:, every], states, controls, mu[:, every]), z
+    def _motion(self, xi: Array) -> tuple[ArcMotion, Array]:
+        """Return the motion, and the integrated states (K, nz)."""
+        wz, _ = self._nodes(self._w(self.basis, xi))
+        (both,) = Call(self._graphs.motion, len(wz))(wz, self._numbers)
+        rates, nx = self.basis.layout.rates, len(self._stated.state_names)
+        motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:], wz[:, 0])
+        return motion, wz[:, self.basis.layout.size :]
 
     @property
     def has_end_conditions(self) -> bool:
-        """Whether conditions remain at the end that no reference function meets by itself."""
+        """Whether conditions remain at an end that no reference function meets by itself."""
         return self._equality_count > 0
 
-    def misses(self, xi: Array) -> Array:
-        """Return by how much candidates (B, n) miss the conditions at the end, summed up: (B,)."""
-        with np.errstate(all='ignore'):
-            values = self._values(xi)
-        return np.asarray(np.abs(values[:, self._parts[0]]).sum(axis=1))
+    @cached_property
+    def _ended(self) -> list[tuple[int, float, float]]:
+        """Integrated states with a given end: index among them, end, scale."""
+        states = enumerate(self.integrated.values())
+        return [(i, s.end, s.scale) for i, s in states if s.end is not None]
 
-    def cost(self, motion: ArcMotion) -> Values:
-        """Return J of the candidates, (B,)."""
-        running = self._stated.running_cost(motion.times, motion.states, motion.controls)
-        final = self._stated.final_cost(motion.times[:, -1], motion.states[:, -1])
-        return np.asarray(final + np.sum(running * motion.rate * self._weights, axis=-1))
+    @property
+    def _equality_count(self) -> int:
+        return len(self._ended) + self._graphs.ends + self._graphs.starts
+
+    def misses(self, xi: Array) -> Array:
+        """Return by how much candidates (B, n) miss the conditions at the ends, summed: (B,)."""
+        ends, _ = self._parts
+        return np.array([np.abs(self.evaluate(one).cache[0][ends]).sum() for one in xi])
+
+    def cost(self, xi: Array) -> float:
+        """Return J of a candidate (n,)."""
+        return float(self.evaluate(xi).cache[0][0] * self.cost_scale)
+
+    def flow(self, xi: Array) -> tuple[Array, Array]:
+        """
+        Return the rates of the states along a candidate, (K, nx): by `invert`, by `derivative`.
+
+        They are the same where the two state the same motion.
+        """
+        outputs = {
+            name: replace(output, derivatives=output.derivatives + 1)
+            for name, output in self._stated.outputs().items()
+        }
+        basis = ArcBasis(outputs, self.basis.duration, self.nodes)
+        _, _, jets = basis.layout.read(self._w(basis, xi).T)
+        y = np.stack([value for jet in jets.values() for value in jet], axis=-1)
+        _, z = self._motion(xi)
+        by_inverse, rates = Call(self.trace.flow, len(z))(y, z, self._numbers)
+        return by_inverse, rates
 
     def evaluate(self, xi: Array) -> Point:
         """Return the scaled J and the violations of equalities and margins."""
-        with np.errstate(all='ignore'):
-            values = self._values(xi[None])[0]
-        ends, margins = self._parts
-        violations = np.array(
-            [np.abs(values[ends]).max(initial=0.0), (-values[margins]).max(initial=0.0)]
-        )
+        self.evaluations += 1
+        wz, steps = self._nodes(self._w(self.basis, xi))
+        rows = self._call('node', 'value', len(wz))(wz, self._numbers)[0]
+        start = self._call('start', 'value')(wz[0], self._numbers)[0]
+        end = self._call('end', 'value')(wz[-1], self._numbers)[0]
+        cost = (end[0] + self._weights @ rows[:, 0]) / self.cost_scale
+        nw = self.basis.layout.size
+        missed = [(wz[-1, nw + i] - value) / scale for i, value, scale in self._ended]
+        margins = (rows[:, 1:] - self._kept).T.ravel()
+        values = np.concatenate([[cost], missed, end[1:], start, margins])
+        ends, rest = self._parts
+        cache = values, wz, steps
         if not np.isfinite(values).all():
-            return Point(xi, np.inf, np.full(2, np.inf), values)
-        return Point(xi, float(values[0]), violations, values)
+            return Point(xi, np.inf, np.full(2, np.inf), cache)
+        violations = [np.abs(values[ends]).max(initial=0.0), (-values[rest]).max(initial=0.0)]
+        return Point(xi, float(cost), np.array(violations), cache)
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Jacobian of all rows, exact Hessian of the Lagrangian made positive definite."""
-        values = point.cache
         with np.errstate(all='ignore'):
-            jacobian = jacobians(self._values, point.xi[None], self.scheme)[0]
-            hessian = self._hessian(point.xi, jacobian, multipliers)
+            jacobian, hessian = self.derivatives(point, multipliers)
+        hessian = np.nan_to_num(0.5 * (hessian + hessian.T), posinf=0.0, neginf=0.0)
+        eigenvalues, vectors = np.linalg.eigh(hessian)
+        least = max(_LEAST_CURVATURE, 1e-6 * float(np.abs(eigenvalues).max(initial=0.0)))
+        values = point.cache[0]
         ends, rest = self._parts
         margins, slopes = values[rest], jacobian[rest]
         near = np.flatnonzero((margins < _NEAR) & np.isfinite(slopes).all(axis=1))
         return Linearisation(
             gradient=jacobian[0],
-            hessian=hessian,
+            hessian=np.asarray((vectors * np.maximum(eigenvalues, least)) @ vectors.T),
             equalities=values[ends],
             equality_jacobian=jacobian[ends],
             inequalities=margins[near],
@@ -206,9 +289,140 @@ class Transcription(NonlinearProgram):
 
     def correction_rows(self, point: Point, at: Linearisation, active: Any) -> Array | None:
         """Residuals of the equalities and of the margins that were active."""
+        values = point.cache[0]
         ends, rest = self._parts
-        margins = point.cache[rest][at.tags[active]]
-        return np.concatenate([point.cache[ends], np.minimum(margins, 0.0)])
+        return np.concatenate([values[ends], np.minimum(values[rest][at.tags[active]], 0.0)])
+
+    def derivatives(self, point: Point, multipliers: Multipliers | None) -> tuple[Array, Array]:
+        """Jacobian (1 + ne + ni, n) of all rows, and Hessian (n, n) of the Lagrangian."""
+        (_, wz, steps), p = point.cache, self._numbers
+        nw, n, count = self.basis.layout.size, point.xi.size, len(wz)
+        every, by_timing = self._slopes(point.xi)
+        slopes = every[:: self._stride]
+        chain = np.zeros((0, 0, 0))
+        if self.integrated:
+            nz = len(self.integrated)
+            local = self._call('step', 'linear', count - 1)(steps, self._step_numbers)[1]
+            local = local.reshape(count - 1, nz, -1)
+            outer = np.zeros((count - 1, 3 * nw + nz, n))
+            for part, at in enumerate((every[:-1:2], every[1::2], every[2::2])):
+                outer[:, part * nw : (part + 1) * nw] = at
+            of_z, chain = np.zeros((count, nz, n)), local[:, :, 3 * nw :]
+            direct = local[:, :, : 3 * nw] @ outer[:, : 3 * nw]
+            for step in range(count - 1):
+                of_z[step + 1] = chain[step] @ of_z[step] + direct[step]
+            outer[:, 3 * nw :] = of_z[:-1]
+            slopes = np.concatenate([slopes, of_z], axis=1)
+        nodes = self._call('node', 'linear', count)(wz, p)[1].reshape(count, -1, wz.shape[1])
+        start = self._call('start', 'linear')(wz[0], p)[1].reshape(-1, wz.shape[1])
+        end = self._call('end', 'linear')(wz[-1], p)[1].reshape(-1, wz.shape[1])
+        rows, ends = nodes @ slopes, end @ slopes[-1]
+        scales = np.array([scale for _, _, scale in self._ended]).reshape(-1, 1)
+        ended = slopes[-1, [nw + i for i, _, _ in self._ended]] / scales
+        jacobian = np.concatenate(
+            [
+                (ends[:1] + self._weights @ rows[:, 0]) / self.cost_scale,
+                ended,
+                ends[1:],
+                start @ slopes[0],
+                rows[:, 1:].transpose(1, 0, 2).reshape(-1, n),
+            ]
+        )
+        # The Lagrangian: its multipliers at the nodes, at both ends, and of the integrated ends.
+        at_nodes, at_start, at_end, at_z = self._node_multipliers(multipliers, count)
+        shape = (wz.shape[1], wz.shape[1])
+        second = self._call('node', 'second', count)(wz, p, at_nodes)[0].reshape(-1, *shape)
+        second[0] += self._call('start', 'second')(wz[0], p, at_start)[0].reshape(shape)
+        second[-1] += self._call('end', 'second')(wz[-1], p, at_end)[0].reshape(shape)
+        gradient = np.einsum('km,kmw->kw', at_nodes, nodes)
+        gradient[0] += at_start @ start
+        gradient[-1] += at_end @ end
+        hessian = slopes.reshape(-1, n).T @ (second @ slopes).reshape(-1, n)
+        by_w = np.zeros((len(every), nw))
+        by_w[:: self._stride] = gradient[:, :nw]
+        if self.integrated:
+            adjoint = np.empty((count - 1, nz))
+            adjoint[-1] = gradient[-1, nw:] + at_z
+            for step in range(count - 2, 0, -1):
+                adjoint[step - 1] = adjoint[step] @ chain[step] + gradient[step, nw:]
+            curved = self._call('step', 'second', count - 1)(steps, self._step_numbers, adjoint)[0]
+            curved = curved.reshape(count - 1, outer.shape[1], -1)
+            hessian += outer.reshape(-1, n).T @ (curved @ outer).reshape(-1, n)
+            through = np.einsum('kz,kzw->kw', adjoint, local)
+            by_w[:-1:2] += through[:, :nw]
+            by_w[1::2] += through[:, nw : 2 * nw]
+            by_w[2::2] += through[:, 2 * nw : 3 * nw]
+        if by_timing:
+            nc, nb = self.basis.nc, self.basis.nb
+            of_b = np.einsum('kw,kwb->b', by_w, self.basis.table[:, :, nc : nc + nb])
+            c, guess = self.basis.coefficients(point.xi), self.basis.duration.guess
+            bent = Call(self.basis.boundary.second)(c, self.basis.given, of_b)[0]
+            hessian[:nc, :nc] += guess**2 * bent.reshape(nc, nc)
+        return jacobian, hessian
+
+    def _slopes(self, xi: Array) -> tuple[Array, bool]:
+        """Return the derivatives (P, nw, n) of w by Xi, and if boundary values depend on it."""
+        basis, timing = self.basis, self.basis.timing
+        nc, nb, guess = basis.nc, basis.nb, basis.duration.guess
+        table = basis.table
+        slopes = np.concatenate([guess * table[:, :, :timing], table[:, :, nc + nb :]], axis=2)
+        by_timing = bool(timing and nb)
+        if by_timing:
+            c = basis.coefficients(xi)
+            _, slope = Call(basis.boundary.linear)(c, basis.given)
+            slopes[:, :, :nc] += table[:, :, nc : nc + nb] @ (guess * slope.reshape(nb, nc))
+        return slopes, by_timing
+
+    def _node_multipliers(
+        self, multipliers: Multipliers | None, count: int
+    ) -> tuple[Array, Array, Array, Array]:
+        """Multipliers of the node's rows (K, 1 + nm), of those at both ends, and of z's end."""
+        graphs, ended = self._graphs, self._ended
+        limits = len(self.trace.margin_names)
+        nodes = np.zeros((count, 1 + limits))
+        start, end = np.zeros(graphs.starts), np.zeros(1 + graphs.ends)
+        at_z = np.zeros(len(self.integrated))
+        nodes[:, 0], end[0] = self._weights / self.cost_scale, 1.0 / self.cost_scale
+        if multipliers is not None:
+            of_z = multipliers.equalities[: len(ended)]
+            for (index, _, scale), multiplier in zip(ended, of_z, strict=True):
+                at_z[index] = multiplier / scale
+            rest = multipliers.equalities[len(ended) :]
+            end[1:], start[:] = rest[: graphs.ends], rest[graphs.ends :]
+            every = np.zeros(limits * count)
+            every[multipliers.tags] = -multipliers.inequalities
+            nodes[:, 1:] = every.reshape(limits, count).T
+        return nodes, start, end, at_z
+
+    @staticmethod
+    def _w(basis: ArcBasis, xi: Array) -> Array:
+        """Return w at the points of a basis (P, nw)."""
+        c = basis.coefficients(xi)
+        b = Call(basis.boundary.value)(c, basis.given)[0] if basis.nb else np.zeros(0)
+        return np.asarray(basis.table @ np.concatenate([c, b, xi[basis.timing :]]))
+
+    def _nodes(self, w: Array) -> tuple[Array, Array | None]:
+        """Return w and z at the nodes (K, nw + nz), and the arguments of the steps between."""
+        at_nodes = w[:: self._stride]
+        if not self.integrated:
+            return at_nodes, None
+        nw, count = w.shape[1], len(at_nodes)
+        steps = np.empty((count - 1, 3 * nw + len(self.integrated)))
+        for part, at in enumerate((w[:-1:2], w[1::2], w[2::2])):
+            steps[:, part * nw : (part + 1) * nw] = at
+        z = np.empty((count, len(self.integrated)))
+        z[0] = [state.start for state in self.integrated.values()]
+        step = self._call('step', 'value')
+        for node in range(count - 1):
+            steps[node, 3 * nw :] = z[node]
+            z[node + 1] = step(steps[node], self._step_numbers[node])[0]
+        return np.hstack([at_nodes, z]), steps
+
+    def _call(self, graph: str, which: str, count: int | None = None) -> Call:
+        key = graph, which, count
+        if key not in self._calls:
+            self._calls[key] = Call(getattr(getattr(self._graphs, graph), which), count)
+        return self._calls[key]
 
     @property
     def _parts(self) -> tuple[slice, slice]:
@@ -216,106 +430,22 @@ class Transcription(NonlinearProgram):
         first = 1 + self._equality_count
         return slice(1, first), slice(first, None)
 
-    @property
-    def _hessian_rows(self) -> int:
-        """How many rows to compute at once; integration has a price for every batch."""
-        batch = _HESSIAN_BATCH
-        if not self.integrated:
-            batch = min(batch, _HESSIAN_WORK // (self.size * self.nodes.size))
-        return max(1, batch // self.size)
+    @cached_property
+    def _weights(self) -> Array:
+        return quadrature_weights(self.nodes)
 
-    def _hessian(self, xi: Array, jacobian: Array, multipliers: Multipliers | None) -> Array:
-        weights = np.zeros(len(jacobian))
-        weights[0] = 1.0
-        if multipliers is not None:
-            ends, rest = self._parts
-            weights[ends] = multipliers.equalities
-            weights[rest.start + multipliers.tags] = -multipliers.inequalities
-        used = weights != 0
+    @cached_property
+    def _step_numbers(self) -> Array:
+        steps = np.diff(self.nodes)
+        return np.hstack([np.tile(self._numbers, (steps.size, 1)), steps[:, None]])
 
-        def lagrangian(points: Any) -> Any:
-            return self._values(points)[:, used] @ weights[used, None]
-
-        step = _HESSIAN_STEP if self.scheme == 'complex_step' else 100 * _HESSIAN_STEP
-        rows = self._hessian_rows
-        gradients = np.zeros((xi.size, xi.size))
-        moved = xi + step * np.eye(xi.size)
-        for first in range(0, xi.size, rows):
-            if self.budget is not None and self.budget.spent:
-                return np.eye(xi.size)  # the search ends here and has no use for it
-            batch = slice(first, first + rows)
-            gradients[batch] = jacobians(lagrangian, moved[batch], self.scheme)[:, 0]
-        hessian = (gradients - weights[used] @ jacobian[used]) / step
-        hessian = np.nan_to_num(0.5 * (hessian + hessian.T), posinf=0.0, neginf=0.0)
-        eigenvalues, vectors = np.linalg.eigh(hessian)
-        least = max(_LEAST_CURVATURE, 1e-6 * float(np.abs(eigenvalues).max(initial=0.0)))
-        return np.asarray((vectors * np.maximum(eigenvalues, least)) @ vectors.T)
-
-    def _values(self, xi: Values) -> Values:
-        """Scaled J, equalities, margins of candidates (B, n): (B, 1 + ne + ni)."""
-        self.evaluations += len(xi)
-        motion = self.motion(xi)
-        times, states, controls = motion.times, motion.states, motion.controls
-        equalities = [
-            (states[:, -1, self._stated.state_names.index(name)] - state.end) / state.scale
-            for name, state in self.integrated.items()
-            if state.end is not None
-        ]
-        equalities += self._stated.end_conditions(times[:, -1], states[:, -1])
-        self._equality_count = len(equalities)
-        margins = []
-        for name, value in self._stated.margins(times, states, controls).items():
-            margin = np.array(value)
-            margin[:, 1:-1] -= self.reserve.get(name, 0.0)
-            margins.append(margin)
-        head = [(self.cost(motion) / self.cost_scale)[:, None]]
-        return np.concatenate([*head, *(value[:, None] for value in equalities), *margins], axis=1)
-
-    def _integrate(self, y: dict[str, list[Values]], mu: Values) -> dict[str, Values]:
-        """Integrated states at the nodes, by name, (B, K) each."""
-        index = [self._stated.state_names.index(name) for name in self.integrated]
-        count = len(mu)
-        current = np.tile([state.start for state in self.integrated.values()], (count, 1))
-        kinds = [value.dtype for jet in y.values() for value in jet]
-        current = current.astype(np.result_type(mu, *kinds))
-        found = [current]
-
-        def rate(point: int, z: Values) -> Values:
-            here = {name: [value[:, point] for value in jet] for name, jet in y.items()}
-            named = dict(zip(self.integrated, z.T, strict=True))
-            if self._checked:
-                slopes = self._stated.slopes(here, named, index)
-            else:
-                slopes = self._stated.derivative(*self._stated.invert(here, named))[..., index]
-            return np.asarray(slopes * mu[:, point, None])
-
-        for node in range(self.nodes.size - 1):
-            h, point = float(self.nodes[node + 1] - self.nodes[node]), 2 * node
-            k1 = rate(point, current)
-            k2 = rate(point + 1, current + 0.5 * h * k1)
-            k3 = rate(point + 1, current + 0.5 * h * k2)
-            k4 = rate(point + 2, current + h * k3)
-            current = current + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-            found.append(current)
-        z = np.stack(found, axis=1)
-        return {name: z[..., i] for i, name in enumerate(self.integrated)}
-
-    def _check_independent(self, xi: Array, alone: Array) -> None:
-        """Check that a candidate has the same values in company as alone."""
-        together = self._values(np.stack([xi, 1.01 * xi + 0.01]))[0]
-        same = np.isclose(together, alone, rtol=1e-6, atol=1e-9, equal_nan=True)
-        if not same.all():
-            raise InvalidProblem(
-                f'{self._row_name(int(np.argmin(same)))} differs when two candidates are computed '
-                'at once: write it with functions that act on every node alone, without sums, '
-                'extrema or loops over nodes'
-            )
-
-    def _row_name(self, row: int) -> str:
-        """Return where the row of `_values` comes from."""
-        if row == 0:
-            return 'J by running_cost or final_cost'
-        if row <= self._equality_count:
-            return f'end condition {row - 1}'
-        names = self._stated.margin_names
-        return f"margins '{names[(row - 1 - self._equality_count) // self.nodes.size]}'"
+    @cached_property
+    def _kept(self) -> Array:
+        """What is kept of every limit at the nodes, (K, nm)."""
+        names, reserves = self.trace.margin_names, self._stated.reserves
+        kept = np.zeros((self.nodes.size, len(names)))
+        kept[:] = np.array([reserves.get(name, 0.0) for name in names])
+        kept[1:-1] += np.array([self.reserve.get(name, 0.0) for name in names])
+        kept[0, ~self.trace.of_controls] = 0.0
+        kept[-1, ~self.trace.of_controls] = 0.0
+        return kept

@@ -21,7 +21,7 @@ With the speed factor lambda = dtau/dt, d/dt = lambda d/dtau, so that
 
 Yakimenko (2006) has only the first terms ((20)-(22) leave out lambda'). The maps are linear in
 the derivatives of x and triangular, which is what makes the way back exact. All functions accept
-arrays of any (common) shape, complex ones included.
+arrays of any (common) shape.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.checks import shown
 from tdm_planner.exceptions import InvalidProblem
 
-# Derivatives may be complex, where a caller differentiates by complex step.
 Values = NDArray[Any]
 
 
@@ -52,19 +51,15 @@ def time_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike
         not match.
 
     """
-    _check_finite(derivatives, speed)
-    return candidate_time_derivatives(derivatives, speed)
+    return [np.asarray(v) for v in candidate_time_derivatives(*_checked(derivatives, speed))]
 
 
-def candidate_time_derivatives(
-    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
-) -> list[Values]:
-    """Do the same for candidates of a search, which need not be finite."""
-    jet, factor = _jets(derivatives, speed)
-    found = jet[:1]
-    while len(jet) > 1:
-        jet = _product(factor, jet[1:])
-        found.append(jet[0])
+def candidate_time_derivatives(jet: Sequence[Any], factor: Sequence[Any]) -> list[Any]:
+    """Do the same unchecked, for anything that can be multiplied and added: arrays, symbols."""
+    found, left = [jet[0]], list(jet)
+    while len(left) > 1:
+        left = _product(factor, left[1:])
+        found.append(left[0])
     return found
 
 
@@ -79,25 +74,20 @@ def arc_derivatives(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
         not match.
 
     """
-    _check_finite(derivatives, speed)
-    return candidate_arc_derivatives(derivatives, speed)
+    return [np.asarray(v) for v in candidate_arc_derivatives(*_checked(derivatives, speed))]
 
 
-def candidate_arc_derivatives(
-    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
-) -> list[Values]:
-    """Do the same for candidates of a search, which need not be finite."""
-    wanted, factor = _jets(derivatives, speed)
-    found = wanted[:1]
+def candidate_arc_derivatives(wanted: Sequence[Any], factor: Sequence[Any]) -> list[Any]:
+    """Do the same unchecked, for anything that can be multiplied and added: arrays, symbols."""
+    found = [wanted[0]]
     for order in range(1, len(wanted)):
-        lower = candidate_time_derivatives([*found, np.zeros_like(found[0])], factor[:order])[-1]
+        lower = candidate_time_derivatives([*found, 0.0 * found[0]], factor[:order])[-1]
         found.append((wanted[order] - lower) / factor[0] ** order)
     return found
 
 
-def reciprocal(derivatives: Sequence[ArrayLike]) -> list[Values]:
+def reciprocal(jet: Sequence[Any]) -> list[Any]:
     """Return 1/f and its derivatives from f and its derivatives: lambda from dt/dtau."""
-    jet = [np.asarray(value) for value in derivatives]
     found = [1.0 / jet[0]]
     for order in range(1, len(jet)):
         terms: Any = sum(
@@ -153,12 +143,16 @@ def _jets(
     return jet, factor
 
 
-def _check_finite(derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]) -> None:
-    for values, of in zip(_jets(derivatives, speed), ('', ' of the speed factor'), strict=True):
+def _checked(
+    derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike]
+) -> tuple[list[Values], list[Values]]:
+    both = _jets(derivatives, speed)
+    for values, of in zip(both, ('', ' of the speed factor'), strict=True):
         for order, value in enumerate(values):
             if not np.isfinite(value).all():
                 wrong = value[~np.isfinite(value)].flat[0]
                 raise InvalidProblem(f'derivative {order}{of} is {wrong}, not a finite number')
+    return both
 
 
 def _numbers(values: Sequence[ArrayLike], what: str) -> list[Values]:
@@ -171,10 +165,9 @@ def _numbers(values: Sequence[ArrayLike], what: str) -> list[Values]:
     return found
 
 
-def _product(first: list[Values], second: list[Values]) -> list[Values]:
+def _product(first: Sequence[Any], second: Sequence[Any]) -> list[Any]:
     """Return the derivatives of a product, as many as the shorter factor has (Leibniz' rule)."""
     count = min(len(first), len(second))
     return [
-        np.asarray(sum(math.comb(n, j) * first[j] * second[n - j] for j in range(n + 1)))
-        for n in range(count)
+        sum(math.comb(n, j) * first[j] * second[n - j] for j in range(n + 1)) for n in range(count)
     ]

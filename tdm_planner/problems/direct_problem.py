@@ -29,6 +29,7 @@ A problem that only states itself; search, verification and trajectory are the l
         def invert(self, y, z): ...  # states and controls from the outputs' derivatives
         def derivative(self, x, u): ...  # the plant, for the verification and for integration
         def margins(self, t, x, u): ...  # limits
+        def control_limits(self): ...  # those of the controls, by name
         def final_cost(self, t, x): ...  # performance index
 
 See `tdm_planner.direct_method.formulation.Formulation` for each of them, and docs/plants for
@@ -40,20 +41,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import NotFinite
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.direct_search import DirectSearch
-from tdm_planner.problems.direct_statement import check_statement
+from tdm_planner.problems.direct_statement import check_statement, limits_of
+from tdm_planner.problems.refinement import prepare_refinement
 from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Trajectory
@@ -61,12 +64,12 @@ from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
-_AT_BOUND = 1e-5  # share by which a duration at a bound may differ from it
+_AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
 
 
 @dataclass(frozen=True)
 class DirectSolverParameters(SolverParameters):
-    """How long and how hard to search; the search ends earlier when all starts are done."""
+    """How long and how hard to search; the search ends when a few first guesses are refined."""
 
     deadline: float = parameter(
         3.0,
@@ -74,16 +77,18 @@ class DirectSolverParameters(SolverParameters):
         unit='s',
         allowed=POSITIVE,
     )
+    refine: bool = parameter(
+        True, "refine plans by collocation; false: the direct method's own plan"
+    )
 
 
 class DirectProblem(Formulation, Problem):
     """
     An optimal control problem stated by a `Formulation`; see this module's docstring.
 
-    `nodes` (at least) along the arc are where limits are kept while searching; more are taken
-    where the check of a plan asks for them. `starts` first guesses are tried. A plan's end may
-    differ by `terminal_tolerance` (nx,) from the goal when replayed; by default by 1e-3 of the
-    largest range that a state of the same unit runs through.
+    A plan's end may differ by `terminal_tolerance` (nx,) from the goal when replayed; by default
+    by 1e-3 of the largest range that a state of the same unit runs through. Without refinement
+    limits are kept at `nodes` (at least) along the arc, from `starts` first guesses.
     """
 
     nodes: ClassVar[int] = 41
@@ -93,20 +98,26 @@ class DirectProblem(Formulation, Problem):
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> DirectSearch:
-        """Return the search; an earlier plan's varied parameters are the first guess."""
+        """Return the search; what is left of an earlier plan is its first guess."""
         check_statement(self)
-        first = None if previous is None else previous.parameters
-        return DirectSearch(self, DirectPlant(self), budget, rng, first)
+        return DirectSearch(self, budget, rng, previous)
+
+    @property
+    def refined(self) -> bool:
+        """Whether plans are refined by collocation."""
+        return bool(getattr(self.solver, 'refine', True))
+
+    def prepare(self) -> None:
+        """Trace the statement and make the programs, so that the first plan does not wait."""
+        stated = CheckedFormulation(self)
+        trace = Trace.of(stated)
+        Transcription(self, chebyshev_nodes(self.nodes), trace=trace)
+        if self.refined:
+            prepare_refinement(trace)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
-        """Return the limits that `margins` states."""
-        stated = CheckedFormulation(self)
-
-        def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
-            return stated.margins(times, states, controls)[name]
-
-        names = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
-        return tuple(Constraint(name, partial(margin, name)) for name in names)
+        """Return the limits that `margins` and `control_limits` state."""
+        return limits_of(CheckedFormulation(self), trajectory)
 
     def cost_to_go(self, solution: Solution, elapsed: float) -> float:
         """Return J of what is left of a plan `elapsed` s after its start."""
@@ -114,9 +125,9 @@ class DirectProblem(Formulation, Problem):
         if elapsed >= whole.duration:
             return 0.0
         rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
-        running = stated.running_cost(rest.times[None], rest.states[None], rest.controls[None])
+        running = stated.running_cost(rest.times, rest.states, rest.controls)
         final = stated.final_cost(rest.times[-1:], rest.states[-1:])
-        return float(trapezoid(running[0], rest.times) + final[0])
+        return float(trapezoid(running, rest.times) + final[0])
 
     def describe(self, plan: Plan) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
@@ -128,53 +139,3 @@ class DirectProblem(Formulation, Problem):
             elif plan.duration >= longest * (1.0 - _AT_BOUND):
                 note = f', duration at its longest allowed value, {longest:g} s'
         return super().describe(plan) + note
-
-
-@dataclass(frozen=True)
-class DirectPlant:
-    """The plant of a formulation, as the verification integrates it."""
-
-    formulation: Formulation
-
-    @cached_property
-    def _stated(self) -> CheckedFormulation:
-        return CheckedFormulation(self.formulation)
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states."""
-        return self.formulation.state_names
-
-    @property
-    def state_units(self) -> tuple[str, ...]:
-        """Units of the states."""
-        return self.formulation.state_units
-
-    @property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the controls."""
-        return self.formulation.control_names
-
-    @property
-    def control_units(self) -> tuple[str, ...]:
-        """Units of the controls."""
-        return self.formulation.control_units
-
-    def derivative(self, state: Array, control: Array) -> Array:
-        """
-        Time derivative of the states: (..., nx), (..., nu) -> (..., nx).
-
-        Raises
-        ------
-        NotFinite
-            Naming the state, if a rate is not a finite number.
-
-        """
-        stacked = self._stated.derivative(state, control)
-        if not np.isfinite(stacked).all():
-            index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
-            raise NotFinite(
-                f"derivative gives the rate of '{self.state_names[index[-1]]}' = {stacked[index]} "
-                f'in state {state[index[:-1]]} under control {control[index[:-1]]}'
-            )
-        return stacked

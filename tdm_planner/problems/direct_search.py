@@ -12,12 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The search for a plan of any formulation: seeds, minimiser, node refinement, verification."""
+"""
+The search for a plan of any stated problem: direct method, collocation, replay, verification.
+
+A loose minimum of the direct method is the first guess of a collocation on few intervals; the
+cheapest of a few such solutions is solved again on more. It is replayed and repaired: by a shifted
+end, a reserve at a limit that the replay violates, or more intervals. Where nothing comes of that
+the direct method's own motion, minimised to the end, is the plan.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,58 +33,102 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.arc_motion import check_finite
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import COLD, Motion, WARM
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
-from tdm_planner.plants.base import Plant
+from tdm_planner.exceptions import (
+    DeadlineExceeded,
+    Infeasible,
+    NotFinite,
+    VerificationFailed,
+)
+from tdm_planner.problems.direct_plant import TracedPlant
+from tdm_planner.problems.direct_statement import (
+    check_dynamics,
+    check_ends,
+    constraints_of,
+    MARGIN_TOLERANCE,
+)
+from tdm_planner.problems.refinement import COARSE, FINE, Refinement
 from tdm_planner.problems.search import Plan, Search
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import Constraint, usual_tolerance, Verification, verify
+from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
+from tdm_planner.verification import Verification, verify
 
 if TYPE_CHECKING:
+    from tdm_planner.problems.base import Solution
     from tdm_planner.problems.direct_problem import DirectProblem
 
 Array = NDArray[np.float64]
 
-_FEASIBLE = 1e-6  # violation at which the minimiser is content,
+_MOST = 8  # first guesses; fewer where the best solution
+_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
+_GUESS_NODES = 25
+_LOOSE = TrustRegionOptions(
+    penalties=(5.0, 5.0),
+    largest_penalty=1e4,
+    radius=0.5,
+    iterations=8,
+    cost_tolerance=1e-2,
+    feasibility=(1e-3, 1e-3),
+    corrections=1,
+)
+_TIGHT = TrustRegionOptions(
+    penalties=(5.0, 5.0),
+    largest_penalty=1e4,
+    radius=0.5,
+    iterations=150,
+    cost_tolerance=1e-7,
+    corrections=2,
+)
+_CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with conditions at the ends
+_CHANGES = 10  # of a first guess that is not finite everywhere
+_PLAIN, _STRAIGHT = 2, (3, 5, 7)  # attempts: boundary conditions alone, lines in state space
+_FAR = 0.3  # violation with which the loose minimiser goes on
+_HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
+
+_FEASIBLE = 1e-6  # violation at which the direct method's minimiser is content,
 _PROMISING = 1e-5  # and up to which the check may pass
-_MARGIN_TOLERANCE = 1e-5  # of the verification, for what is exactly on a limit
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
 _GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
-_SCREENED = 256  # random first guesses of which the one nearest to the end conditions is kept
+_SCREENED = 64  # random first guesses of which the one nearest to the end conditions is kept
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
 
+Candidate = Motion | Minimum
 
-class DirectSearch(Search[Minimum]):
-    """Search for the cheapest verified plan of a formulation; `previous` is a first guess Xi."""
+
+class DirectSearch(Search[Candidate]):
+    """Search for the cheapest verified plan of a stated problem; `previous` is a warm start."""
 
     def __init__(
         self,
         problem: DirectProblem,
-        plant: Plant,
         budget: Budget,
         rng: np.random.Generator,
-        previous: Array | None = None,
+        previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
         self._problem = problem
         self._stated = CheckedFormulation(problem)
-        self._plant = plant
         self._rng = rng
         self._previous = previous
+        trace = self._trace = Trace.of(self._stated)
+        self._plant = TracedPlant(problem, trace)
+        tolerance = problem.terminal_tolerance
+        self._refinement = Refinement(self._stated, trace, tolerance, budget)
+        check_ends(self._stated, self._refinement.ends)
         self._nodes = self._node_count()
-        self._program = Transcription(problem, chebyshev_nodes(self._nodes))
         self._rounds = 0
-        self._found = False
+        self._found = self._warm = self._hurried = False
         self._closest = np.inf
         self._nearest_miss = ''
 
-    def candidates(self) -> Iterator[Minimum]:
+    def candidates(self) -> Iterator[Candidate]:
         """
-        Minimise from a round of first guesses while there is time.
+        Yield refined motions, the cheapest first; the direct method's own if there are none.
 
         Raises
         ------
@@ -84,32 +136,22 @@ class DirectSearch(Search[Minimum]):
             If what the problem states does not fit together, or gives numbers that are not finite.
 
         """
-        if self._rounds == 0:
-            self._program.begin(self._program.first_guess)
-        self._rounds += 1
-        found = False
-        until = Budget(self._latest - self.budget.elapsed)
-        for xi in self._seeds():
-            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
-            if until.spent or (found and late):
-                break
-            minimum = self._minimise(self._program, xi, until)
-            if minimum is None:
-                continue
-            if self._feasible(minimum):
-                found = self._found = True
-                yield minimum
-            elif minimum.point.violation < self._closest:
-                self._closest = minimum.point.violation
-                self._nearest_miss = self._name_violation(minimum)
+        if self._rounds == 0 and self._refines:
+            yield from self._refined()
+        if not self._found:
+            yield from self._direct()
 
-    def promises_more(self, candidate: Minimum, than: Minimum) -> bool:
+    def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
         """Whether its cost, before refinement, is lower by more than rounding."""
-        return candidate.point.cost < than.point.cost - _WORTHWHILE
+        costs = [
+            c.cost if isinstance(c, Motion) else c.point.cost * self._program.cost_scale
+            for c in (candidate, than)
+        ]
+        return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
     def satisfied_with(self, plan: Plan) -> bool:
-        """Never: all first guesses of the round are tried."""
-        return False
+        """Whether it came of a warm start: others are not tried."""
+        return self._warm
 
     def widen(self) -> bool:
         """Go on with other first guesses, a few rounds, while none leads to a feasible motion."""
@@ -131,6 +173,177 @@ class DirectSearch(Search[Minimum]):
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return kind(reason)
 
+    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+        """Yield the plan; after a failed check, better refined."""
+        if isinstance(candidate, Motion):
+            yield from self._collocated(candidate)
+        else:
+            yield from self._minimised(candidate)
+
+    # Collocation.
+
+    def _refined(self) -> Iterator[Motion]:
+        """Yield solutions on few intervals: of a warm start, else of a few first guesses."""
+        if self._previous is not None:
+            motion = self._refinement.warm(self._previous.trajectory)
+            if motion is not None:
+                self._warm = True
+                yield motion
+                self._warm = False
+        solved: list[Motion] = []
+        until = Budget(self._latest - self.budget.elapsed)
+        for guess in self._guesses():
+            if until.spent:
+                break
+            motion = self._refinement.solve(COARSE, guess, COLD, until)
+            if motion is None:
+                continue
+            solved.append(motion)
+            self._found = True
+            if len(solved) == 1 and _HURRY * self.budget.elapsed > self.budget.remaining:
+                self._hurried = True
+                yield motion
+                self._hurried = False
+            best = min(found.cost for found in solved)
+            again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
+            if again >= _AGREED or len(solved) >= _ENOUGH:
+                break
+        yield from sorted(solved, key=lambda found: found.cost)
+
+    def _guesses(self) -> Iterator[Motion]:
+        """Yield first guesses on the coarse intervals, mostly minima of the direct method."""
+        program = self._program_on(chebyshev_nodes(_GUESS_NODES))
+        self._begin(program)
+        options = replace(_LOOSE, steering=program.has_end_conditions)
+        for attempt in range(_MOST):
+            xi = program.first_guess
+            if attempt == _PLAIN:
+                yield from self._finite(xi)
+                continue
+            if attempt in _STRAIGHT:
+                bend = 0.5 if attempt > _STRAIGHT[0] else 0.0
+                yield self._refinement.straight(COARSE, bend, self._rng)
+                continue
+            if attempt:
+                size = _CHANGE[program.has_end_conditions] * attempt
+                xi = self._changed(program, np.array([min(size, 1.0)]))[0]
+            minimum = self._minimise(program, xi, self.budget, options)
+            if minimum is not None and minimum.point.violation > _FAR:
+                xi = minimum.point.xi
+                minimum = self._minimise(program, xi, self.budget, replace(options, iterations=32))
+            if minimum is not None:
+                yield from self._finite(minimum.point.xi)
+
+    def _finite(self, xi: Array) -> Iterator[Motion]:
+        """Yield the direct method's motion if it is finite everywhere."""
+        motion = self._motion_of(xi)
+        if motion.finite:
+            yield motion
+
+    def _begin(self, program: Transcription) -> None:
+        """Scale the cost at the first guess, or at a change of it that is finite everywhere."""
+        try:
+            program.begin(program.first_guess)
+        except NotFinite as error:
+            refusal = error
+        else:
+            check_dynamics(program, self._changed(program, np.array([0.5]))[0])
+            return
+        for size in np.linspace(0.1, 1.0, _CHANGES):
+            try:
+                program.begin(self._changed(program, np.array([size]))[0])
+                return
+            except NotFinite:
+                pass
+        raise refusal
+
+    def _motion_of(self, xi: Array) -> Motion:
+        """Return the direct method's motion on the coarse intervals, which are even in time."""
+        motion = self._halves.motion(xi)
+        even = np.linspace(0.0, motion.times[-1], motion.times.size)
+        states, controls = (
+            np.stack([np.interp(even, motion.times, column) for column in values.T], axis=-1)
+            for values in (motion.states, motion.controls)
+        )
+        return Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+
+    def _collocated(self, coarse: Motion) -> Iterator[Plan]:
+        """Yield the plan of a solution on more intervals, repaired as its replay asks."""
+        motion, quick = coarse, self._warm or self._hurried
+        if not quick:
+            motion = self._refinement.finer(coarse, FINE) or coarse
+        for found in self._refinement.refined(motion):
+            plan = self._plan_of(found)
+            if plan is None:
+                return
+            yield plan
+
+    def _plan_of(self, motion: Motion) -> Plan | None:
+        """Return the plan of a motion with its replayed states, and its check."""
+        states = self._refinement.replayed(motion)
+        try:
+            if not np.isfinite(states).all():
+                raise NotFinite('its replay is not finite everywhere')
+            times = np.linspace(0.0, motion.duration, motion.intervals + 1)
+            trajectory = self._trajectory_of(times, states, motion.controls, 'linear')
+            trajectory = trajectory.with_rates(self._plant.derivative)
+            check = self._verify(trajectory, self._refinement.goal(states))
+        except NotFinite as error:
+            self.rejected = str(error)
+            return None
+        penalty = max(0.0, -min(check.worst.values(), default=0.0))
+        parameters = np.concatenate([[motion.duration], motion.controls.ravel()])
+        return Plan({self._problem.name: trajectory}, check, motion.cost, parameters, penalty)
+
+    # The direct method by itself.
+
+    def _direct(self) -> Iterator[Candidate]:
+        """Minimise from a round of first guesses while there is time."""
+        program = self._program
+        self._begin(program)
+        self._rounds += 1
+        found = False
+        until = Budget(self._latest - self.budget.elapsed)
+        for xi in self._seeds():
+            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
+            if until.spent or (found and late):
+                break
+            minimum = self._minimise(program, xi, until)
+            if minimum is None:
+                continue
+            if self._feasible(minimum):
+                found = self._found = True
+                yield minimum
+                motion = self._from_minimum(minimum) if self._refines else None
+                if motion is not None:
+                    yield motion
+            elif minimum.point.violation < self._closest:
+                self._closest = minimum.point.violation
+                self._nearest_miss = self._name_violation(minimum)
+
+    def _from_minimum(self, minimum: Minimum) -> Motion | None:
+        """Solve the collocation from a minimum of the direct method; None if that fails."""
+        for guess in self._finite(minimum.point.xi):
+            return self._refinement.solve(COARSE, guess, WARM)
+        return None
+
+    @property
+    def _refines(self) -> bool:
+        """Whether plans are refined: not where collocation would lose a boundary condition."""
+        return self._problem.refined and self._refinement.ends.complete
+
+    @cached_property
+    def _program(self) -> Transcription:
+        return self._program_on(chebyshev_nodes(self._nodes))
+
+    def _program_on(self, nodes: Array) -> Transcription:
+        return Transcription(self._problem, nodes, trace=self._trace)
+
+    @cached_property
+    def _halves(self) -> Transcription:
+        """The program on the ends and middles of the coarse intervals."""
+        return self._program_on(np.linspace(0.0, 1.0, 2 * COARSE + 1))
+
     @property
     def _latest(self) -> float:
         """When minimising before any check has to end [s]: a check takes its time, too."""
@@ -148,53 +361,51 @@ class DirectSearch(Search[Minimum]):
 
     def _seeds(self) -> Iterator[Array]:
         """
-        Yield the previous solution, the plain boundary conditions, and random changes.
+        Yield an earlier solution, the first guess, and random changes of that.
 
-        With a previous solution no changes are tried: replanning is to be quick.
+        With an earlier solution no changes are tried: replanning is to be quick.
         """
-        first = self._program.first_guess
+        program, first = self._program, self._program.first_guess
         if self._rounds == 1:
-            if self._previous is not None and self._previous.shape == first.shape:
-                yield self._previous
+            if self._previous is not None and self._previous.parameters.shape == first.shape:
+                yield self._previous.parameters
                 yield first
                 return
             yield first
         for attempt in range(1, self._problem.starts):
-            if self._program.has_end_conditions:
+            if program.has_end_conditions:
                 sizes = np.exp(self._rng.uniform(np.log(0.1), np.log(1.5), _SCREENED))
-                yield self._nearest_of(self._changed(sizes))
+                guesses = self._changed(program, sizes)
+                misses = np.nan_to_num(program.misses(guesses), nan=np.inf)
+                yield guesses[np.argmin(misses)]
             else:
-                yield self._changed(np.array([min(0.15 * attempt, 1.0)]))[0]
+                yield self._changed(program, np.array([min(0.15 * attempt, 1.0)]))[0]
 
-    def _changed(self, sizes: Array) -> Array:
+    def _changed(self, program: Transcription, sizes: Array) -> Array:
         """Random changes of the first guess of about `sizes` (count,) in its units, (count, n)."""
-        first = self._program.first_guess
+        first, timing = program.first_guess, program.basis.timing
         longer = np.exp(0.4 * self._rng.normal(size=(sizes.size, 1)) + 0.2)
         change = self._rng.normal(size=(sizes.size, first.size))
         change *= 3.0 * sizes[:, None] / np.sqrt(first.size)
-        return np.where(first > 0, first * longer, change)
+        return np.hstack([first[:timing] * longer, first[timing:] + change[:, timing:]])
 
-    def _nearest_of(self, guesses: Array) -> Array:
-        """Return that of `guesses` (count, n) which misses the conditions at the end least."""
-        misses = self._program.misses(guesses)
-        return np.asarray(guesses[np.argmin(np.nan_to_num(misses, nan=np.inf))])
-
-    def _minimise(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
+    def _minimise(
+        self,
+        program: Transcription,
+        xi: Array,
+        budget: Budget,
+        options: TrustRegionOptions | None = None,
+    ) -> Minimum | None:
         before = program.evaluations
         if not np.isfinite(program.evaluate(xi).cost):
             return None
-        options = TrustRegionOptions(
-            penalties=(5.0, 5.0),
-            largest_penalty=1e4,
+        tight = replace(
+            _TIGHT,
             steering=program.has_end_conditions,
-            radius=0.5,
-            iterations=150,
-            cost_tolerance=1e-7,
             feasibility=(self._problem.solver.tolerance, _FEASIBLE),
-            corrections=2,
         )
         with np.errstate(all='ignore'):
-            minimum = minimise(program, xi, options, budget)
+            minimum = minimise(program, xi, options or tight, budget)
         self.budget.evaluations += program.evaluations - before
         return minimum
 
@@ -208,13 +419,13 @@ class DirectSearch(Search[Minimum]):
         ends, margins = minimum.point.violations
         if ends > margins:
             return f'the conditions at the end by {ends:.2g}'
-        motion = self._program.motion(minimum.point.xi[None])
+        motion = self._program.motion(minimum.point.xi)
         margins = self._stated.margins(motion.times, motion.states, motion.controls)
         least = {name: float(np.min(value)) for name, value in margins.items()}
         name = min(least, key=lambda key: least[key])
         return f'{name} by {-least[name]:.2g}'
 
-    def plans(self, candidate: Minimum) -> Iterator[Plan]:
+    def _minimised(self, candidate: Minimum) -> Iterator[Plan]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
         program, minimum, nodes = self._program, candidate, self._nodes
         reserve: dict[str, float] = {}
@@ -226,7 +437,7 @@ class DirectSearch(Search[Minimum]):
             yield plan
             check, xi = plan.verification, plan.parameters
             samples *= 2
-            violated = {k: -v for k, v in check.worst.items() if v < -_MARGIN_TOLERANCE}
+            violated = {k: -v for k, v in check.worst.items() if v < -MARGIN_TOLERANCE}
             if not violated and not program.integrated:
                 continue  # more samples are all that is wanted
             # What twice the nodes leave of a quadratic error, and a little.
@@ -245,60 +456,45 @@ class DirectSearch(Search[Minimum]):
     def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Plan | None:
         """Return the plan and its check; None, `rejected`, where it is not finite everywhere."""
         xi = minimum.point.xi
+        fine = self._program_on(np.linspace(0.0, 1.0, samples))
+        motion = fine.motion(xi)
         try:
-            trajectory, goal = self._trajectory(xi, samples)
-            check = self._verify(trajectory, goal)
+            check_finite(self._stated, motion, fine.nodes)
+            trajectory = self._trajectory_of(
+                motion.times, motion.states, motion.controls, 'cubic'
+            ).with_rates(self._plant.derivative)
+            check = self._verify(trajectory, self._refinement.goal(motion.states))
         except NotFinite as error:
             self.rejected = str(error)
             return None
-        cost = float(program.cost(program.motion(xi[None]))[0])
+        cost = program.cost(xi)
         return Plan({self._problem.name: trajectory}, check, cost, xi, minimum.point.violation)
 
-    def _trajectory(self, xi: Array, samples: int) -> tuple[Trajectory, Array]:
-        """Return the motion on `samples` points of the arc, and the goal (nx,)."""
+    def _trajectory_of(
+        self, times: Array, states: Array, controls: Array, interpolation: Interpolation
+    ) -> Trajectory:
         problem = self._problem
-        fine = Transcription(problem, np.linspace(0.0, 1.0, samples))
-        motion = fine.motion(xi[None])
-        check_finite(self._stated, motion, fine.nodes)
-        trajectory = Trajectory(
-            times=to_nanoseconds(motion.times[0]),
-            states=motion.states[0],
-            controls=motion.controls[0],
+        return Trajectory(
+            times=to_nanoseconds(times),
+            states=states,
+            controls=controls,
             state_names=problem.state_names,
             control_names=problem.control_names,
-            interpolation='cubic',
+            interpolation=interpolation,
             state_units=problem.state_units,
             control_units=problem.control_units,
-        ).with_rates(self._plant.derivative)
-        goal = np.array(motion.states[0, -1])
-        for name, state in fine.integrated.items():
-            if state.end is not None:
-                goal[problem.state_names.index(name)] = state.end
-        return trajectory, goal
-
-    def _margin(self, name: str, times: Array, states: Array, controls: Array) -> Array:
-        return self._stated.margins(times, states, controls)[name]
+        )
 
     def _verify(self, trajectory: Trajectory, goal: Array) -> Verification:
-        problem = self._problem
-        if problem.terminal_tolerance is None:
-            tolerance = usual_tolerance(trajectory.states, problem.state_units)
-        else:
-            tolerance = np.array(problem.terminal_tolerance, dtype=float)
-        margins = self._stated.margins(trajectory.times, trajectory.states, trajectory.controls)
-        constraints = [
-            Constraint(
-                name,
-                partial(self._margin, name),
-                tolerance=_MARGIN_TOLERANCE,
-            )
-            for name in margins
-        ]
-        return verify(
+        check = verify(
             self._plant,
             trajectory,
             goal,
-            tolerance,
-            constraints,
-            start=self._stated.start(),
+            self._refinement.tolerance(trajectory.states),
+            constraints_of(self._stated, trajectory),
+            start=self._refinement.ends.states[0],
         )
+        if check.ok and not self._plant.agrees(trajectory.states, trajectory.controls):
+            reason = 'derivative gives other rates when it is traced than with numpy'
+            return replace(check, ok=False, reasons=(reason,))
+        return check

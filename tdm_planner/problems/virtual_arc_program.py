@@ -35,7 +35,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.differentiation import jacobians
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -69,6 +68,14 @@ class _Rows:
     margins: Array
     slowest: NDArray[np.intp]
     peaks: NDArray[np.intp]
+
+
+def jacobians(function: Any, points: Array, _scheme: str) -> Array:
+    """Return derivatives at points (B, n) by complex step, (B, m, n)."""
+    count, size = points.shape
+    moved = (points[:, None, :] + 1e-40j * np.eye(size)).reshape(-1, size)
+    slopes = function(moved).imag / 1e-40
+    return np.swapaxes(slopes.reshape(count, size, -1), 1, 2)
 
 
 class VirtualArcProgram(NonlinearProgram):

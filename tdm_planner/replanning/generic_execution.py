@@ -23,7 +23,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
-from tdm_planner.problems.direct_problem import DirectPlant, DirectProblem
+from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import Execution, Foreseen, Observation
 from tdm_planner.replanning.plan_in_force import PlanInForce

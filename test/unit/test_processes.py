@@ -64,7 +64,7 @@ def test_setup_requires_the_same_packages() -> None:
 def test_launch_files_need_only_what_ubuntu_has() -> None:
     """`ros2 launch` runs them in the system's Python, not in the environment of the nodes."""
     pytest.importorskip('rclpy')
-    missing = ['daqp', 'mcap', 'numba', 'plotly', 'rosbags', 'zstandard']
+    missing = ['casadi', 'daqp', 'mcap', 'numba', 'plotly', 'rosbags', 'zstandard']
     text = ''.join(path.read_text('utf-8') for path in (SOURCE / 'launch').glob('*.py'))
     text += (SOURCE / 'tdm_planner' / 'launching.py').read_text('utf-8')
     modules = set(re.findall(r'from (tdm_\w+[\w.]+) import', text)) - {'tdm_planner.launching'}

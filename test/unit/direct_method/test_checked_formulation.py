@@ -135,17 +135,17 @@ NAN_BEHIND = lambda s, x, u: (x[1], u[0], np.where(x[0] < 0.5, np.nan, 0.0))  # 
 
 def nan_at_the_start(self, y, z):
     x, v, _ = y['x']
-    u = np.where(x == x[0, 0], np.nan, 0.0) if x.ndim == 2 else 0.0
+    u = np.where(np.logical_and(x == 1.0, v == 0.0), np.nan, 0.0)
     return (x, v, z['angle']), (u,)
 
 
-MIXED = ' ... when two candidates are computed at once'
+SUMMED = '{} of Changed gives ... when it is traced, but ... there are no sums over nodes'
 COSTS = [
     (np.zeros(5), 'gives J ... of shape (5,), expected'),
     (np.nan, 'gives J = nan at node'),
     (np.inf, 'gives J = inf'),
-    (1.0j, 'gives J ... complex numbers'),
-    ([1.0, [2.0]], 'gives J ... which is not a number'),
+    (1.0j, 'gives J ... which is not a real number'),
+    ([1.0, [2.0]], 'gives J ... which is not a real number'),
 ]
 REFUSED = {  # function: (what it is instead or returns, words)
     'outputs': [
@@ -165,12 +165,12 @@ REFUSED = {  # function: (what it is instead or returns, words)
         (((0.0, 0.0, 0.0), (0.0,), (0.0,)), 'expected a pair'),
         (((0.0, 0.0), (0.0,)), 'as states has 2 components, expected 3'),
         (((0.0, 0.0, 0.0), (0.0, 0.0)), 'as controls has 2 components, expected 1'),
-        (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a number'),
+        (((0.0, None, 0.0), (0.0,)), 'component 1 = array(None, dtype=object), not a real number'),
         (((0.0, '1', 0.0), (0.0,)), 'component 1'),
         (((0.0, [1.0, [2.0]], 0.0), (0.0,)), 'expected a sequence of 3 components'),
-        (((0.0, np.zeros(7), 0.0), (0.0,)), 'components of shape (7,)'),
-        (((np.zeros(3), np.zeros(7), 0.0), (0.0,)), 'that differ'),
-        (((0.0, 1.0j, 0.0), (0.0,)), 'complex numbers, though the motion is real'),
+        (((0.0, np.zeros(6), 0.0), (0.0,)), 'components of shape (6,)'),
+        (((np.zeros(3), np.zeros(6), 0.0), (0.0,)), 'that differ'),
+        (((0.0, 1.0j, 0.0), (0.0,)), 'component 1 = ... not a real number'),
         ((3.0, (0.0,)), 'expected a sequence of 3 components'),
         (nan_at_the_start, "control 'u' = nan at node 0 of 21 (s = 0, t = 0 s)"),
     ],
@@ -178,36 +178,36 @@ REFUSED = {  # function: (what it is instead or returns, words)
         ((0.0, 0.0), 'what derivative returns has 2 components, expected 3'),
         ((0.0, 0.0, np.zeros(4)), 'what derivative returns has components of shape (4,)'),
         ((0.0, 0.0, None), 'what derivative returns has component 2'),
-        ((0.0, 0.0, 1.0j), 'what derivative returns: complex numbers'),
+        ((0.0, 0.0, 1.0j), 'what derivative returns has component 2 = ... not a real number'),
         (NAN_BEHIND, "derivative gives the rate of 'angle' = nan at node 11 of 21"),
     ],
     'margins': [
-        ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (1, 21)"),
-        ({'force': None}, "margins gives 'force' = None, which is not a number"),
+        ({'force': np.zeros(4)}, "margins gives 'force' of shape (4,), expected (7,)"),
+        ({'force': None}, "margins gives 'force' = None, which is not a real number"),
         ({'force': 'much'}, "margins gives 'force' = 'much'"),
-        ({'force': 1.0j}, "margins gives 'force': complex numbers"),
+        ({'force': 1.0j}, "margins gives 'force' = 1j, which is not a real number"),
         ({3: 1.0}, 'must be strings'),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ({'force': np.inf}, "margins gives 'force' = inf at node 0 of 21"),
         ([1.0], 'expected a mapping from names to margins'),
-        (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, "margins 'force'" + MIXED),
+        (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
     ],
     'running_cost': [
-        (lambda s, t, x, u: 1.0 / (t - t[:, :1]), 'running_cost gives J = inf at node 0 of 21'),
+        (lambda s, t, x, u: 1.0 / t, 'running_cost gives J = inf at node 0 of 21'),
         *COSTS,
     ],
     'final_cost': [
         (lambda s, t, x: np.log(-t), 'gives J = nan at node 20 of 21 (s = 1, t = 2 s)'),
-        (lambda s, t, x: x**2, 'final_cost gives J of shape (3, 1), expected (1,)'),
-        (lambda s, t, x: np.sum(x[2] ** 2), 'J by running_cost or final_cost' + MIXED),
+        (lambda s, t, x: x**2, 'final_cost gives J of shape (3, 7), expected (7,)'),
+        (lambda s, t, x: np.sum(x[2] ** 2), SUMMED.format('final_cost')),
         *COSTS,
     ],
     'end_conditions': [
         ((np.zeros(5),), 'end_conditions gives number 0 of shape (5,)'),
         ((0.0, np.nan), 'end_conditions gives number 1 = nan'),
         ({'x': 0.0}, 'expected a sequence'),
-        ((None,), 'not a number'),
-        (lambda s, t, x: (np.sum(x[2]),), 'end condition 0' + MIXED),
+        ((None,), 'not a real number'),
+        (lambda s, t, x: (np.sum(x[2]),), SUMMED.format('end_conditions')),
     ],
 }
 

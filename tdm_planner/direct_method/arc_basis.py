@@ -1,0 +1,177 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The virtual arc as matrices: everything at a node is linear in the varied parameters but one part.
+
+At a point s of the unit interval let w = (mu, mu', ..., t, X, X', X'', ... of every output), with
+mu = dt/ds. Then w = table(s) (c, b, a): c the coefficients of mu, a the free parameters of the
+outputs, and b the boundary values by s, which alone are a nonlinear function, of c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.formulation import Duration, Output
+from tdm_planner.direct_method.output_basis import output_basis
+from tdm_planner.direct_method.tracing import Differentiated
+from tdm_planner.direct_method.virtual_domain import (
+    candidate_arc_derivatives,
+    candidate_time_derivatives,
+    reciprocal,
+)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ArcLayout:
+    """
+    What stands where in w: `orders` of the outputs' highest derivatives, the `degree` of mu.
+
+    `given` holds the orders of the boundary values of every output at start and end.
+    """
+
+    names: tuple[str, ...]
+    orders: tuple[int, ...]
+    given: tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+    degree: int
+
+    @classmethod
+    def of(cls, outputs: Mapping[str, Output], duration: Duration) -> ArcLayout:
+        """Return the layout of these outputs."""
+        ends = [
+            (tuple(output.conditions('start')), tuple(output.conditions('end')))
+            for output in outputs.values()
+        ]
+        orders = tuple(output.derivatives for output in outputs.values())
+        return cls(tuple(outputs), orders, tuple(ends), duration.speed_factor_order)
+
+    @property
+    def rates(self) -> int:
+        """Return how many derivatives of mu are needed, mu itself among them."""
+        return max(1, *self.orders) if self.degree else 1
+
+    @property
+    def size(self) -> int:
+        """Return the number of elements of w."""
+        return self.rates + 1 + sum(order + 1 for order in self.orders)
+
+    def read(self, w: Any) -> tuple[Any, Any, dict[str, list[Any]]]:
+        """Return mu, t, and the outputs' derivatives by time, from the symbols w."""
+        mu, at = [w[i] for i in range(self.rates)], self.rates + 1
+        found = {}
+        for name, order in zip(self.names, self.orders, strict=True):
+            jet = [w[at + k] for k in range(order + 1)]
+            at += order + 1
+            if self.degree == 0:
+                found[name] = [value / mu[0] ** k if k else value for k, value in enumerate(jet)]
+            else:
+                found[name] = candidate_time_derivatives(jet, reciprocal(mu[: max(1, order)]))
+        return mu[0], w[self.rates], found
+
+
+@lru_cache(maxsize=64)
+def boundary_values(layout: ArcLayout) -> Differentiated:
+    """Return b (c; boundary values by time), in the order of the outputs, start before end."""
+    c = ca.SX.sym('c', layout.degree + 1)
+    given, found = [], []
+    for ends in layout.given:
+        for side, orders in zip((0.0, 1.0), ends, strict=True):
+            values = [ca.SX.sym('v') for _ in orders]
+            given += values
+            size = max(orders, default=-1) + 1
+            basis = [bernstein_basis(layout.degree, side, k) for k in range(max(size, 1))]
+            mu = [(ca.SX(row[None]) @ c)[0] for row in basis]
+            known = dict(zip(orders, values, strict=True))
+            if layout.degree == 0:
+                found += [known[k] * mu[0] ** k for k in orders]
+            elif size:
+                jet = [known.get(k, ca.SX(0)) for k in range(size)]
+                by_arc = candidate_arc_derivatives(jet, reciprocal(mu))
+                found += [by_arc[k] for k in orders]
+    column = [ca.vertcat(ca.SX(0, 1), *values) for values in (given, found)]
+    return Differentiated('boundary', c, *column)
+
+
+class ArcBasis:
+    """
+    The table (P, nw, nc + nb + na) of an arc at `points` (P,), and what Xi means.
+
+    Xi holds the coefficients of mu in units of the guessed duration, unless that is fixed, then
+    the free parameters of every output in units of its scale.
+    """
+
+    def __init__(self, outputs: Mapping[str, Output], duration: Duration, points: Array) -> None:
+        self.duration = duration
+        self.layout = layout = ArcLayout.of(outputs, duration)
+        self.boundary = boundary_values(layout)
+        self.given = np.array(
+            [
+                value
+                for output in outputs.values()
+                for where in ('start', 'end')
+                for value in output.conditions(where).values()
+            ]
+        )
+        self.nc, self.nb = layout.degree + 1, self.given.size
+        bases = {name: output_basis(name, o, layout.degree) for name, o in outputs.items()}
+        scales = {name: _scale(output, duration) for name, output in outputs.items()}
+        largest = max(scales.values()) or 1.0
+        self.scales = {name: scale or largest for name, scale in scales.items()}
+        self.bases = bases
+        self.free = {name: basis.size for name, basis in bases.items()}
+        self.timing = 0 if duration.fixed else self.nc
+        self.size = self.timing + sum(self.free.values())
+        self.table = self._table(outputs, points)
+
+    def _table(self, outputs: Mapping[str, Output], points: Array) -> Array:
+        layout, degree = self.layout, self.layout.degree
+        columns = self.nc + self.nb + sum(self.free.values())
+        table = np.zeros((points.size, layout.size, columns))
+        for order in range(layout.rates):
+            table[:, order, : self.nc] = bernstein_basis(degree, points, order)
+        table[:, layout.rates, : self.nc] = bernstein_integral(degree, points)
+        row, b, a = layout.rates + 1, self.nc, self.nc + self.nb
+        for name, output in outputs.items():
+            basis = self.bases[name]
+            nb, na = len(basis.start) + len(basis.end), basis.size
+            for order in range(output.derivatives + 1):
+                table[:, row + order, b : b + nb] = basis.given(points, order)
+                table[:, row + order, a : a + na] = self.scales[name] * basis.varied(points, order)
+            row, b, a = row + output.derivatives + 1, b + nb, a + na
+        return table
+
+    def coefficients(self, xi: Array) -> Array:
+        """Return c (nc,), the coefficients of mu [s]."""
+        return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
+
+
+def _scale(output: Output, duration: Duration) -> float:
+    """Return a typical change of an output along the arc."""
+    if output.scale is not None:
+        return output.scale
+    start, end = output.conditions('start'), output.conditions('end')
+    sizes = [abs(end.get(0, 0.0) - start.get(0, 0.0))]
+    for given in (start, end):
+        sizes += [abs(v) * duration.guess**k for k, v in given.items() if k > 0]
+    return max(sizes)

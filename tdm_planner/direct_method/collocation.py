@@ -1,0 +1,408 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Refinement of a motion by direct collocation, from the same traced statement.
+
+Hermite-Simpson in separated form: states at the ends and in the middle of every interval,
+controls linear in each, so that what is optimised is what is published and replayed. Ipopt solves
+the program, by CasADi's exact derivatives. See Betts, *Practical Methods for Optimal Control Using
+Nonlinear Programming*, chapter 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import threading
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Call, Trace
+
+Array = NDArray[np.float64]
+
+INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
+_LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
+_IPOPT: dict[str, Any] = {
+    'print_level': 0,
+    'sb': 'yes',
+    'tol': 1e-5,
+    'constr_viol_tol': 1e-7,
+    'acceptable_iter': 0,
+    'mu_strategy': 'monotone',
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    How a program is solved: most `iterations` of Ipopt, its first barrier parameter `barrier`.
+
+    `smoothing` is the share of J that is charged for the controls' changes: where they do not
+    matter they rest.
+    """
+
+    iterations: int
+    barrier: float
+    smoothing: float
+
+
+COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3)
+# A barrier of 1e-3 stalls: the multipliers begin at nothing.
+WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """
+    A motion on n even intervals: `states` (n + 1, nx), `middles` (n, nx), `controls` (n + 1, nu).
+
+    `duration` [s]; `cost` is its J.
+    """
+
+    states: Array
+    middles: Array
+    controls: Array
+    duration: float
+    cost: float = np.inf
+
+    @property
+    def intervals(self) -> int:
+        """Return n."""
+        return len(self.middles)
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of it is made of numbers."""
+        parts = self.states, self.middles, self.controls
+        return all(bool(np.isfinite(part).all()) for part in parts) and self.duration > 0.0
+
+    def on(self, intervals: int, rates: Array) -> Motion:
+        """Return it on other intervals: cubics with the `rates` (n + 1, nx), linear controls."""
+        s = np.linspace(0.0, 1.0, self.intervals + 1)
+        ends = np.linspace(0.0, 1.0, intervals + 1)
+        cubic = CubicHermiteSpline(s, self.states, rates * self.duration)
+        controls = np.stack([np.interp(ends, s, u) for u in self.controls.T], axis=-1)
+        middles = 0.5 * (ends[1:] + ends[:-1])
+        return Motion(cubic(ends), cubic(middles), controls, self.duration)
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """
+    What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
+
+    `complete` where they say all of it: a condition on a derivative that is neither a state nor a
+    control cannot be kept by collocation.
+    """
+
+    states: Array
+    controls: Array
+    complete: bool = True
+
+    @classmethod
+    def of(cls, stated: CheckedFormulation) -> Ends:
+        """
+        Return what `invert` makes of the boundary values, whatever is put in for the free ones.
+
+        What does not change with these is given.
+        """
+        rng, states, controls, complete = np.random.default_rng(1), [], [], True
+        for side, where in enumerate(('start', 'end')):
+            y = {}
+            for name, output in stated.outputs().items():
+                given, scale = output.conditions(where), output.scale or 1.0
+                y[name] = [
+                    np.full(3, given[order]) if order in given else scale * rng.normal(size=3)
+                    for order in range(output.derivatives + 1)
+                ]
+            z = {}
+            for name, state in stated.integrated().items():
+                value = state.start if side == 0 else state.end
+                free = state.scale * rng.normal(size=3)
+                z[name] = free if value is None else np.full(3, float(value))
+            both = _inverted(stated, y, z)
+            same = np.ptp(both, axis=0) <= 1e-9 * (1.0 + np.abs(both[0]))
+            found = np.where(same, both[0], np.nan)
+            states.append(found[: len(stated.state_names)])
+            controls.append(found[len(stated.state_names) :])
+            for name, output in stated.outputs().items():
+                for order in output.conditions(where):
+                    moved = {key: list(jet) for key, jet in y.items()}
+                    if order <= output.derivatives:
+                        moved[name][order] = moved[name][order] + 0.1
+                    kept = not np.array_equal(_inverted(stated, moved, z), both, equal_nan=True)
+                    complete = complete and kept
+        return cls(np.array(states), np.array(controls), complete)
+
+
+def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
+    """Return states and controls, (3, nx + nu)."""
+    with np.errstate(all='ignore'):
+        return np.hstack(stated.invert(y, z)).astype(float)
+
+
+class Collocation:
+    """The program of a traced statement on n `intervals`; made once a kind, for any numbers."""
+
+    def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
+        self.trace = trace
+        self.intervals = n = intervals
+        self._settings = settings
+        self._lock = threading.Lock()
+        nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
+        x_, m_ = ca.SX.sym('X', nx, n + 1), ca.SX.sym('M', nx, n)
+        u_, t_ = ca.SX.sym('U', nu, n + 1), ca.SX.sym('T')
+        p, sx, su = (
+            ca.SX.sym('p', trace.rates.size1_in(2)),
+            ca.SX.sym('sx', nx),
+            ca.SX.sym('su', nu),
+        )
+        st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
+        x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
+        u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
+        h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
+        times = ca.DM(np.linspace(0.0, 1.0, n + 1)[None])
+
+        def at(function: Any, *arguments: Any) -> Any:
+            count = arguments[0].shape[1]
+            return function.map(count)(*arguments, ca.repmat(p, 1, count))
+
+        rates, middle_rates = at(trace.rates, x, u), at(trace.rates, m, middle_u)
+        a, b, fa, fb = x[:, :-1], x[:, 1:], rates[:, :-1], rates[:, 1:]
+        unit = ca.repmat(1.0 / sx, 1, n)
+        simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
+        hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
+        limits = at(trace.margins, duration * times, x, u)
+        self.inner_limits = np.flatnonzero(trace.of_states)
+        inner = []
+        if self.inner_limits.size:
+            for share in (0.5, *INNER):
+                w0, w1 = (1 - share) ** 2 * (1 + 2 * share), share * (1 - share) ** 2
+                w2, w3 = share**2 * (3 - 2 * share), share**2 * (share - 1)
+                state = a * w0 + b * w2 + h * (w1 * fa + w3 * fb) if share != 0.5 else m
+                control = (1 - share) * u[:, :-1] + share * u[:, 1:]
+                instants = duration * (times[:, :-1] + share / n)
+                inner.append(
+                    at(trace.margins, instants, state, control)[self.inner_limits.tolist(), :]
+                )
+        cost = trace.final(duration, x[:, -1], p)
+        if trace.has_running_cost:
+            q = at(trace.running, duration * times, x, u)
+            qm = at(trace.running, duration * (times[:, :-1] + 0.5 / n), m, middle_u)
+            cost += h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
+        conditions = ca.vertcat(
+            trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
+        )
+        rows = ca.vertcat(
+            ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
+        )
+        z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
+        given = ca.vertcat(p, sx, su, st, charged)
+        self._equalities = 2 * n * nx + conditions.numel()
+        self._sizes, self._rows = (nx, nu), rows.numel()
+        smoothed = cost + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
+        self._cost = ca.Function('cost', [z, given], [cost])
+        ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
+        self._clock = _Clock(z.numel(), rows.numel(), given.numel())
+        self._solver = ca.nlpsol(
+            'collocation',
+            'ipopt',
+            {'x': z, 'f': smoothed, 'g': rows, 'p': given},
+            {'print_time': 0, 'ipopt': ipopt, 'iteration_callback': self._clock},
+        )
+
+    @classmethod
+    def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
+        """Return the program of this kind, made once."""
+        key = 'collocation', intervals, settings
+        if key not in trace.functions:
+            trace.functions[key] = cls(trace, intervals, settings)
+        program: Collocation = trace.functions[key]
+        return program
+
+    def solve(
+        self,
+        numbers: Array,
+        guess: Motion,
+        ends: Ends,
+        durations: tuple[float, float],
+        kept: Array,
+        budget: Budget,
+    ) -> Motion | None:
+        """
+        Return the optimum near `guess`; None if Ipopt does not converge to one in time.
+
+        `durations` are the shortest and the longest [s]; `kept` (n + 1, nm) is what must be left
+        to every limit at the nodes, and between them.
+        """
+        n, (nx, nu) = self.intervals, self._sizes
+        sx, su = _scales(guess.states), _scales(guess.controls)
+        st = guess.duration
+        z = np.concatenate(
+            [
+                (guess.states / sx).ravel(),
+                (guess.middles / sx).ravel(),
+                (guess.controls / su).ravel(),
+                [1.0],
+            ]
+        )
+        lower, upper = np.full(z.size, -np.inf), np.full(z.size, np.inf)
+        first = (2 * n + 1) * nx
+        for values, scale, at in (
+            (ends.states[0], sx, 0),
+            (ends.states[1], sx, n * nx),
+            (ends.controls[0], su, first),
+            (ends.controls[1], su, first + n * nu),
+        ):
+            index = np.flatnonzero(np.isfinite(values))
+            lower[at + index] = upper[at + index] = values[index] / scale[index]
+        lower[-1], upper[-1] = durations[0] / st, durations[1] / st
+        z = np.clip(z, lower, upper)
+        least, most = np.zeros(self._rows), np.full(self._rows, np.inf)
+        most[: self._equalities] = 0.0
+        between = kept[1] if n > 1 else kept[0]
+        inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
+        if not self.inner_limits.size:
+            inside = np.zeros(0)
+        least[self._equalities :] = np.concatenate([kept.ravel(), inside])
+        given = np.concatenate([numbers, sx, su, [st, 1.0]])
+        with self._lock:
+            size = abs(float(self._cost(z, given)))
+            given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
+            self._clock.budget = budget
+            found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
+            solved = bool(self._solver.stats()['success'])
+            budget.evaluations += int(self._solver.stats()['iter_count'])
+            cost = float(self._cost(found['x'], given))
+        z = np.asarray(found['x']).ravel()
+        if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
+            return None
+        return Motion(
+            states=z[: nx * (n + 1)].reshape(n + 1, nx) * sx,
+            middles=z[nx * (n + 1) : first].reshape(n, nx) * sx,
+            controls=z[first:-1].reshape(n + 1, nu) * su,
+            duration=float(z[-1] * st),
+            cost=cost,
+        )
+
+
+def _scales(values: Array) -> Array:
+    """Return the sizes of columns."""
+    share, least = _LEAST_SCALE
+    sizes = np.abs(values).max(axis=0)
+    return np.asarray(np.maximum(sizes, share * sizes.max() + least))
+
+
+class _Clock(ca.Callback):
+    """Stops Ipopt when the time is up."""
+
+    def __init__(self, variables: int, rows: int, parameters: int) -> None:
+        ca.Callback.__init__(self)
+        self.budget: Budget | None = None
+        self._sizes = {
+            'x': variables,
+            'lam_x': variables,
+            'g': rows,
+            'lam_g': rows,
+            'f': 1,
+            'lam_p': parameters,
+        }
+        self.construct('clock', {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, _: Sequence[Any]) -> list[int]:
+        return [int(self.budget is not None and self.budget.spent)]
+
+
+class Replay:
+    """
+    A motion integrated from its first state, controls linear: to look before the check proper.
+
+    By `SUBSTEPS` Runge-Kutta steps an interval, all of it compiled.
+    """
+
+    SUBSTEPS = 6
+
+    def __init__(self, trace: Trace, intervals: int) -> None:
+        nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
+        x, h = ca.SX.sym('x', nx), ca.SX.sym('h')
+        first, last = ca.SX.sym('a', nu), ca.SX.sym('b', nu)
+        p = ca.SX.sym('p', trace.rates.size1_in(2))
+        state, found, step = x, [], h / self.SUBSTEPS
+        for part in range(self.SUBSTEPS):
+            shares = ((part + share) / self.SUBSTEPS for share in (0.0, 0.5, 1.0))
+            u0, um, u1 = (first + (last - first) * share for share in shares)
+            k1 = trace.rates(state, u0, p)
+            k2 = trace.rates(state + step / 2 * k1, um, p)
+            k3 = trace.rates(state + step / 2 * k2, um, p)
+            k4 = trace.rates(state + step * k3, u1, p)
+            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            found.append(state)
+        one = ca.Function('step', [x, first, last, h, p], [state, ca.vertcat(*found)])
+        self._all = one.mapaccum('replay', intervals)
+        self._intervals, self._trace = intervals, trace
+
+    @classmethod
+    def of(cls, trace: Trace, intervals: int) -> Replay:
+        """Return the replay of this kind, made once."""
+        key = 'replay', intervals
+        if key not in trace.functions:
+            trace.functions[key] = cls(trace, intervals)
+        replay: Replay = trace.functions[key]
+        return replay
+
+    def __call__(self, motion: Motion, numbers: Array) -> tuple[Array, Array, Array]:
+        """Return times (N,), states (N, nx) and controls (N, nu) at all substeps."""
+        n, k = self._intervals, self.SUBSTEPS
+        u, p = motion.controls, np.tile(numbers[:, None], (1, n))
+        steps = np.full((1, n), motion.duration / n)
+        _, inside = self._all(motion.states[0], u[:-1].T, u[1:].T, steps, p)
+        states = np.asarray(inside).T.reshape(n * k, -1)
+        times = np.linspace(0.0, motion.duration, n * k + 1)
+        share = np.tile(np.arange(k) / k, n)[:, None]
+        controls = np.repeat(u[:-1], k, axis=0) * (1 - share) + np.repeat(u[1:], k, axis=0) * share
+        return times, np.vstack([motion.states[0], states]), np.vstack([controls, u[-1]])
+
+    def worst(self, times: Array, states: Array, controls: Array, numbers: Array) -> Array:
+        """Return the least margins (nm,), also between the substeps, on cubics through them."""
+        parts = 5
+        count = times.size
+        rates = Call(self._trace.rates, count)(states, controls, numbers)[0].copy()
+        h, share = np.diff(times)[:, None, None], (np.arange(parts) / parts)[None, :, None]
+        a, b = states[:-1, None], states[1:, None]
+        fa, fb = rates[:-1, None], rates[1:, None]
+        cubic = (1 - share) ** 2 * ((1 + 2 * share) * a + share * h * fa)
+        cubic = cubic + share**2 * ((3 - 2 * share) * b + (share - 1) * h * fb)
+        linear = (1 - share) * controls[:-1, None] + share * controls[1:, None]
+        t = (times[:-1, None] + np.diff(times)[:, None] * share[0, :, 0]).ravel()
+        t = np.append(t, times[-1])[:, None]
+        x = np.vstack([cubic.reshape(-1, states.shape[1]), states[-1:]])
+        u = np.vstack([linear.reshape(-1, controls.shape[1]), controls[-1:]])
+        margins = Call(self._trace.margins, t.size)(t, x, u, numbers)[0]
+        return np.asarray(margins.min(axis=0)) if margins.size else np.zeros(0)

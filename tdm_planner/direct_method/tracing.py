@@ -1,0 +1,471 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a user states, traced by CasADi: one graph a function, with exact derivatives.
+
+A function of a formulation is called once with symbols in place of numbers; the graph that comes
+back is evaluated ever after. The numbers of the problem (floats among its fields) are arguments of
+the graph, so that one trace serves all problems of a kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import copy
+import dataclasses
+import inspect
+import linecache
+from pathlib import Path
+import threading
+import traceback
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.exceptions import InvalidProblem
+
+Array = NDArray[np.float64]
+
+ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+
+_SAMPLES = 7
+_KEPT = 64  # kinds of problems, of which many only where statements are made by a program
+_SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
+_LOCK = threading.Lock()
+_HINTS = {
+    'math.': "use numpy's functions, such as np.sqrt(x)",
+    'float(': 'leave the conversion to float out',
+    'if ': 'use np.where(condition, this, that) in place of `if` on a value',
+    ' and ': 'use np.logical_and(...) in place of `and` on values',
+    ' or ': 'use np.logical_or(...) in place of `or` on values',
+    ' & ': 'use np.logical_and(...) in place of & on values',
+    ' | ': 'use np.logical_or(...) in place of | on values',
+    'min(': 'use np.minimum and np.maximum',
+    'max(': 'use np.minimum and np.maximum',
+    'np.linalg': 'write the formula by components',
+    'pline': 'use a formula in place of a spline',
+    'mean(': 'write what holds at one node: there are no sums over nodes',
+    'sum(': 'write what holds at one node: there are no sums over nodes',
+}
+_LIBRARIES = tuple(f'{Path(path).parent}/' for path in (ca.__file__, np.__file__, __file__))
+_HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
+
+
+class Call:
+    """A CasADi function on numpy arrays without copies, for `count` nodes at once if given."""
+
+    def __init__(self, function: Any, count: int | None = None) -> None:
+        mapped = function if count is None else function.map(count)
+        self._buffer, self._run = mapped.buffer()
+
+        def flat(size: tuple[int, int]) -> tuple[int, ...]:
+            return (size[0] * size[1],) if count is None else (size[1], size[0])
+
+        self._given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
+        self._found = [np.zeros(flat(mapped.size_out(i))) for i in range(mapped.n_out())]
+        for arrays, attach in (
+            (self._given, self._buffer.set_arg),
+            (self._found, self._buffer.set_res),
+        ):
+            for index, values in enumerate(arrays):
+                buffer: Any = values
+                if values.size:
+                    attach(index, memoryview(buffer))
+
+    def __call__(self, *arguments: Any) -> list[Array]:
+        """Return the values, (m,) each, or (count, m); they are overwritten by the next call."""
+        for values, argument in zip(self._given, arguments, strict=True):
+            values[...] = argument
+        self._run()
+        return self._found
+
+
+class Differentiated:
+    """A vector f(x; p), its Jacobian, and the Hessian of l'f: dense CasADi functions."""
+
+    def __init__(self, name: str, x: Any, p: Any, f: Any) -> None:
+        multipliers = ca.SX.sym('l', f.numel())
+        jacobian = ca.densify(ca.jacobian(f, x))
+        hessian = ca.densify(ca.hessian(ca.dot(multipliers, f), x)[0])
+        f = ca.densify(f)
+        self.value = ca.Function(name, [x, p], [f])
+        # Rows contiguous in memory.
+        self.linear = ca.Function(f'{name}_j', [x, p], [f, jacobian.T.reshape((-1, 1))])
+        self.second = ca.Function(f'{name}_h', [x, p, multipliers], [hessian.reshape((-1, 1))])
+
+
+def numbers(formulation: Any, prefix: str = '') -> dict[str, Array]:
+    """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
+    found: dict[str, Array] = {}
+    for name, value in _fields(formulation).items():
+        if isinstance(value, float):
+            found[prefix + name] = np.array([value])
+        elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
+            found[prefix + name] = np.array(value, dtype=float)
+        elif dataclasses.is_dataclass(value):
+            found.update(numbers(value, f'{prefix}{name}.'))
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _fields(formulation: Any) -> dict[str, Any]:
+    """Values of a dataclass's fields; how it is solved is no part of the statement."""
+    if not dataclasses.is_dataclass(formulation):
+        return {}
+    names = [field.name for field in dataclasses.fields(formulation)]
+    return {name: getattr(formulation, name) for name in names if name != 'solver'}
+
+
+def _twin(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
+    """Return a copy with symbols for some of its numbers, not validated."""
+    twin, fields = copy.copy(formulation), _fields(formulation)
+    if not dataclasses.is_dataclass(formulation):
+        return twin
+    for name in set(vars(twin)) - {*fields, 'solver'}:
+        del twin.__dict__[name]  # what was computed from the numbers before
+    for name, value in fields.items():
+        found, path = value, prefix + name
+        if path in symbols:
+            parts = ca.vertsplit(symbols[path])
+            found = parts[0] if isinstance(value, float) else type(value)(parts)
+        elif dataclasses.is_dataclass(value):
+            found = _twin(value, symbols, f'{path}.')
+        object.__setattr__(twin, name, found)
+    return twin
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Samples:
+    """Some nodes at random: times (K,), outputs' derivatives by time and integrated states."""
+
+    times: Array
+    outputs: dict[str, list[Array]]
+    integrated: dict[str, Array]
+
+    @classmethod
+    def of(cls, stated: CheckedFormulation) -> Samples:
+        """Return nodes near the straight way between the boundary conditions."""
+        rng, s = np.random.default_rng(0), np.linspace(0.1, 0.9, _SAMPLES)
+        duration = stated.duration().guess
+        outputs = {}
+        for name, output in stated.outputs().items():
+            start, end = (output.conditions(where).get(0) for where in ('start', 'end'))
+            first = (start if end is None else end) if start is None or end is None else start
+            last = first if end is None else end
+            ends = (first or 0.0, last or 0.0)
+            size = output.scale or abs(ends[1] - ends[0]) or max(1.0, abs(ends[0]))
+            jet = [
+                0.3 * size * rng.normal(size=s.size) / duration**order
+                for order in range(output.derivatives + 1)
+            ]
+            jet[0] += ends[0] + (ends[1] - ends[0]) * s
+            outputs[name] = jet
+        integrated = {
+            name: state.start + 0.3 * state.scale * rng.normal(size=s.size)
+            for name, state in stated.integrated().items()
+        }
+        return cls(duration * s, outputs, integrated)
+
+
+class Trace:
+    """
+    The functions of a formulation as CasADi functions of one node.
+
+    `invert` (y, z, p) -> x, u with y the outputs' derivatives by time one after the other;
+    `rates` (x, u, p) -> (nx,), `margins` and `running` (t, x, u, p), `final`, `start_conditions`
+    and `end_conditions` (t, x, p); p are the `values` of the problem's `symbolic` numbers.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming function and line, for what cannot be traced or traces to other numbers.
+
+    """
+
+    _made: ClassVar[dict[Any, list[Trace]]] = {}
+
+    def __init__(self, stated: CheckedFormulation, symbolic: Sequence[str]) -> None:
+        found = numbers(stated.formulation)
+        self.symbolic = tuple(symbolic)
+        self.fixed = {name: value for name, value in found.items() if name not in symbolic}
+        self.margin_names = stated.limit_names
+        self.functions: dict[Any, Any] = {}  # what else was made of this trace
+        symbols = {name: ca.SX.sym(name, found[name].size) for name in symbolic}
+        twin = CheckedFormulation(_twin(stated.formulation, symbols))
+        vars(twin)['control_limits'] = stated.control_limits  # which of them are finite
+        p = ca.vertcat(*symbols.values()) if symbols else ca.SX(0, 1)
+        outputs, integrated = stated.outputs(), stated.integrated()
+        nx, nu = len(stated.state_names), len(stated.control_names)
+        t, x, u = ca.SX.sym('t'), ca.SX.sym('x', nx), ca.SX.sym('u', nu)
+        jets = {n: ca.SX.sym(n, o.derivatives + 1) for n, o in outputs.items()}
+        z = ca.SX.sym('z', len(integrated))
+        zs = dict(zip(integrated, ca.vertsplit(z), strict=True)) if integrated else {}
+        xs, us = ca.vertsplit(x), ca.vertsplit(u)
+        ys = {name: ca.vertsplit(jet) for name, jet in jets.items()}
+
+        def made(function: str, inputs: list[Any], *arguments: Any) -> Any:
+            return ca.Function(function, inputs, [_traced(twin, function, arguments)])
+
+        self.invert = made('invert', [ca.vertcat(*jets.values()), z, p], ys, zs)
+        self.rates = made('derivative', [x, u, p], xs, us)
+        self.margins = made('margins', [t, x, u, p], t, xs, us)
+        self.running = made('running_cost', [t, x, u, p], t, xs, us)
+        self.final = made('final_cost', [t, x, p], t, xs)
+        self.start_conditions = made('start_conditions', [t, x, p], t, xs)
+        self.end_conditions = made('end_conditions', [t, x, p], t, xs)
+        # Limits on more than controls, and those that controls have a part in.
+        everything = self.margins(t, x, u, p)
+        self.of_states = _depends(everything, ca.vertcat(t, x))
+        self.of_controls = _depends(everything, u)
+        self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
+        self.has_running_cost = not self.running(t, x, u, p).is_zero()
+
+    def _flow(
+        self, outputs: list[Any], integrated: list[str], names: Sequence[str], z: Any, p: Any
+    ) -> Any:
+        """Return (y with one more derivative each, z, p) -> rates by `invert`, and stated ones."""
+        jets = [ca.SX.sym('y', output.derivatives + 2) for output in outputs]
+        y = ca.vertcat(*(jet[:-1] for jet in jets))
+        both = self.invert(y, z, p)
+        x, u = both[: len(names)], both[len(names) :]
+        rates = self.rates(x, u, p)
+        slopes = rates[[names.index(name) for name in integrated]]
+        along = ca.vertcat(*(jet[1:] for jet in jets), slopes)
+        by_inverse = ca.jacobian(x, ca.vertcat(y, z)) @ along
+        return ca.Function('flow', [ca.vertcat(*jets), z, p], [ca.densify(by_inverse), rates])
+
+    @classmethod
+    def of(cls, stated: CheckedFormulation) -> Trace:
+        """Return the trace of this kind of problem; a new one is compared with numpy."""
+        with _LOCK:
+            found = numbers(stated.formulation)
+            samples = Samples.of(stated)
+            expected = _expected(stated, samples)
+            key = _kind(stated, found)
+            for trace in cls._made.get(key, []):
+                same = (np.array_equal(found[n], v) for n, v in trace.fixed.items())
+                if all(same):
+                    return trace
+            trace = _make(stated, samples, expected, list(found))
+            if len(cls._made) >= _KEPT:
+                cls._made.clear()
+            cls._made.setdefault(key, []).append(trace)
+            return trace
+
+    def values(self, formulation: Formulation) -> Array:
+        """Return the numbers that are arguments of the traced functions, (p,)."""
+        found = numbers(formulation)
+        return np.concatenate([np.zeros(0), *(found[name] for name in self.symbolic)])
+
+
+def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, ...]:
+    """Return what a trace depends on beside numbers."""
+    formulation = stated.formulation
+    if not dataclasses.is_dataclass(formulation):
+        return (formulation,)
+    outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
+    limits = {name: np.isfinite(pair).tolist() for name, pair in stated.control_limits.items()}
+    sizes = [(name, value.size) for name, value in found.items()]
+    rest = _structure(formulation, found)
+    parts = (outputs, list(stated.integrated()), stated.margin_names, limits, sizes, rest)
+    return type(formulation), repr(parts)
+
+
+def _structure(formulation: Any, found: Mapping[str, Array], prefix: str = '') -> list[Any]:
+    """Return the fields that are no numbers."""
+    rest: list[Any] = []
+    for name, value in _fields(formulation).items():
+        if dataclasses.is_dataclass(value):
+            rest.append((name, _structure(value, found, f'{prefix}{name}.')))
+        elif prefix + name not in found:
+            rest.append((name, value))
+    return rest
+
+
+def _make(
+    stated: CheckedFormulation, samples: Samples, expected: Mapping[str, Array], names: list[str]
+) -> Trace:
+    """Trace; numbers that cannot be symbols (`if` or math on a parameter) are kept as numbers."""
+
+    def attempt(symbolic: list[str]) -> Trace | InvalidProblem:
+        try:
+            trace = Trace(stated, symbolic)
+            _compare(trace, stated, samples, expected)
+            return trace
+        except InvalidProblem as error:
+            return error
+
+    trace = attempt(names)
+    if isinstance(trace, InvalidProblem):
+        plain = attempt([])
+        if isinstance(plain, InvalidProblem):
+            raise plain
+        trace = attempt([name for name in names if isinstance(attempt([name]), Trace)])
+        if isinstance(trace, InvalidProblem):
+            trace = plain
+    return trace
+
+
+@contextmanager
+def _no_numbers() -> Iterator[None]:
+    """Make the conversion of a symbol to a number an error: CasADi gives NaN, silently."""
+
+    def refuse(self: Any) -> float:
+        raise TypeError('the value of a symbol is not known while it is traced')
+
+    symbol: Any = ca.SX
+    before = symbol.__float__
+    symbol.__float__ = refuse
+    try:
+        yield
+    finally:
+        symbol.__float__ = before
+
+
+def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...]) -> Any:
+    """Return what a function gives of symbols; of arrays that hold one where it stacks them."""
+    errors = []
+    for wrap in (_as_it_is, _boxed):
+        try:
+            with _no_numbers():
+                return _column(twin.symbolic(function, *(wrap(a) for a in arguments)))
+        except InvalidProblem:
+            raise
+        except Exception as error:  # noqa: B902
+            errors.append(error)  # whatever the user's function raises
+    raise InvalidProblem(_refusal(twin.formulation, function, errors[0])) from errors[0]
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+def _boxed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _boxed(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_boxed(part) for part in value]
+    box = np.empty(1, dtype=object)
+    box[0] = value
+    return box
+
+
+def _column(values: Sequence[Any]) -> Any:
+    """Stack scalars: symbols, numbers or arrays of one of them."""
+    rows = [ca.SX(np.asarray(v, dtype=object).item() if _is_array(v) else v) for v in values]
+    return ca.densify(ca.vertcat(ca.SX(0, 1), *rows))
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray | np.generic)
+
+
+def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
+    rows = (
+        [ca.jacobian(row, on).nnz() > 0 for row in ca.vertsplit(values)] if values.numel() else []
+    )
+    return np.array(rows, dtype=bool)
+
+
+def _refusal(formulation: Any, function: str, error: Exception) -> str:
+    """Return the sentence that says which line cannot be traced, and what to write instead."""
+    where, source = '', ''
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not frame.filename.startswith(_LIBRARIES):
+            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
+            where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
+            break
+    hint = next((hint for word, hint in _HINTS.items() if word in source), _HINT)
+    return f'{function} of {type(formulation).__name__} cannot be traced{where}: {hint}'
+
+
+def _expected(stated: CheckedFormulation, samples: Samples) -> dict[str, Array]:
+    """Return what numpy gives of every function at the samples, (K, m) each."""
+    t = samples.times
+    x, u = stated.invert(samples.outputs, samples.integrated)
+
+    def columns(values: Any) -> Array:
+        return np.array([np.asarray(v, dtype=float) for v in values]).reshape(-1, t.size).T
+
+    return {
+        'invert': np.hstack([x, u]).astype(float),
+        'derivative': np.asarray(stated.derivative(x, u), dtype=float),
+        'margins': columns(stated.margins(t, x, u).values()),
+        'running_cost': columns([stated.running_cost(t, x, u)]),
+        'final_cost': columns([stated.final_cost(t, x)]),
+        'start_conditions': columns(stated.start_conditions(t, x)),
+        'end_conditions': columns(stated.end_conditions(t, x)),
+    }
+
+
+def _compare(
+    trace: Trace, stated: CheckedFormulation, samples: Samples, expected: Mapping[str, Array]
+) -> None:
+    """Compare every function with numpy's."""
+    t, nx = samples.times[:, None], len(stated.state_names)
+    p = np.tile(trace.values(stated.formulation), (t.size, 1))
+    y = np.stack([value for jet in samples.outputs.values() for value in jet], axis=-1)
+    z = np.array(list(samples.integrated.values())).reshape(-1, t.size).T
+    x, u = expected['invert'][:, :nx], expected['invert'][:, nx:]
+    for function, traced, given in (
+        ('invert', trace.invert, (y, z)),
+        ('derivative', trace.rates, (x, u)),
+        ('margins', trace.margins, (t, x, u)),
+        ('running_cost', trace.running, (t, x, u)),
+        ('final_cost', trace.final, (t, x)),
+        ('start_conditions', trace.start_conditions, (t, x)),
+        ('end_conditions', trace.end_conditions, (t, x)),
+    ):
+        (found,) = Call(traced, t.size)(*given, p)
+        wanted, (share, least) = expected[function], _SAME
+        same = np.isclose(found, wanted, rtol=share, atol=least, equal_nan=True)
+        if not same.all():
+            node, column = np.argwhere(~same)[0]
+            raise InvalidProblem(
+                f'{function} of {type(stated.formulation).__name__} gives '
+                f'{_part(stated, function, column)} = {found[node, column]:g} when it is traced, '
+                f'but {wanted[node, column]:g} with numpy: '
+                f'{_suspect(stated.formulation, function)}'
+            )
+
+
+def _part(stated: CheckedFormulation, function: str, column: int) -> str:
+    names: Sequence[str] = {
+        'invert': (*stated.state_names, *stated.control_names),
+        'derivative': stated.state_names,
+        'margins': stated.limit_names,
+    }.get(function, ())
+    return f"'{names[column]}'" if names else f'number {column}'
+
+
+def _suspect(formulation: Any, function: str) -> str:
+    """Return what may be the cause, from words in the function's source."""
+    try:
+        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
+    except (OSError, TypeError):
+        return _HINT
+    words = {w: h for w, h in _HINTS.items() if w not in ('if ', ' and ', ' or ')}
+    for number, line in enumerate(lines):
+        hint = next((hint for word, hint in words.items() if word in line), None)
+        if hint:
+            return f'line {first + number}, `{line.strip()}`: {hint}'
+    return 'it must depend on its arguments at the same node alone'

@@ -1,0 +1,226 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The refinement of a motion until its replay confirms it: the part of the search that collocates.
+
+A solution on few intervals is solved again on more; it is replayed and repaired, by a shifted end,
+by a reserve at a limit that the replay violates, or by more intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import (
+    COLD,
+    Collocation,
+    Ends,
+    Motion,
+    Replay,
+    Settings,
+    WARM,
+)
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import usual_tolerance
+
+Array = NDArray[np.float64]
+
+COARSE, FINE, FINEST = 20, 40, 160  # intervals of the collocation
+_REPAIRS = 7
+_SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
+_SHIFTS = 3
+_TOUCHED = 5e-6  # violation of a limit that needs no repair
+_LONGER = 1.3  # share by which a second guess of a warm start takes longer
+_SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
+_INSTANTS = 400  # at which a plan is compared with where it was left
+
+
+class Refinement:
+    """Collocation of one problem: `trace` of what is stated, `budget` for all of it."""
+
+    def __init__(
+        self,
+        stated: CheckedFormulation,
+        trace: Trace,
+        tolerance: tuple[float, ...] | None,
+        budget: Budget,
+    ) -> None:
+        self.trace = trace
+        self.numbers = trace.values(stated.formulation)
+        self.ends = Ends.of(stated)
+        self._budget = budget
+        self._given_tolerance, self._units = tolerance, stated.formulation.state_units
+        duration = stated.duration()
+        self._duration = duration.guess
+        self._durations = (duration.guess,) * 2 if duration.fixed else duration.bounds
+        reserves = stated.reserves
+        self._reserve = np.array([reserves.get(name, 0.0) for name in trace.margin_names])
+
+    def tolerance(self, states: Array) -> Array:
+        """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""
+        if self._given_tolerance is None:
+            return usual_tolerance(states, self._units)
+        return np.array(self._given_tolerance, dtype=float)
+
+    def goal(self, states: Array) -> Array:
+        """Return the goal (nx,): the last of `states` (N, nx) where the end is free."""
+        given = self.ends.states[1]
+        return np.asarray(np.where(np.isfinite(given), given, states[-1]))
+
+    def solve(
+        self,
+        intervals: int,
+        guess: Motion,
+        settings: Settings,
+        until: Budget | None = None,
+    ) -> Motion | None:
+        """Return the optimum on so many intervals near a guess; None if there is none in time."""
+        no_more = np.zeros(self._reserve.size)
+        return self._solve(intervals, guess, settings, self.ends, no_more, until or self._budget)
+
+    def _solve(
+        self,
+        intervals: int,
+        guess: Motion,
+        settings: Settings,
+        ends: Ends,
+        reserve: Array,
+        until: Budget,
+    ) -> Motion | None:
+        program = Collocation.of(self.trace, intervals, settings)
+        kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
+        kept[[0, -1]] = self._reserve * self.trace.of_controls
+        self._budget.evaluations += 1
+        return program.solve(self.numbers, guess, ends, self._durations, kept, until)
+
+    def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
+        """Return lines between the given ends, bent by random sines of a share of their range."""
+        s = np.linspace(0.0, 1.0, 2 * intervals + 1)[:, None]
+        first, last = np.nan_to_num(self.ends.states)
+        states = first + (last - first) * s
+        controls = np.full((s.size, self.ends.controls.shape[1]), _SMALL)
+        duration = self._duration
+        if bend:
+            size = bend * (np.abs(last - first) + _LEAST_BEND)
+            for k in (1, 2, 3):
+                states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
+                wave = np.cos(k * np.pi * s) / k
+                controls = controls + bend * rng.normal(size=controls.shape[1]) * wave
+            duration *= float(np.exp(0.4 * rng.normal()))
+        return Motion(states[::2], states[1::2], controls[::2], duration)
+
+    def warm(self, plan: Trajectory) -> Motion | None:
+        """Solve from what is left of an earlier plan; None if that leads nowhere."""
+        if plan.states.shape[1] != self.ends.states.shape[1]:
+            return None
+        now = self._left(plan)
+        rest = plan.duration - now
+        if not rest > 0.0:
+            return None
+        s = np.linspace(0.0, 1.0, 2 * COARSE + 1)
+        sample = plan.sample(now + rest * s)
+        states, controls = sample.state.copy(), sample.control.copy()
+        for side, share in ((0, 1.0 - s), (-1, s)):
+            for values, given in ((states, self.ends.states), (controls, self.ends.controls)):
+                values += np.nan_to_num(given[side] - values[side]) * share[:, None]
+        guess = Motion(states[::2], states[1::2], controls[::2], rest)
+        for duration, settings in ((rest, WARM), (_LONGER * rest, COLD)):
+            motion = self.solve(COARSE, replace(guess, duration=duration), settings)
+            if motion is not None:
+                return motion
+        return None
+
+    def _left(self, plan: Trajectory) -> float:
+        """Instant [s] at which a plan is nearest to the given part of the start."""
+        times = np.linspace(0.0, plan.duration, _INSTANTS)
+        states = plan.sample(times).state
+        gaps = np.nan_to_num((states - self.ends.states[0]) / (np.ptp(states, axis=0) + 1e-9))
+        return float(times[np.argmin(np.square(gaps).sum(axis=1))])
+
+    def finer(self, motion: Motion, intervals: int) -> Motion | None:
+        """Solve again on more intervals."""
+        return self.solve(intervals, self._on(motion, intervals), WARM)
+
+    def refined(self, motion: Motion) -> Iterator[Motion]:
+        """Yield a motion that its replay confirms; then on ever more intervals."""
+        found: Motion | None = motion
+        while found is not None:
+            found = self._repaired(found)
+            yield found
+            if 2 * found.intervals > FINEST or self._budget.spent:
+                return
+            found = self.finer(found, 2 * found.intervals)
+
+    def _repaired(self, motion: Motion) -> Motion:
+        """Solve again until the replay ends at the goal and keeps the limits."""
+        reserve, shifts = np.zeros(self._reserve.size), 0
+        shift = np.zeros(self.ends.states.shape[1])
+        for turn in range(_REPAIRS):
+            miss, gap, least = self._judged(motion)
+            if gap <= _SHARE and (least >= -_TOUCHED).all():
+                break
+            intervals, guess = motion.intervals, motion
+            if not gap <= _NEAR or (gap > _SHARE and shifts >= _SHIFTS):  # too coarse to correct
+                intervals, shift, shifts = 2 * motion.intervals, 0.0 * shift, 0
+                if intervals > FINEST:
+                    break
+                guess = self._on(motion, intervals)
+            else:
+                if gap > _SHARE:
+                    shift, shifts = shift - miss, shifts + 1
+                more = 1e-5 - (1.1 if turn < 2 else 2.0) * least
+                reserve = np.where(least < -_TOUCHED, reserve + more, reserve)
+            states = self.ends.states.copy()
+            states[1] += shift
+            ends = replace(self.ends, states=states)
+            again = self._solve(intervals, guess, WARM, ends, reserve, self._budget)
+            if again is None:
+                break
+            motion = again
+        return motion
+
+    def _judged(self, motion: Motion) -> tuple[Array, float, Array]:
+        """Return the replay's miss of the end, its size in tolerances, the least margins."""
+        replay = Replay.of(self.trace, motion.intervals)
+        times, states, controls = replay(motion, self.numbers)
+        if not np.isfinite(states).all():
+            return np.zeros(states.shape[1]), np.inf, np.zeros(self._reserve.size)
+        miss = states[-1] - self.goal(states)
+        gap = float(np.abs(miss / self.tolerance(states)).max())
+        return miss, gap, replay.worst(times, states, controls, self.numbers)
+
+    def replayed(self, motion: Motion) -> Array:
+        """Return the states at the nodes by replay, (n + 1, nx)."""
+        replay = Replay.of(self.trace, motion.intervals)
+        return replay(motion, self.numbers)[1][:: replay.SUBSTEPS]
+
+    def _on(self, motion: Motion, intervals: int) -> Motion:
+        rates: Any = Call(self.trace.rates, motion.intervals + 1)
+        given = motion.states, motion.controls, self.numbers
+        return motion.on(intervals, rates(*given)[0])
+
+
+def prepare_refinement(trace: Trace) -> None:
+    """Make the programs that most plans need."""
+    for intervals, settings in ((COARSE, COLD), (COARSE, WARM), (FINE, WARM)):
+        Collocation.of(trace, intervals, settings)
+        Replay.of(trace, intervals)
