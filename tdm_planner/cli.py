@@ -84,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
 
     plan = commands.add_parser('plan', help='plan without ROS running and write the plan')
-    plan.add_argument('problem', help='pendulum, robots, or the name of an installed problem')
+    plan.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
     plan.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     plan.add_argument(
         '--set',
@@ -100,6 +100,14 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument('--plot', type=Path, metavar='FILE', help='.png, .pdf or .svg')
     plan.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     plan.set_defaults(run=_plan)
+
+    check = commands.add_parser('check', help='compare the equations and limits of a problem')
+    check.add_argument('problem', help='module:Class, or the name of an installed problem')
+    check.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    check.add_argument(
+        '--set', nargs='+', action='extend', default=[], metavar='NAME=VALUE', help='parameters'
+    )
+    check.set_defaults(run=_check)
 
     demo = commands.add_parser(
         'demo', help='real nodes, a plan by service, a recording, a verdict'
@@ -165,6 +173,20 @@ def _plan(options: argparse.Namespace) -> int:
         f'written to {options.output}' + (f' and {options.plot}' if options.plot else '')
     )
     return EXIT_DONE
+
+
+def _check(options: argparse.Namespace) -> int:
+    from rich.console import Console
+    from tdm_planner.problem_check import check_problem, show
+
+    problem_class = load_problem(SHORT_NAMES.get(options.problem, options.problem))
+    checked = check_problem(
+        problem_class.from_parameters(read_parameters(options.params, options.set))
+    )
+    show(checked, Console())
+    for reason in checked.reasons:
+        _say(f'INVALID_PROBLEM: {reason}')
+    return EXIT_USAGE if checked.reasons else EXIT_DONE
 
 
 def _plot(problem: Problem, solution: Solution, path: Path) -> None:

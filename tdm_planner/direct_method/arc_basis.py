@@ -155,11 +155,17 @@ class ArcBasis:
         for name, output in outputs.items():
             basis = self.bases[name]
             nb, na = len(basis.start) + len(basis.end), basis.size
+            last_b, last_a = b + nb, a + na
             for order in range(output.derivatives + 1):
-                table[:, row + order, b : b + nb] = basis.given(points, order)
-                table[:, row + order, a : a + na] = self.scales[name] * basis.varied(points, order)
-            row, b, a = row + output.derivatives + 1, b + nb, a + na
+                table[:, row + order, b:last_b] = basis.given(points, order)
+                table[:, row + order, a:last_a] = self.scales[name] * basis.varied(points, order)
+            row, b, a = row + output.derivatives + 1, last_b, last_a
         return table
+
+    @property
+    def of_boundary(self) -> Array:
+        """The part of the table that belongs to b, (P, nw, nb)."""
+        return np.split(self.table, [self.nc, self.nc + self.nb], axis=2)[1]
 
     def coefficients(self, xi: Array) -> Array:
         """Return c (nc,), the coefficients of mu [s]."""

@@ -163,7 +163,7 @@ class CheckedFormulation:
         for name, pair in found.items():
             if name not in self.control_names:
                 raise InvalidProblem(
-                    f"control_limits names '{shown(name)}', which is not one of the controls "
+                    f'control_limits names {shown(name)}, which is not one of the controls '
                     + ', '.join(self.control_names)
                 )
             try:
@@ -200,7 +200,7 @@ class CheckedFormulation:
             meant = [n for n in names if n == limit or n.rpartition(', ')[0] == limit]
             if not meant:
                 raise InvalidProblem(
-                    f"reserve names '{shown(limit)}', which is not a limit: there are "
+                    f'reserve names {shown(limit)}, which is not a limit: there are '
                     + ', '.join(names)
                 )
             if not 0.0 <= number(share, f"the reserve of '{limit}'") < 1.0:
@@ -246,7 +246,7 @@ class CheckedFormulation:
         for name in found:
             if name not in names:
                 raise InvalidProblem(
-                    f"first_guess names '{shown(name)}', which is not one of the outputs "
+                    f'first_guess names {shown(name)}, which is not one of the outputs '
                     + ', '.join(names)
                 )
         return {

@@ -141,8 +141,9 @@ class Ends:
             both = _inverted(stated, y, z)
             same = np.ptp(both, axis=0) <= 1e-9 * (1.0 + np.abs(both[0]))
             found = np.where(same, both[0], np.nan)
-            states.append(found[: len(stated.state_names)])
-            controls.append(found[len(stated.state_names) :])
+            first, last = np.split(found, [len(stated.state_names)])
+            states.append(first)
+            controls.append(last)
             for name, output in stated.outputs().items():
                 for order in output.conditions(where):
                     moved = {key: list(jet) for key, jet in y.items()}
@@ -226,7 +227,12 @@ class Collocation:
             'collocation',
             'ipopt',
             {'x': z, 'f': smoothed, 'g': rows, 'p': given},
-            {'print_time': 0, 'ipopt': ipopt, 'iteration_callback': self._clock},
+            {
+                'print_time': 0,
+                'show_eval_warnings': False,
+                'ipopt': ipopt,
+                'iteration_callback': self._clock,
+            },
         )
 
     @classmethod
@@ -276,13 +282,14 @@ class Collocation:
             lower[at + index] = upper[at + index] = values[index] / scale[index]
         lower[-1], upper[-1] = durations[0] / st, durations[1] / st
         z = np.clip(z, lower, upper)
+        rows = self._equalities
         least, most = np.zeros(self._rows), np.full(self._rows, np.inf)
-        most[: self._equalities] = 0.0
+        most[:rows] = 0.0
         between = kept[1] if n > 1 else kept[0]
         inside = np.tile(between[self.inner_limits], n * (1 + len(INNER)))
         if not self.inner_limits.size:
             inside = np.zeros(0)
-        least[self._equalities :] = np.concatenate([kept.ravel(), inside])
+        least[rows:] = np.concatenate([kept.ravel(), inside])
         given = np.concatenate([numbers, sx, su, [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
@@ -293,13 +300,14 @@ class Collocation:
             budget.evaluations += int(self._solver.stats()['iter_count'])
             cost = float(self._cost(found['x'], given))
         z = np.asarray(found['x']).ravel()
+        states, middles, controls, last = np.split(z, [nx * (n + 1), first, z.size - 1])
         if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
             return None
         return Motion(
-            states=z[: nx * (n + 1)].reshape(n + 1, nx) * sx,
-            middles=z[nx * (n + 1) : first].reshape(n, nx) * sx,
-            controls=z[first:-1].reshape(n + 1, nu) * su,
-            duration=float(z[-1] * st),
+            states=states.reshape(n + 1, nx) * sx,
+            middles=middles.reshape(n, nx) * sx,
+            controls=controls.reshape(n + 1, nu) * su,
+            duration=float(last[0] * st),
             cost=cost,
         )
 
@@ -336,7 +344,7 @@ class _Clock(ca.Callback):
     def get_sparsity_in(self, i: int) -> Any:
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
-    def eval(self, _: Sequence[Any]) -> list[int]:
+    def eval(self, _: Sequence[Any]) -> list[int]:  # noqa: A003
         return [int(self.budget is not None and self.budget.spent)]
 
 

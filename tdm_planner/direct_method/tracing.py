@@ -246,7 +246,7 @@ class Trace:
         jets = [ca.SX.sym('y', output.derivatives + 2) for output in outputs]
         y = ca.vertcat(*(jet[:-1] for jet in jets))
         both = self.invert(y, z, p)
-        x, u = both[: len(names)], both[len(names) :]
+        x, u = ca.vertsplit(both, [0, len(names), both.numel()])
         rates = self.rates(x, u, p)
         slopes = rates[[names.index(name) for name in integrated]]
         along = ca.vertcat(*(jet[1:] for jet in jets), slopes)

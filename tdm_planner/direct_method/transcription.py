@@ -71,7 +71,7 @@ class _NodeGraphs:
         wz = ca.vertcat(w, z)
         jets = ca.vertcat(*(value for jet in y.values() for value in jet))
         both = trace.invert(jets, z, p)
-        x, u = both[: len(stated.state_names)], both[len(stated.state_names) :]
+        x, u = ca.vertsplit(both, [0, len(stated.state_names), both.numel()])
         self.motion = ca.Function('motion', [wz, p], [both])
         rows = ca.vertcat(trace.running(t, x, u, p) * mu, trace.margins(t, x, u, p))
         ends = ca.vertcat(trace.final(t, x, p), trace.end_conditions(t, x, p))
@@ -158,14 +158,14 @@ class Transcription(NonlinearProgram):
         xi[: self.basis.timing] = 1.0
         wanted = self._stated.guess(self.nodes)
         w = self._w(self.basis, xi)
-        row, at = self.basis.layout.rates + 1, self.basis.timing
-        for name, order in zip(self.basis.layout.names, self.basis.layout.orders, strict=True):
-            free = self.basis.free[name]
-            if name in wanted and free:
-                shapes = self.basis.scales[name] * self.basis.bases[name].varied(self.nodes)
+        basis, row, first = self.basis, self.basis.layout.rates + 1, self.basis.timing
+        for name, order in zip(basis.layout.names, basis.layout.orders, strict=True):
+            last = first + basis.free[name]
+            if name in wanted and last > first:
+                shapes = basis.scales[name] * basis.bases[name].varied(self.nodes)
                 missing = wanted[name] - w[:: self._stride, row]
-                xi[at : at + free] = np.linalg.lstsq(shapes, missing, rcond=None)[0]
-            row, at = row + order + 1, at + free
+                xi[first:last] = np.linalg.lstsq(shapes, missing, rcond=None)[0]
+            row, first = row + order + 1, last
         return xi
 
     def begin(self, xi: Array) -> None:
@@ -203,7 +203,7 @@ class Transcription(NonlinearProgram):
         (both,) = Call(self._graphs.motion, len(wz))(wz, self._numbers)
         rates, nx = self.basis.layout.rates, len(self._stated.state_names)
         motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:], wz[:, 0])
-        return motion, wz[:, self.basis.layout.size :]
+        return motion, np.split(wz, [self.basis.layout.size], axis=1)[1]
 
     @property
     def has_end_conditions(self) -> bool:
@@ -305,13 +305,13 @@ class Transcription(NonlinearProgram):
             local = self._call('step', 'linear', count - 1)(steps, self._step_numbers)[1]
             local = local.reshape(count - 1, nz, -1)
             outer = np.zeros((count - 1, 3 * nw + nz, n))
-            for part, at in enumerate((every[:-1:2], every[1::2], every[2::2])):
-                outer[:, part * nw : (part + 1) * nw] = at
-            of_z, chain = np.zeros((count, nz, n)), local[:, :, 3 * nw :]
-            direct = local[:, :, : 3 * nw] @ outer[:, : 3 * nw]
+            wide = 3 * nw
+            outer[:, :wide] = np.concatenate([every[:-1:2], every[1::2], every[2::2]], axis=1)
+            of_z, chain = np.zeros((count, nz, n)), local[:, :, wide:]
+            direct = local[:, :, :wide] @ outer[:, :wide]
             for step in range(count - 1):
                 of_z[step + 1] = chain[step] @ of_z[step] + direct[step]
-            outer[:, 3 * nw :] = of_z[:-1]
+            outer[:, wide:] = of_z[:-1]
             slopes = np.concatenate([slopes, of_z], axis=1)
         nodes = self._call('node', 'linear', count)(wz, p)[1].reshape(count, -1, wz.shape[1])
         start = self._call('start', 'linear')(wz[0], p)[1].reshape(-1, wz.shape[1])
@@ -349,12 +349,13 @@ class Transcription(NonlinearProgram):
             curved = curved.reshape(count - 1, outer.shape[1], -1)
             hessian += outer.reshape(-1, n).T @ (curved @ outer).reshape(-1, n)
             through = np.einsum('kz,kzw->kw', adjoint, local)
-            by_w[:-1:2] += through[:, :nw]
-            by_w[1::2] += through[:, nw : 2 * nw]
-            by_w[2::2] += through[:, 2 * nw : 3 * nw]
+            begin, middle, end_, _ = np.split(through, [nw, 2 * nw, wide], axis=1)
+            by_w[:-1:2] += begin
+            by_w[1::2] += middle
+            by_w[2::2] += end_
         if by_timing:
-            nc, nb = self.basis.nc, self.basis.nb
-            of_b = np.einsum('kw,kwb->b', by_w, self.basis.table[:, :, nc : nc + nb])
+            nc = self.basis.nc
+            of_b = np.einsum('kw,kwb->b', by_w, self.basis.of_boundary)
             c, guess = self.basis.coefficients(point.xi), self.basis.duration.guess
             bent = Call(self.basis.boundary.second)(c, self.basis.given, of_b)[0]
             hessian[:nc, :nc] += guess**2 * bent.reshape(nc, nc)
@@ -365,12 +366,13 @@ class Transcription(NonlinearProgram):
         basis, timing = self.basis, self.basis.timing
         nc, nb, guess = basis.nc, basis.nb, basis.duration.guess
         table = basis.table
-        slopes = np.concatenate([guess * table[:, :, :timing], table[:, :, nc + nb :]], axis=2)
+        free = np.split(table, [nc + nb], axis=2)[1]
+        slopes = np.concatenate([guess * table[:, :, :timing], free], axis=2)
         by_timing = bool(timing and nb)
         if by_timing:
             c = basis.coefficients(xi)
             _, slope = Call(basis.boundary.linear)(c, basis.given)
-            slopes[:, :, :nc] += table[:, :, nc : nc + nb] @ (guess * slope.reshape(nb, nc))
+            slopes[:, :, :nc] += basis.of_boundary @ (guess * slope.reshape(nb, nc))
         return slopes, by_timing
 
     def _node_multipliers(
@@ -384,11 +386,10 @@ class Transcription(NonlinearProgram):
         at_z = np.zeros(len(self.integrated))
         nodes[:, 0], end[0] = self._weights / self.cost_scale, 1.0 / self.cost_scale
         if multipliers is not None:
-            of_z = multipliers.equalities[: len(ended)]
+            parts = np.cumsum([len(ended), graphs.ends])
+            of_z, end[1:], start[:] = np.split(multipliers.equalities, parts)
             for (index, _, scale), multiplier in zip(ended, of_z, strict=True):
                 at_z[index] = multiplier / scale
-            rest = multipliers.equalities[len(ended) :]
-            end[1:], start[:] = rest[: graphs.ends], rest[graphs.ends :]
             every = np.zeros(limits * count)
             every[multipliers.tags] = -multipliers.inequalities
             nodes[:, 1:] = every.reshape(limits, count).T
@@ -399,7 +400,8 @@ class Transcription(NonlinearProgram):
         """Return w at the points of a basis (P, nw)."""
         c = basis.coefficients(xi)
         b = Call(basis.boundary.value)(c, basis.given)[0] if basis.nb else np.zeros(0)
-        return np.asarray(basis.table @ np.concatenate([c, b, xi[basis.timing :]]))
+        free = np.split(xi, [basis.timing])[1]
+        return np.asarray(basis.table @ np.concatenate([c, b, free]))
 
     def _nodes(self, w: Array) -> tuple[Array, Array | None]:
         """Return w and z at the nodes (K, nw + nz), and the arguments of the steps between."""
@@ -408,13 +410,13 @@ class Transcription(NonlinearProgram):
             return at_nodes, None
         nw, count = w.shape[1], len(at_nodes)
         steps = np.empty((count - 1, 3 * nw + len(self.integrated)))
-        for part, at in enumerate((w[:-1:2], w[1::2], w[2::2])):
-            steps[:, part * nw : (part + 1) * nw] = at
+        wide = 3 * nw
+        steps[:, :wide] = np.hstack([w[:-1:2], w[1::2], w[2::2]])
         z = np.empty((count, len(self.integrated)))
         z[0] = [state.start for state in self.integrated.values()]
         step = self._call('step', 'value')
         for node in range(count - 1):
-            steps[node, 3 * nw :] = z[node]
+            steps[node, wide:] = z[node]
             z[node + 1] = step(steps[node], self._step_numbers[node])[0]
         return np.hstack([at_nodes, z]), steps
 

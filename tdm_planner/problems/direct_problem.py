@@ -41,7 +41,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+import re
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +92,16 @@ class DirectProblem(Formulation, Problem):
     limits are kept at `nodes` (at least) along the arc, from `starts` first guesses.
     """
 
+    name: ClassVar[str] = 'direct_problem'
     nodes: ClassVar[int] = 41
     starts: ClassVar[int] = 4
     terminal_tolerance: ClassVar[tuple[float, ...] | None] = None
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Name a class that has no name of its own by its own."""
+        super().__init_subclass__(**arguments)
+        if cls.name == DirectProblem.name:
+            cls.name = re.sub(r'(?<!^)(?=[A-Z])', '_', cls.__name__).lower()
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

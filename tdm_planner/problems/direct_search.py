@@ -46,8 +46,10 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.problems.direct_plant import TracedPlant
 from tdm_planner.problems.direct_statement import (
+    check_costs,
     check_dynamics,
     check_ends,
+    check_limits,
     constraints_of,
     MARGIN_TOLERANCE,
 )
@@ -119,6 +121,7 @@ class DirectSearch(Search[Candidate]):
         self._plant = TracedPlant(problem, trace)
         tolerance = problem.terminal_tolerance
         self._refinement = Refinement(self._stated, trace, tolerance, budget)
+        check_limits(trace)
         check_ends(self._stated, self._refinement.ends)
         self._nodes = self._node_count()
         self._rounds = 0
@@ -247,7 +250,9 @@ class DirectSearch(Search[Candidate]):
         except NotFinite as error:
             refusal = error
         else:
-            check_dynamics(program, self._changed(program, np.array([0.5]))[0])
+            changed = self._changed(program, np.array([0.5]))[0]
+            check_dynamics(program, changed)
+            check_costs(self._trace, program.motion(changed), self._refinement.numbers)
             return
         for size in np.linspace(0.1, 1.0, _CHANGES):
             try:

@@ -22,10 +22,12 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_motion import ArcMotion
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.tracing import Call, Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory
@@ -39,6 +41,7 @@ Array = NDArray[np.float64]
 MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit
 _END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
 _CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
+_JUMP, _HALVINGS = 0.05, 40  # of the range of a cost between two looks; to find where it is
 _NODES = 5, 10_000
 _STARTS = 1, 10_000
 
@@ -92,11 +95,23 @@ def _check_tolerance(tolerance: Any, count: int) -> None:
         )
 
 
+def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """
+    Return the rates (K, nx) by `invert` and by `derivative`, and which states' contradict (nx,).
+
+    At most nodes, that is: formulas may be abrupt somewhere.
+    """
+    with np.errstate(all='ignore'):
+        by_inverse, rates = program.flow(xi)
+    finite = np.isfinite(by_inverse + rates)
+    sizes = np.where(finite, np.abs(by_inverse) + np.abs(rates), 0.0)
+    wrong = finite & (np.abs(by_inverse - rates) > _CONTRADICTED * sizes.max(axis=0))
+    return by_inverse, rates, 2 * wrong.sum(axis=0) > finite.sum(axis=0)
+
+
 def check_dynamics(program: Transcription, xi: Array) -> None:
     """
-    Check that `invert` and `derivative` state the same motion, at most nodes of a candidate.
-
-    Formulas may be abrupt somewhere.
+    Check that `invert` and `derivative` state the same motion along a candidate.
 
     Raises
     ------
@@ -104,14 +119,9 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
         Naming the first state whose rates differ.
 
     """
-    with np.errstate(all='ignore'):
-        by_inverse, rates = program.flow(xi)
-    finite = np.isfinite(by_inverse + rates)
-    gaps, sizes = np.abs(by_inverse - rates), np.abs(by_inverse) + np.abs(rates)
-    allowed = _CONTRADICTED * np.where(finite, sizes, 0.0).max(axis=0)
-    wrong = finite & (gaps > allowed)
-    for index in np.flatnonzero(2 * wrong.sum(axis=0) > finite.sum(axis=0)):
-        node = int(np.argmax(wrong[:, index]))
+    by_inverse, rates, wrong = rates_of(program, xi)
+    for index in np.flatnonzero(wrong):
+        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
         raise InvalidProblem(
             f"derivative gives the rate of '{program.formulation.state_names[index]}' = "
             f'{rates[node, index]:.6g} where the states of invert change by '
@@ -120,17 +130,81 @@ def check_dynamics(program: Transcription, xi: Array) -> None:
         )
 
 
-def check_ends(stated: CheckedFormulation, ends: Ends) -> None:
+def check_limits(trace: Trace) -> None:
     """
-    Check the limits at the start and at the end, as far as the boundary conditions tell.
+    Check that every limit depends on the motion.
 
     Raises
     ------
     InvalidProblem
-        Naming the limit that every motion violates there.
+        Naming the one that does not.
+
+    """
+    for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
+        raise InvalidProblem(
+            f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
+            'limit depends on t, x or u, or is left out'
+        )
+
+
+def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
+    """
+    Check that the performance index has no jumps along a motion.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming the function that has one.
+
+    """
+    points = np.column_stack([motion.times, motion.states, motion.controls])
+    steps = np.linspace(0.0, points.shape[0] - 1.0, 8 * points.shape[0] + 1)
+    nx = motion.states.shape[1]
+
+    def cost(function: Any, places: Array) -> Array:
+        low = np.minimum(places.astype(int), len(points) - 2)
+        share = (places - low)[:, None]
+        w = points[low] * (1.0 - share) + points[low + 1] * share
+        parts = np.split(w, [1, 1 + nx], axis=1)
+        found = Call(function, places.size)(*parts[: function.n_in() - 1], numbers)[0]
+        return np.array(found[:, 0])
+
+    for name, function in (('running_cost', trace.running), ('final_cost', trace.final)):
+        values = cost(function, steps)
+        size = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+        jumps = np.nan_to_num(np.abs(np.diff(values)))
+        if not size or jumps.max() < _JUMP * size:
+            continue
+        low, high = steps[np.argmax(jumps)], steps[np.argmax(jumps) + 1]
+        for _ in range(_HALVINGS):  # what is only steep flattens out
+            middle = 0.5 * (low + high)
+            at = cost(function, np.array([low, middle, high]))
+            low, high = (
+                (low, middle) if abs(at[1] - at[0]) > abs(at[2] - at[1]) else (middle, high)
+            )
+        ends = cost(function, np.array([low, high]))
+        if abs(ends[1] - ends[0]) > 0.5 * jumps.max():
+            raise InvalidProblem(
+                f'{name} jumps by {abs(ends[1] - ends[0]):.3g} along the first guess: the '
+                'performance index must be continuous, a steep slope such as np.tanh in place of '
+                'a step'
+            )
+
+
+def check_ends(
+    stated: CheckedFormulation, ends: Ends, refuse: bool = True
+) -> dict[str, float | None]:
+    """
+    Return what is left to every limit at the start, None where that depends on what is free.
+
+    Raises
+    ------
+    InvalidProblem
+        If asked to `refuse`, naming the limit that every motion violates at an end.
 
     """
     rng, duration = np.random.default_rng(2), stated.duration()
+    found: dict[str, float | None] = {}
     for side, where in enumerate(('start', 'end')):
         filled = []
         for given in (ends.states[side], ends.controls[side]):
@@ -140,11 +214,15 @@ def check_ends(stated: CheckedFormulation, ends: Ends) -> None:
         with np.errstate(all='ignore'):
             margins = stated.margins(times, *filled)
         for name, values in margins.items():
-            if np.ptp(values) == 0.0 and values[0] < -MARGIN_TOLERANCE:
+            given_value = float(values[0]) if np.ptp(values) == 0.0 else None
+            if side == 0:
+                found[name] = given_value
+            if refuse and given_value is not None and given_value < -MARGIN_TOLERANCE:
                 raise InvalidProblem(
-                    f"the {where} violates the limit '{name}' by {-values[0]:.3g}, whatever the "
+                    f"the {where} violates the limit '{name}' by {-given_value:.3g}, whatever the "
                     f'motion: change the {where} or the limit'
                 )
+    return found
 
 
 def limits_of(

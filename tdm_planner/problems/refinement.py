@@ -82,7 +82,7 @@ class Refinement:
         return np.array(self._given_tolerance, dtype=float)
 
     def goal(self, states: Array) -> Array:
-        """Return the goal (nx,): the last of `states` (N, nx) where the end is free."""
+        """Return the goal, (nx,), which is the last of `states` (N, nx) where the end is free."""
         given = self.ends.states[1]
         return np.asarray(np.where(np.isfinite(given), given, states[-1]))
 

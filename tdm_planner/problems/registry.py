@@ -25,9 +25,12 @@ A package registers a problem under the entry-point group `tdm_planner.problems`
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 import difflib
 from importlib import import_module
 from importlib.metadata import entry_points
+import os
+import sys
 from types import MappingProxyType
 
 from tdm_planner.exceptions import InvalidProblem
@@ -52,7 +55,7 @@ def problem_names() -> list[str]:
 
 def load_problem(name: str) -> type[Problem]:
     """
-    Import the class of the problem called `name`.
+    Import the class of the problem called `name`, or of ``module:Class``.
 
     Raises
     ------
@@ -60,6 +63,10 @@ def load_problem(name: str) -> type[Problem]:
         If the name is unknown, or the class registered under it cannot be loaded.
 
     """
+    if ':' in name:
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())  # as `python` itself has it, and console scripts do not
+        return _load(name, name)
     address = BUILT_IN.get(name)
     if address is None:
         registered = {found.name: found.value for found in entry_points(group=GROUP)}
@@ -88,5 +95,10 @@ def _load(name: str, address: str) -> type[Problem]:
         raise InvalidProblem(
             f"problem '{name}' cannot be loaded: {address} is not a subclass of "
             'tdm_planner.problems.Problem'
+        )
+    if not is_dataclass(found):
+        raise InvalidProblem(
+            f"problem '{name}' cannot be loaded: {found.__name__} needs @dataclass(frozen=True), "
+            'its parameters are the fields'
         )
     return found

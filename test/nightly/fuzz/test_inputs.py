@@ -19,6 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from node_fuzzing import SixNodes
 import pytest
+from random_statements import random_statements
 from ros_harness import Ros
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.problems.base import Solution
@@ -31,6 +32,10 @@ PATIENCE = 1.0  # s for problems that can be solved
 @pytest.mark.parametrize('name', PROPERTIES)
 def test_bad_input_is_met_with_a_result_or_a_reason(name: str) -> None:
     try_out(name, FACTOR)
+
+
+def test_a_thousand_random_statements_are_planned_for_or_refused() -> None:
+    random_statements(1000, new=True)
 
 
 @st.composite

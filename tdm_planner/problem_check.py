@@ -1,0 +1,168 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What ``tdm check`` shows of a stated problem: its equations, limits, ends and speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct_statement import check_ends, check_statement, rates_of
+
+_NODES, _REPEATED = 25, 20
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A state's rate by `invert` and by `derivative`, at the node where they differ most."""
+
+    state: str
+    by_inverse: float
+    rate: float
+    agrees: bool
+
+
+@dataclass(frozen=True)
+class Checked:
+    """
+    What was found of a statement.
+
+    `rates` compares the equations; `limits` what is left to every limit at the start, None where
+    that depends on what is free; `start` and `end` what is given there, by name; `seconds` what
+    one evaluation of a motion takes, and one with first and second derivatives.
+    """
+
+    rates: tuple[Compared, ...]
+    limits: dict[str, float | None]
+    start: dict[str, float | None]
+    end: dict[str, float | None]
+    baked: tuple[str, ...]
+    seconds: tuple[float, float]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Return what is wrong, a sentence each; none if the statement can be planned for."""
+        found = [
+            f"derivative gives the rate of '{row.state}' = {row.rate:.6g}, the states of invert "
+            f'change by {row.by_inverse:.6g}: one of the two is wrong'
+            for row in self.rates
+            if not row.agrees
+        ]
+        found += [
+            f"the start violates the limit '{name}' by {-value:.3g}"
+            for name, value in self.limits.items()
+            if value is not None and value < 0.0
+        ]
+        return found
+
+
+def check_problem(problem: Problem) -> Checked:
+    """
+    Trace everything that a problem states, and compare it.
+
+    Raises
+    ------
+    InvalidProblem
+        For what cannot be traced, or does not fit together.
+
+    """
+    if not isinstance(problem, DirectProblem):
+        raise InvalidProblem(
+            f"problem '{problem.name}' brings its own transcription: only a DirectProblem states "
+            'equations that can be checked'
+        )
+    check_statement(problem)
+    stated = CheckedFormulation(problem)
+    program = Transcription(problem, chebyshev_nodes(_NODES))
+    program.begin(program.first_guess)
+    ends = Ends.of(stated)
+    names = (*stated.state_names, *stated.control_names)
+    given = [
+        {
+            name: float(value) if np.isfinite(value) else None
+            for name, value in zip(names, np.r_[ends.states[i], ends.controls[i]], strict=True)
+        }
+        for i in (0, 1)
+    ]
+    rng = np.random.default_rng(1)
+    xi = program.first_guess + 0.3 * rng.normal(size=program.size) / np.sqrt(program.size)
+    by_inverse, rates, wrong = rates_of(program, xi)
+    compared = []
+    for index, state in enumerate(stated.state_names):
+        gaps = np.nan_to_num(np.abs(by_inverse - rates)[:, index])
+        node = int(np.argmax(gaps))
+        values = float(by_inverse[node, index]), float(rates[node, index])
+        compared.append(Compared(state, *values, agrees=not wrong[index]))
+    return Checked(
+        rates=tuple(compared),
+        limits=check_ends(stated, ends, refuse=False),
+        start=given[0],
+        end=given[1],
+        baked=tuple(program.trace.fixed),
+        seconds=_timed(program, xi),
+    )
+
+
+def _timed(program: Transcription, xi: np.ndarray) -> tuple[float, float]:
+    """Seconds of one evaluation, and of one linearisation."""
+    point = program.evaluate(xi)
+    began = time.perf_counter()
+    for _ in range(_REPEATED):
+        program.evaluate(xi)
+    middle = time.perf_counter()
+    for _ in range(_REPEATED):
+        program.derivatives(point, None)
+    return (middle - began) / _REPEATED, (time.perf_counter() - middle) / _REPEATED
+
+
+def show(checked: Checked, console: Console) -> None:
+    """Print tables of what was found."""
+    table = Table('state', 'rate by invert', 'rate by derivative', '')
+    for row in checked.rates:
+        verdict = 'agree' if row.agrees else '[bold red]differ'
+        table.add_row(row.state, f'{row.by_inverse:.6g}', f'{row.rate:.6g}', verdict)
+    console.print(table)
+    table = Table('', 'at the start', 'at the end')
+    for name in checked.start:
+        table.add_row(name, *(_value(ends[name]) for ends in (checked.start, checked.end)))
+    console.print(table)
+    if checked.limits:
+        table = Table('limit', 'left at the start')
+        for name, value in checked.limits.items():
+            table.add_row(name, 'as the free values are' if value is None else f'{value:.4g}')
+        console.print(table)
+    if checked.baked:
+        console.print(
+            'traced anew when these change (`if`, math or float on a parameter): '
+            + ', '.join(checked.baked)
+        )
+    one, both = checked.seconds
+    console.print(
+        f'a motion takes {1e3 * one:.3f} ms, with first and second derivatives {1e3 * both:.3f} ms'
+    )
+
+
+def _value(value: float | None) -> str:
+    return 'free' if value is None else f'{value:.6g}'

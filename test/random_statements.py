@@ -1,0 +1,202 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Random statements of problems, sound or not: a plan that a replay confirms, or one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fuzzing import limited, profile
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+from scipy.integrate import solve_ivp
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.exceptions import Infeasible, InvalidProblem
+from tdm_planner.parameters import group, parameter, Validated
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
+
+DEADLINE, ALLOWANCE = 1.0, 1.0  # s; a new kind is traced and its programs made, beside
+
+FORCES = {
+    'none': lambda x, v: 0.0 * x,
+    'spring': lambda x, v: -2.0 * x,
+    'pendulum': lambda x, v: -3.0 * np.sin(x),
+    'drag': lambda x, v: -0.3 * v * np.sqrt(v**2 + 1e-3),
+    'friction': lambda x, v: -0.2 * np.tanh(20.0 * v),
+    'wind': lambda x, v: 0.5 * np.exp(-(x**2)),
+    'root': lambda x, v: 0.2 * np.sqrt(x),  # not a number for x < 0
+    'wall': lambda x, v: np.where(x > 0.5, -1.0, 0.0),
+}
+COSTS = {
+    'time': ('final', lambda t, x, u: t),
+    'effort': ('running', lambda t, x, u: u[0] ** 2),
+    'fuel': ('running', lambda t, x, u: np.abs(u[0])),
+    'height': ('final', lambda t, x, u: -x[0]),
+    'steps': ('running', lambda t, x, u: np.floor(3.0 * u[0])),
+    'mean': ('running', lambda t, x, u: np.mean(u[0] ** 2)),
+    'endless': ('final', lambda t, x, u: -t),
+    'nothing': ('running', lambda t, x, u: 0.0 * t),
+}
+LIMITS = {
+    'speed': lambda t, x, u: 1.5 - x[1] ** 2,
+    'place': lambda t, x, u: 1.2 - x[0],
+    'hole': lambda t, x, u: (x[0] - 0.5) ** 2 - 0.01,
+    'late': lambda t, x, u: x[0] + 2.0 - 0.1 * t,
+    'constant': lambda t, x, u: -1.0,
+    'power': lambda t, x, u: 2.0 - u[0] * x[1],
+    'infinite': lambda t, x, u: 1.0 / (x[1] - x[1]),
+}
+MISTAKES = (*['none'] * 12, 'sign', 'count', 'order', 'names', 'raises')
+
+
+@dataclass(frozen=True)
+class Stated(DirectProblem, Validated):
+    """A cart under some force, in one of three forms."""
+
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('N',)
+
+    force: str = parameter('none', 'the force on it')
+    cost: str = parameter('time', 'the performance index')
+    limits: str = parameter('', 'names of limits, with spaces')
+    mistake: str = parameter('none', 'what is wrong')
+    integrated_states: bool = parameter(False, 'outputs: the acceleration, not the place')
+    mass: float = parameter(1.0, 'mass')
+    largest: float = parameter(2.0, 'largest control')
+    start: float = parameter(0.0, 'place to start from')
+    speed: float = parameter(0.0, 'speed to start with')
+    goal: float = parameter(1.0, 'place to reach')
+    guess: float = parameter(2.0, 'time')
+    fixed: bool = parameter(False, 'whether the time is fixed')
+    degree: int = parameter(0, 'of the speed factor')
+    free: int = parameter(4, 'varied parameters')
+    solver: DirectSolverParameters = group(DirectSolverParameters)
+
+    def outputs(self):
+        if self.integrated_states:
+            return {'u': Output(free=self.free, derivatives=0, scale=1.0)}
+        end = (self.goal, 0.0, 0.0, 1.0) if self.mistake == 'order' else (self.goal, 0.0)
+        return {'x': Output((self.start, self.speed), end, free=self.free)}
+
+    def integrated(self):
+        if not self.integrated_states:
+            return {}
+        return {'x': Integrated(self.start, self.goal), 'v': Integrated(self.speed, 0.0)}
+
+    def duration(self):
+        return Duration(self.guess, fixed=self.fixed, speed_factor_order=self.degree)
+
+    def invert(self, y, z):
+        if self.integrated_states:
+            return (z['x'], z['v']), y['u']
+        x, v, a = y['x']
+        return (x, v), (self.mass * a - FORCES[self.force](x, v),)
+
+    def derivative(self, x, u):
+        if self.mistake == 'raises':
+            return 1 / 0
+        push = u[0] + FORCES[self.force](x[0], x[1])
+        if self.mistake == 'sign':
+            push = u[0] - 1.0
+        rates = x[1], push / self.mass
+        return rates[:1] if self.mistake == 'count' else rates
+
+    def margins(self, t, x, u):
+        return {name: LIMITS[name](t, x, u) for name in self.limits.split()}
+
+    def control_limits(self):
+        name = 'force' if self.mistake == 'names' else 'u'
+        return {name: (-self.largest, self.largest)}
+
+    def running_cost(self, t, x, u):
+        kind, function = COSTS[self.cost]
+        return function(t, x, u) if kind == 'running' else 0.0 * t
+
+    def final_cost(self, t, x):
+        kind, function = COSTS[self.cost]
+        return function(t, x, None) if kind == 'final' else 0.0 * t
+
+
+def numbers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high)
+
+
+@st.composite
+def statements(draw: Any) -> dict[str, Any]:
+    return {
+        'force': draw(st.sampled_from(list(FORCES))),
+        'cost': draw(st.sampled_from(list(COSTS))),
+        'limits': ' '.join(draw(st.lists(st.sampled_from(list(LIMITS)), unique=True, max_size=2))),
+        'mistake': draw(st.sampled_from(MISTAKES)),
+        'integrated_states': draw(st.booleans()),
+        'mass': draw(numbers(0.1, 10.0)),
+        'largest': draw(numbers(0.0, 20.0)),
+        'start': draw(numbers(-3.0, 3.0)),
+        'speed': draw(numbers(-2.0, 2.0)),
+        'goal': draw(numbers(-3.0, 3.0)),
+        'guess': draw(numbers(0.05, 20.0)),
+        'fixed': draw(st.booleans()),
+        'degree': draw(st.sampled_from([0, 0, 1, 3])),
+        'free': draw(st.integers(0, 8)),
+        'solver.refine': draw(st.booleans()),
+    }
+
+
+def check_replay(problem: Stated, plan: Any) -> None:
+    """Integrate the statement by other means than the package's, piece by piece."""
+    motion = plan.trajectory
+    x, worst = motion.states[0], {}
+    for begin, end in zip(motion.times[:-1], motion.times[1:], strict=True):
+
+        def rates(t: float, x: Any) -> list[float]:
+            u = motion.sample(t).control
+            return [float(rate) for rate in problem.derivative(np.array(x), u)]
+
+        times = np.linspace(begin, end, 5)
+        found = solve_ivp(rates, (begin, end), x, t_eval=times, rtol=1e-8, atol=1e-10)
+        assert found.success
+        for t, state in zip(times, found.y.T, strict=True):
+            u = motion.sample(min(t, motion.duration)).control
+            every = problem.margins(t, state, u) | {'u': problem.largest - abs(u[0])}
+            worst = {k: min(worst.get(k, np.inf), float(v)) for k, v in every.items()}
+        x = found.y[:, -1]
+    allowed = 2e-3 * np.ptp(motion.states, axis=0) + 1e-5
+    assert (np.abs(x - [problem.goal, 0.0]) <= allowed).all(), x
+    assert all(value >= -1e-4 * (1.0 + problem.largest) for value in worst.values()), worst
+
+
+def outcome_of(case: dict[str, Any]) -> bool:
+    """Return whether there is a plan; a refusal is a sentence, a plan is replayed."""
+    problem = Stated.from_parameters(case)
+    try:
+        with limited(DEADLINE + ALLOWANCE):
+            plan = problem.solve(deadline=DEADLINE)
+    except (InvalidProblem, Infeasible) as error:
+        assert '\n' not in str(error)
+        assert 10 < len(str(error)) < 500, str(error)
+        return False
+    assert case['mistake'] in ('none', 'order') or case['integrated_states']
+    check_replay(problem, plan)
+    return True
+
+
+def random_statements(cases: int, *, new: bool = False) -> None:
+    """Ask for plans of so many random statements; see `outcome_of`."""
+    planned = []
+
+    @profile(cases, new=new)
+    @given(statements())
+    def ask(case: dict[str, Any]) -> None:
+        planned.append(outcome_of(case))
+
+    ask()
+    assert any(planned)
