@@ -92,13 +92,19 @@ class Auv(DirectProblem, Validated):
 
 
 VARIATIONS = (
-    {'shear': 0.0},
+    {'start.x': 36.6, 'start.y': -18.6, 'force': 3.0, 'drag': 3.0},
     {'shear': 0.08},
     {'force': 0.5},
     {'start.x': 10.0, 'start.y': 25.0},
     {'start.x': -20.0, 'start.y': -10.0, 'start.u': 0.8, 'start.w': -0.3},
 )
-PUBLISHED: dict[str, tuple[float, str]] = {}  # filled below
+PUBLISHED = {
+    '0': (  # (tan 240 deg - tan 105 deg) h/V
+        54.64,
+        'A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975, section 2.7: without inertia,'
+        ' which this case comes near, h = 10 m, V = 1 m/s',
+    ),
+}
 
 if __name__ == '__main__':
     from table import show

@@ -106,7 +106,7 @@ VARIATIONS = (
     {'torque': 0.45},
     {'start.r': 0.3, 'start.v': 0.5, 'goal': 0.0},
     {'ball': 0.2, 'torque': 1.0},
-    {'start.theta': 0.2, 'start.omega': -0.5, 'goal': 0.2, 'half': 0.45},
+    {'start.theta': 0.1, 'start.omega': -0.5, 'goal': 0.2},
 )
 PUBLISHED: dict[str, tuple[float, str]] = {}  # the model: J. Hauser et al., 1992
 

@@ -95,9 +95,12 @@ VARIATIONS = (
     {'start.v': 3.0},
     {'gravity': 3.7, 'thrust': 9.0, 'start.h': 50.0, 'start.v': 0.0},
 )
-PAPER = 'J. S. Meditch, On the problem of optimal thrust programming for a lunar soft landing, 1964'
+PAPER = (
+    'one switch: J. S. Meditch, On the problem of optimal thrust programming for a lunar soft'
+    ' landing, IEEE Trans. Automatic Control 9(4), 1964'
+)
 PUBLISHED = {
-    'default': (2.0 * 17.0**0.5, f'free fall, then full thrust: {PAPER}'),
+    'default': (least_fuel(MoonLander()), PAPER),  # 2 sqrt(17)
     **{
         str(i): (least_fuel(MoonLander.from_parameters(given)), PAPER)
         for i, given in enumerate(VARIATIONS)

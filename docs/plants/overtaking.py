@@ -16,8 +16,8 @@
 """
 Overtaking: a car by the kinematic bicycle model, past one that drives ahead, and back in lane.
 
-The flat outputs are the rear axle's coordinates; speed, heading and steering angle follow from them
-and their derivatives. The other car drives on while we pass it: the limit that keeps us out
+The flat outputs are the rear axle's coordinates; speed, heading and steering angle follow from
+them. The other car drives on while we pass it: the limit that keeps us out
 of the ellipse round it depends on time. To a place down the road in our lane, soon and without
 hard accelerations:
 
