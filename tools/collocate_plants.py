@@ -39,7 +39,7 @@ import casadi as ca
 import numpy as np
 
 PLANTS = Path(__file__).resolve().parents[1] / 'docs' / 'plants'
-STARTS, COLD, KEPT = 16, 8, 3
+STARTS, COLD, KEPT = 16, 8, 5
 ROUGH = {'tol': 1e-5, 'constr_viol_tol': 1e-7, 'max_iter': 200}
 EXACT = {'tol': 1e-8, 'constr_viol_tol': 1e-9, 'max_iter': 1000}
 QUIET = {'print_time': False, 'show_eval_warnings': False}

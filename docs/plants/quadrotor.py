@@ -18,9 +18,12 @@ A quadrotor through a gate in the shortest time.
 
 The vehicle is a point with a thrust vector, which is what a quadrotor's attitude and rotors make:
 its flat outputs are the three coordinates. Thrust is limited in size and, by the tilt, in
-direction. The wall at x = 0 has a round opening with bevelled rims: what is solid lies outside
-the hyperboloid of one sheet (y^2 + (z - height)^2)/radius^2 = 1 + (x/bevel)^2, all of whose
-points a plan must stay inside of; the gate's narrowest place is the opening itself.
+direction, and never stops. The wall at x = 0 has a round opening with bevelled rims: solid is
+what lies outside the hyperboloid of one sheet
+
+    (y^2 + (z - height)^2)/radius^2 = 1 + (x/bevel)^2,
+
+whose waist is the opening. That is a limit on every place, at no instant that must be known.
 
 Run it: ``python docs/plants/quadrotor.py``.
 """
@@ -65,6 +68,7 @@ class Quadrotor(DirectProblem, Validated):
     radius: float = parameter(0.3, "the gate's radius", unit='m', allowed=POSITIVE)
     bevel: float = parameter(0.15, 'depth of its rims', unit='m', allowed=POSITIVE)
     thrust: float = parameter(18.0, 'largest thrust by mass', unit='m/s^2', allowed=POSITIVE)
+    idle: float = parameter(2.0, 'least thrust upwards by mass', unit='m/s^2', allowed=POSITIVE)
     tilt: float = parameter(0.9, 'largest tilt', unit='rad', allowed=Range(0.1, 1.5))
     drag: float = parameter(0.1, 'drag by mass and speed', unit='1/s', allowed=NON_NEGATIVE)
     free: int = parameter(8, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
@@ -89,12 +93,15 @@ class Quadrotor(DirectProblem, Validated):
         k, (_, _, _, vx, vy, vz) = self.drag, x
         return vx, vy, vz, u[0] - k * vx, u[1] - k * vy, u[2] - k * vz - G
 
+    def control_limits(self):
+        return {'fz': (self.idle, self.thrust)}
+
     def margins(self, t, x, u):
         rho2, side2 = x[1] ** 2 + (x[2] - self.height) ** 2, u[0] ** 2 + u[1] ** 2
         return {
             'gate': 1.0 - rho2 / self.radius**2 / (1.0 + (x[0] / self.bevel) ** 2),
             'thrust': 1.0 - (side2 + u[2] ** 2) / self.thrust**2,
-            'tilt': (u[2] * np.tan(self.tilt) - np.sqrt(side2 + 1e-6)) / G,
+            'tilt': ((u[2] * np.tan(self.tilt)) ** 2 - side2) / G**2,
         }
 
     def final_cost(self, t, x):
