@@ -21,7 +21,7 @@ its flat outputs are the three coordinates. Thrust is limited in size and, by th
 direction, and never stops. The wall at x = 0 has a round opening with bevelled rims: solid is
 what lies outside the hyperboloid of one sheet
 
-    (y^2 + (z - height)^2)/radius^2 = 1 + (x/bevel)^2,
+    y^2 + (z - height)^2 = radius^2 + (bevel x)^2,
 
 whose waist is the opening. That is a limit on every place, at no instant that must be known.
 
@@ -66,7 +66,7 @@ class Quadrotor(DirectProblem, Validated):
     goal_z: float = parameter(1.0, 'goal, height', unit='m')
     height: float = parameter(1.5, "the gate's height", unit='m')
     radius: float = parameter(0.3, "the gate's radius", unit='m', allowed=POSITIVE)
-    bevel: float = parameter(0.15, 'depth of its rims', unit='m', allowed=POSITIVE)
+    bevel: float = parameter(1.2, 'slope of its rims', allowed=POSITIVE)
     thrust: float = parameter(18.0, 'largest thrust by mass', unit='m/s^2', allowed=POSITIVE)
     idle: float = parameter(2.0, 'least thrust upwards by mass', unit='m/s^2', allowed=POSITIVE)
     tilt: float = parameter(0.9, 'largest tilt', unit='rad', allowed=Range(0.1, 1.5))
@@ -99,7 +99,7 @@ class Quadrotor(DirectProblem, Validated):
     def margins(self, t, x, u):
         rho2, side2 = x[1] ** 2 + (x[2] - self.height) ** 2, u[0] ** 2 + u[1] ** 2
         return {
-            'gate': 1.0 - rho2 / self.radius**2 / (1.0 + (x[0] / self.bevel) ** 2),
+            'gate': 1.0 - rho2 / (self.radius**2 + (self.bevel * x[0]) ** 2),
             'thrust': 1.0 - (side2 + u[2] ** 2) / self.thrust**2,
             'tilt': ((u[2] * np.tan(self.tilt)) ** 2 - side2) / G**2,
         }
