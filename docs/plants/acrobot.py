@@ -58,7 +58,7 @@ class Acrobot(DirectProblem, Validated):
     length: float = parameter(2.0, 'of the second link', unit='m', allowed=POSITIVE)
     torque: float = parameter(15.0, 'largest torque', unit='N m', allowed=POSITIVE)
     time: float = parameter(1.8, 'time for it', unit='s', allowed=POSITIVE)
-    free: int = parameter(12, "varied parameters of the elbow's angle", allowed=NON_NEGATIVE)
+    free: int = parameter(8, "varied parameters of the elbow's angle", allowed=NON_NEGATIVE)
     solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
@@ -73,6 +73,9 @@ class Acrobot(DirectProblem, Validated):
 
     def duration(self):
         return Duration(guess=self.time, fixed=True)
+
+    def first_guess(self, s):
+        return {'elbow': self.start.elbow * (1.0 - s) + 3.5 * np.sin(np.pi * s)}  # fold, unfold
 
     def forces(self, p, q, pd, qd):
         """Return the inertias, and what acts on shoulder and elbow beside the torque."""

@@ -76,6 +76,10 @@ class Overtaking(DirectProblem, Validated):
     def duration(self):
         return Duration(guess=2.0 * self.goal / (self.start.v + self.end_speed))
 
+    def first_guess(self, s):
+        x = self.start.x + (self.goal - self.start.x) * s
+        return {'x': x, 'y': self.start.y * (1.0 - s) + 3.0 * np.sin(np.pi * s) ** 2}
+
     def invert(self, y, z):
         (px, vx, ax), (py, vy, ay) = y['x'], y['y']
         v = np.hypot(vx, vy)
