@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 from tdm_planner.problems import DirectProblem, Solution
 
 HERE = Path(__file__).resolve().parent
@@ -73,23 +74,35 @@ def show(
 
 
 def draw(plan: Solution, path: Path, plane: tuple[str, str] | None = None) -> None:
-    """Draw states and controls over time, and the way in the plane of two states."""
-    trajectory = plan.trajectory
-    figure, axes = plt.subplots(1, 3 if plane else 2, figsize=(12 if plane else 9, 3.4))
-    for axis, rows, names, units in (
-        (axes[0], trajectory.states, trajectory.state_names, trajectory.state_units),
-        (axes[1], trajectory.controls, trajectory.control_names, trajectory.control_units),
+    """Draw states and controls over time, by their units, and the way in a plane of two states."""
+    way = plan.trajectory
+    charts: dict[tuple[str, str], list[tuple[str, Any]]] = {}
+    for what, names, units, rows in (
+        ('state', way.state_names, way.state_units, way.states),
+        ('control', way.control_names, way.control_units, way.controls),
     ):
-        for row, name, unit in zip(rows.T, names, units, strict=True):
-            axis.plot(trajectory.times, row, label=f'{name} [{unit}]' if unit else name)
-        axis.set_xlabel('time [s]')
+        for name, unit, row in zip(names, units, rows.T, strict=True):
+            charts.setdefault((what, unit), []).append((name, row))
+    count = len(charts) + (plane is not None)
+    down = -(-count // 3)
+    across = -(-count // down)
+    figure, axes = plt.subplots(down, across, figsize=(4 * across, 3 * down), squeeze=False)
+    for axis, ((what, unit), curves) in zip(axes.flat, charts.items(), strict=False):
+        for name, row in curves:
+            axis.plot(way.times, row, '-' if what == 'state' else '--', label=name)
+        axis.set(xlabel='time [s]', ylabel=f'[{unit}]' if unit else '')
         axis.legend(fontsize='small')
+    for axis in axes.flat[count:]:
+        axis.remove()
     if plane:
-        across, up = (trajectory.states[:, trajectory.state_names.index(n)] for n in plane)
-        axes[2].plot(across, up)
-        axes[2].plot(across[[0, -1]], up[[0, -1]], 'o')
-        axes[2].set(xlabel=f'{plane[0]} [m]', ylabel=f'{plane[1]} [m]', aspect='equal')
-    for axis in axes:
+        x, y = (way.states[:, way.state_names.index(name)] for name in plane)
+        axis = axes.flat[count - 1]
+        axis.plot(x, y, 'k-')
+        axis.plot(x[[0, -1]], y[[0, -1]], 'ko')
+        axis.set(xlabel=f'{plane[0]} [m]', ylabel=f'{plane[1]} [m]')
+        if max(np.ptp(x), np.ptp(y)) < 5.0 * min(np.ptp(x), np.ptp(y)):
+            axis.set_aspect('equal', 'datalim')
+    for axis in axes.flat[:count]:
         axis.grid(alpha=0.3)
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
