@@ -101,7 +101,7 @@ class Program:
         """Trace the problem, one node, and lay the intervals out."""
         opti, count, guess = ca.Opti(), 2 * n + 1, line(problem, n, 0.0, np.random.default_rng())
         nx, nu, allowed = len(guess.x), len(guess.u), problem.duration()
-        limits = getattr(problem, 'control_limits', dict)()
+        limits: Any = getattr(problem, 'control_limits', dict)()
         bounds = np.array([limits.get(k, (-np.inf, np.inf)) for k in problem.control_names])
         largest = np.abs(bounds).max(axis=1, keepdims=True)
         su, st = np.where(np.isfinite(largest), largest, 1.0), allowed.guess
@@ -131,7 +131,7 @@ class Program:
             if np.isfinite(largest[row]):
                 opti.subject_to(opti.bounded(low, self.free[1][row, :], high))
         for column, pins in zip((0, count - 1), ends(problem), strict=True):
-            for row in np.flatnonzero(np.isfinite(pins)):
+            for row in np.flatnonzero(np.isfinite(pins)).tolist():
                 opti.subject_to(self.free[0][row, column] == pins[row] / self.scales[0][row, 0])
         shortest, longest = (st, st) if allowed.fixed else allowed.bounds
         opti.subject_to(opti.bounded(shortest / st, self.free[2], longest / st))
