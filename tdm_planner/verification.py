@@ -30,7 +30,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
-from tdm_planner.exceptions import NotFinite
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
 from tdm_planner.trajectory import Trajectory
 
@@ -131,14 +132,22 @@ class Flight:
         return states
 
 
-def fly(plant: Plant, trajectory: Trajectory) -> Flight:
-    """Integrate the plant along the trajectory's controls, see `replay`."""
+def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Flight:
+    """
+    Integrate the plant along the trajectory's controls, see `replay`.
+
+    Raises
+    ------
+    DeadlineExceeded
+        If the time allowed by `until` passes meanwhile.
+
+    """
     pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
     for first, last in itertools.pairwise(_smooth_pieces(trajectory)):
         result = solve_ivp(
-            _limited(_right_hand_side(plant, trajectory, first), left),
+            _limited(_right_hand_side(plant, trajectory, first), left, until),
             (trajectory.times[first], trajectory.times[last]),
             current,
             method='DOP853',
@@ -182,7 +191,7 @@ def _control_from(trajectory: Trajectory, first: int) -> Callable[[float], Array
     """Return the controls as a function of time in the smooth piece from sample `first` on."""
     times, controls = trajectory.times, trajectory.controls
     if trajectory.interpolation == 'cubic':
-        return lambda t: trajectory.sample(t).control
+        return trajectory.controls_at
     begin = controls[first]
     if trajectory.interpolation == 'zero_order_hold':
         return lambda t: begin
@@ -191,11 +200,13 @@ def _control_from(trajectory: Trajectory, first: int) -> Callable[[float], Array
 
 
 def _limited(
-    right_hand_side: Callable[[float, Array], Array], left: Iterator[None]
+    right_hand_side: Callable[[float, Array], Array], left: Iterator[None], until: Budget | None
 ) -> Callable[[float, Array], Array]:
     def evaluated(t: float, x: Array) -> Array:
         if next(left, 0) is not None:
             raise FloatingPointError('the motion is too fast to be replayed')
+        if until is not None and until.spent:
+            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
         return right_hand_side(t, x)
 
     return evaluated
@@ -227,6 +238,7 @@ def verify(
     resolution: float | None = None,
     consistency: Array | None = None,
     start: Array | None = None,
+    until: Budget | None = None,
 ) -> Verification:
     """
     Replay and check a trajectory.
@@ -236,10 +248,11 @@ def verify(
     instants at most `resolution` s apart; by default as finely as the motion asks, see
     `resolved`. The states written in the trajectory must agree with the replayed ones within
     `consistency` (nx,), by default `tolerance`, and `usual_tolerance` where that is infinite; the
-    first of them with `start` (nx,), where that is given; NaN where a state is free.
+    first of them with `start` (nx,), where that is given; NaN where a state is free. `until` is
+    the time allowed for the replay.
     """
     if resolution is None:
-        times, states = resolved(fly(plant, trajectory), trajectory, constraints)
+        times, states = resolved(fly(plant, trajectory, until), trajectory, constraints)
     else:
         times = dense_times(trajectory, resolution)
         states = replay(plant, trajectory, times)

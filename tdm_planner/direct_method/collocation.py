@@ -230,6 +230,7 @@ class Collocation:
             {
                 'print_time': 0,
                 'show_eval_warnings': False,
+                'calc_multipliers': False,
                 'ipopt': ipopt,
                 'iteration_callback': self._clock,
             },

@@ -95,6 +95,7 @@ _PROMISING = 1e-5  # and up to which the check may pass
 _ROUNDS = 4  # of refinement of one candidate
 _WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
 _CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
+_LEAST_CHECK = 0.04  # s that a check may take past the deadline
 _GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
 _SCREENED = 64  # random first guesses of which the one nearest to the end conditions is kept
 _SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
@@ -293,7 +294,7 @@ class DirectSearch(Search[Candidate]):
             trajectory = self._trajectory_of(times, states, motion.controls, 'linear')
             trajectory = trajectory.with_rates(self._plant.derivative)
             check = self._verify(trajectory, self._refinement.goal(states))
-        except NotFinite as error:
+        except (NotFinite, DeadlineExceeded) as error:
             self.rejected = str(error)
             return None
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
@@ -402,8 +403,11 @@ class DirectSearch(Search[Candidate]):
         options: TrustRegionOptions | None = None,
     ) -> Minimum | None:
         before = program.evaluations
-        if not np.isfinite(program.evaluate(xi).cost):
+        point = program.evaluate(xi)
+        if not np.isfinite(point.cost):
             return None
+        if not program.size:  # the boundary conditions leave nothing to vary
+            return Minimum(point, 0, converged=True, multipliers=None)
         tight = replace(
             _TIGHT,
             steering=program.has_end_conditions,
@@ -469,7 +473,7 @@ class DirectSearch(Search[Candidate]):
                 motion.times, motion.states, motion.controls, 'cubic'
             ).with_rates(self._plant.derivative)
             check = self._verify(trajectory, self._refinement.goal(motion.states))
-        except NotFinite as error:
+        except (NotFinite, DeadlineExceeded) as error:
             self.rejected = str(error)
             return None
         cost = program.cost(xi)
@@ -498,6 +502,7 @@ class DirectSearch(Search[Candidate]):
             self._refinement.tolerance(trajectory.states),
             constraints_of(self._stated, trajectory),
             start=self._refinement.ends.states[0],
+            until=Budget(max(self.budget.remaining, _LEAST_CHECK)),
         )
         if check.ok and not self._plant.agrees(trajectory.states, trajectory.controls):
             reason = 'derivative gives other rates when it is traced than with numpy'
