@@ -230,7 +230,8 @@ class Collocation:
             {
                 'print_time': 0,
                 'show_eval_warnings': False,
-                'calc_multipliers': False,
+                'calc_lam_p': False,
+                'no_nlp_grad': True,
                 'ipopt': ipopt,
                 'iteration_callback': self._clock,
             },
