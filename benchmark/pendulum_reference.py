@@ -130,10 +130,8 @@ def _accelerations(
     plant: RotaryPendulum, x: casadi.MX, torque: casadi.MX, w0: float
 ) -> tuple[casadi.MX, casadi.MX]:
     """Accelerations in units of w0^2, rates in units of w0."""
-    accelerations = plant.accelerations(
-        casadi.sin(x[0]), casadi.cos(x[0]), x[2] * w0, x[3] * w0, torque
-    )
-    return accelerations[0] / w0**2, accelerations[1] / w0**2
+    theta, psi = motion(plant.coefficients, x[0], x[2] * w0, x[3] * w0, torque)
+    return theta / w0**2, psi / w0**2
 
 
 def main() -> None:

@@ -58,7 +58,7 @@ def roll_states(
 ) -> Array:
     """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
     nodes, unused = np.empty((intervals.size * steps + 1, 4)), np.empty((1, 4, 1))
-    roll_arcs(_constants(plant), start, intervals, torques, steps, nodes, unused, False)
+    roll_arcs(plant.coefficients, start, intervals, torques, steps, nodes, unused, False)
     return nodes[::steps].copy()
 
 
@@ -80,7 +80,7 @@ def steer(
     """
     chunks = range(0, batch.arcs.size, _CHUNK)
     workers = max(1, min(_cores() - 1, len(chunks)))
-    constants, w0 = _constants(plant), plant.natural_frequency
+    constants, w0 = plant.coefficients, plant.natural_frequency
 
     def work(worker: int) -> int:
         rollouts = 0
@@ -117,10 +117,6 @@ def compile_kernels(plant: RotaryPendulum) -> None:
     batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
     steer(plant, start, batch, 1.0, 2, lambda: False)
     roll_states(plant, start, durations[0], torques[0], 1)
-
-
-def _constants(plant: RotaryPendulum) -> Array:
-    return np.array(plant.coefficients)
 
 
 def _cores() -> int:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
+from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -182,7 +183,7 @@ def _propose(
 
 @compiled
 def steer_arcs(
-    k: Array,
+    k: Coefficients,
     start: Array,
     durations: Array,
     arcs: Integers,

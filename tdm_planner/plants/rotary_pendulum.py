@@ -32,8 +32,9 @@ Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 import math
 from typing import Any, ClassVar, Literal, NamedTuple, TYPE_CHECKING
 
@@ -41,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
+from tdm_planner.plants.slopes import with_slopes
 
 if TYPE_CHECKING:  # a simulated pendulum has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
@@ -66,6 +68,44 @@ class Coefficients(NamedTuple):
     disk_cosine: float
     arm: float
     gravity: float
+
+
+def mechanics(
+    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return B, J, r_1 and r_2 - T; arguments may be numbers, arrays or symbols alike."""
+    turning = k.coupling * sine * cosine * psi_dot
+    return (
+        k.arm * cosine,
+        k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine,
+        turning * psi_dot + k.gravity * sine,
+        (k.arm * sine * theta_dot - 2.0 * turning) * theta_dot,
+    )
+
+
+def accelerations(
+    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
+) -> tuple[Any, Any]:
+    """Return theta'' and psi'' under a torque, for arguments of any kind."""
+    b, j, r1, r2 = mechanics(k, sine, cosine, theta_dot, psi_dot)
+    r2, inverse = r2 + torque, 1.0 / (k.pendulum * j - b * b)
+    return (j * r1 - b * r2) * inverse, (k.pendulum * r2 - b * r1) * inverse
+
+
+def driven(
+    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, psi_ddot: Any
+) -> tuple[Any, Any]:
+    """Return theta'' and the torque at which the disk has psi'', for arguments of any kind."""
+    b, j, r1, r2 = mechanics(k, sine, cosine, theta_dot, psi_dot)
+    theta_ddot = (r1 - b * psi_ddot) / k.pendulum
+    return theta_ddot, b * theta_ddot + j * psi_ddot - r2
+
+
+def motion(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any
+) -> tuple[Any, Any]:
+    """Return the accelerations by the angle itself."""
+    return accelerations(k, np.sin(theta), np.cos(theta), theta_dot, psi_dot, torque)
 
 
 @dataclass(frozen=True)
@@ -189,80 +229,30 @@ class RotaryPendulum(Validated):
             if not math.isfinite(theta):
                 return np.full(4, np.nan)
             sine, cosine = math.sin(theta), math.cos(theta)
-            rates = self.accelerations(sine, cosine, theta_dot, psi_dot, float(control[0]))
+            rates = accelerations(
+                self.coefficients, sine, cosine, theta_dot, psi_dot, float(control[0])
+            )
             return np.array([theta_dot, psi_dot, *rates])
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        rates = self.accelerations(
-            np.sin(theta), np.cos(theta), theta_dot, psi_dot, control[..., 0]
-        )
+        rates = motion(self.coefficients, theta, theta_dot, psi_dot, control[..., 0])
         return np.stack(np.broadcast_arrays(theta_dot, psi_dot, *rates), axis=-1)
-
-    def accelerations(
-        self, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
-    ) -> tuple[Any, Any]:
-        """Return theta'' and psi''; the arguments may be numbers, arrays or symbols alike."""
-        k = self.coefficients
-        double_sine = 2 * sine * cosine
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
-        r1 = 0.5 * k.coupling * double_sine * psi_dot * psi_dot + k.gravity * sine
-        r2 = (
-            torque
-            - k.coupling * double_sine * theta_dot * psi_dot
-            + k.arm * sine * theta_dot * theta_dot
-        )
-        determinant = k.pendulum * j - b * b
-        return (j * r1 - b * r2) / determinant, (k.pendulum * r2 - b * r1) / determinant
 
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
         """States (n, 4) at `times` (n,), integrated anew; None where that takes another method."""
-        from tdm_planner.plants.pendulum_replay import replay_pendulum
+        from tdm_planner.plants.pendulum_kernels import replay_pendulum
 
         return replay_pendulum(self, trajectory, times)
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., 4, 4) and df/du (..., 4, 1) at states (..., 4), controls (..., 1)."""
-        state, control = np.broadcast_arrays(
-            np.asarray(state, dtype=float), np.asarray(control, dtype=float)[..., :1]
-        )
-        theta, theta_dot, psi_dot, torque = (
-            state[..., 0],
-            state[..., 2],
-            state[..., 3],
-            control[..., 0],
-        )
-        k = self.coefficients
-        sine, cosine = np.sin(theta), np.cos(theta)
-        double_sine, double_cosine = 2 * sine * cosine, cosine**2 - sine**2
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        determinant = k.pendulum * j - b**2
-        theta_ddot, psi_ddot = self.accelerations(sine, cosine, theta_dot, psi_dot, torque)
-        # (A theta'' + B psi'', B theta'' + J psi'') = (r_1, r_2), differentiated term by term.
-        b_theta, j_theta = -k.arm * sine, (k.disk_sine - k.disk_cosine) * double_sine
-        zero = np.zeros_like(theta)
-        r1 = (
-            k.coupling * double_cosine * psi_dot**2 + k.gravity * cosine - b_theta * psi_ddot,
-            zero,
-            k.coupling * double_sine * psi_dot,
-        )
-        r2 = (
-            -2 * k.coupling * double_cosine * theta_dot * psi_dot
-            + k.arm * cosine * theta_dot**2
-            - b_theta * theta_ddot
-            - j_theta * psi_ddot,
-            -k.coupling * double_sine * psi_dot + 2 * k.arm * sine * theta_dot,
-            -k.coupling * double_sine * theta_dot,
-        )
-        by_state = np.zeros((*theta.shape, 4, 4))
-        by_state[..., 0, 2] = by_state[..., 1, 3] = 1.0
-        for column, d1, d2 in zip((0, 2, 3), r1, r2, strict=True):
-            by_state[..., 2, column] = (j * d1 - b * d2) / determinant
-            by_state[..., 3, column] = (k.pendulum * d2 - b * d1) / determinant
-        by_control = np.zeros((*theta.shape, 4, 1))
-        by_control[..., 2, 0] = -b / determinant
-        by_control[..., 3, 0] = k.pendulum / determinant
-        return by_state, by_control
+        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
+        slopes = _slopes()(self.coefficients, theta, theta_dot, psi_dot, control[..., 0])[2:]
+        rows = np.stack(np.broadcast_arrays(*slopes), axis=-1)
+        rows = np.swapaxes(rows.reshape(*rows.shape[:-1], 4, 2), -1, -2)
+        whole = np.zeros((*rows.shape[:-2], 4, 5))
+        whole[..., 0, 2] = whole[..., 1, 3] = 1.0
+        whole[..., 2:, [0, 2, 3, 4]] = rows
+        return whole[..., :4], whole[..., 4:]
 
     def linearise(
         self, equilibrium: Literal['upright', 'hanging'] = 'upright'
@@ -276,14 +266,13 @@ class RotaryPendulum(Validated):
         """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""
         k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        sine, cosine = np.sin(theta), np.cos(theta)
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+        b, j, _, _ = mechanics(k, np.sin(theta), np.cos(theta), theta_dot, psi_dot)
         kinetic = (
             0.5 * k.pendulum * theta_dot**2
-            + k.arm * cosine * theta_dot * psi_dot
+            + b * theta_dot * psi_dot
             + 0.5 * j * psi_dot**2
         )
-        total: Array = kinetic + k.gravity * cosine
+        total: Array = kinetic + k.gravity * np.cos(theta)
         return total
 
     def torque_for(self, state: Array, psi_ddot: Array) -> tuple[Array, Array]:
@@ -292,18 +281,14 @@ class RotaryPendulum(Validated):
 
         States (..., 4) and psi'' (...) -> two arrays (...).
         """
-        k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        sine, cosine = np.sin(theta), np.cos(theta)
-        double_sine = 2 * sine * cosine
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        r1 = 0.5 * k.coupling * double_sine * psi_dot**2 + k.gravity * sine
-        theta_ddot = (r1 - b * psi_ddot) / k.pendulum
-        torque = (
-            b * theta_ddot
-            + j * psi_ddot
-            + k.coupling * double_sine * theta_dot * psi_dot
-            - k.arm * sine * theta_dot**2
+        theta_ddot, torque = driven(
+            self.coefficients, np.sin(theta), np.cos(theta), theta_dot, psi_dot, psi_ddot
         )
         return torque, theta_ddot
+
+
+@cache
+def _slopes() -> Callable[..., tuple[Any, ...]]:
+    """Return `motion` with its derivatives by theta, theta', psi' and the torque."""
+    return with_slopes(motion, ('theta', 'theta_dot', 'psi_dot', 'torque'), k=Coefficients)

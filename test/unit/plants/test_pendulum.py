@@ -22,10 +22,14 @@ from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.plants import pendulum_rollout, PendulumInertia, RotaryPendulum
-from tdm_planner.plants.pendulum_feedback import FeedbackTable, roll_feedback
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
-from tdm_planner.plants.pendulum_kernels import roll_arcs
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, sine_and_cosine
+from tdm_planner.plants.pendulum_kernels import (
+    FeedbackTable,
+    roll_arcs,
+    roll_feedback,
+    sine_and_cosine,
+)
+from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
 from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.verification import dense_times, replay
@@ -185,7 +189,7 @@ def roll(
 ) -> tuple[np.ndarray, np.ndarray]:
     nodes = durations.size * steps + 1
     states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
-    k = np.array(PLANT.coefficients)
+    k = PLANT.coefficients
     roll_arcs(k, start, durations, torques, steps, states, derivatives, True)
     return states, derivatives
 
@@ -248,7 +252,7 @@ def test_steering_arrives_upright_within_the_limit():
 @given(STATES, st.integers(4, 7), st.integers(0, 100))
 @settings(max_examples=20)
 def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
-    steps, k = 24, np.array(PLANT.coefficients)
+    steps, k = 24, PLANT.coefficients
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
     state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
