@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import motion
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import (
     Candidate,

@@ -25,6 +25,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import motion
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 

@@ -42,9 +42,7 @@ def _angle(k: Coefficients, theta: Any, psi_dot: Any, psi_ddot: Any) -> tuple[An
     return driven(k, np.sin(theta), np.cos(theta), 0.0, psi_dot, psi_ddot)[:1]
 
 
-_angle_with_slopes = inlined(
-    with_slopes(_angle, ('theta', 'psi_dot', 'psi_ddot'), k=Coefficients)
-)
+_angle_with_slopes = inlined(with_slopes(_angle, ('theta', 'psi_dot', 'psi_ddot'), k=Coefficients))
 
 
 def drive_pendulum(

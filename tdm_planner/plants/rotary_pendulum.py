@@ -267,11 +267,7 @@ class RotaryPendulum(Validated):
         k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
         b, j, _, _ = mechanics(k, np.sin(theta), np.cos(theta), theta_dot, psi_dot)
-        kinetic = (
-            0.5 * k.pendulum * theta_dot**2
-            + b * theta_dot * psi_dot
-            + 0.5 * j * psi_dot**2
-        )
+        kinetic = 0.5 * k.pendulum * theta_dot**2 + b * theta_dot * psi_dot + 0.5 * j * psi_dot**2
         total: Array = kinetic + k.gravity * np.cos(theta)
         return total
 

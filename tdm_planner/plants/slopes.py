@@ -93,7 +93,7 @@ def _text(function: Callable[..., Any], by: tuple[str, ...], records: dict[str, 
     values = casadi.vertcat(*function(*arguments))
     results = [values, *(casadi.jacobian(values, symbols[name]) for name in by)]
     graph = casadi.Function(
-        'graph', list(symbols.values()), [casadi.densify(casadi.vertcat(*results))]
+        'graph', list(symbols.values()), [casadi.cse(casadi.densify(casadi.vertcat(*results)))]
     )
     templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
     inputs, lines = list(symbols), []
