@@ -74,8 +74,7 @@ def torque_at(theta: float, switches: Array) -> float:
 
 def rates(theta: float, theta_dot: float, psi_dot: float, torque: float) -> tuple[float, float]:
     """Theta.. and psi.. of the plant."""
-    sine, cosine = float(np.sin(theta)), float(np.cos(theta))
-    return accelerations(PLANT.coefficients, sine, cosine, theta_dot, psi_dot, torque)
+    return accelerations(PLANT.coefficients, theta, theta_dot, psi_dot, torque)
 
 
 def printed(count: int, switches: Array, completed: bool = False) -> End:

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 def _angle(k: Coefficients, theta: Any, psi_dot: Any, psi_ddot: Any) -> tuple[Any, ...]:
     """Return theta'', which does not depend on theta'."""
-    return driven(k, np.sin(theta), np.cos(theta), 0.0, psi_dot, psi_ddot)[:1]
+    return driven(k, theta, 0.0, psi_dot, psi_ddot)[:1]
 
 
 _angle_with_slopes = inlined(with_slopes(_angle, ('theta', 'psi_dot', 'psi_ddot'), k=Coefficients))

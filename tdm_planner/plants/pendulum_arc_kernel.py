@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
-"""
+"""Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`."""
 
 from __future__ import annotations
 
@@ -23,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import motion
+from tdm_planner.plants.pendulum_kernels import accelerations
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 # Real, or complex where derivatives are taken by complex step.
@@ -69,12 +67,12 @@ def advance_along(
             here, there, torque = theta[b, node - 1], theta[b, node], torques[node - 1]
             change = there - here
             way = -1.0 if change.real < 0.0 else 1.0
-            forward, sideways = motion(k, here, way * speed, psi_dot, torque)
+            forward, sideways = accelerations(k, here, way * speed, psi_dot, torque)
             ahead = 0.0 * energy
             if node < last or not to_rest:
                 ahead = _speed(energy + 2.0 * forward * change, least)
             elapsed = 2.0 * way * change / (speed + ahead)
-            forward_there, sideways_there = motion(
+            forward_there, sideways_there = accelerations(
                 k, there, way * ahead, psi_dot + sideways * elapsed, torque
             )
             energy = energy + (forward + forward_there) * change

@@ -31,15 +31,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.plants import rotary_pendulum as stated
 from tdm_planner.plants.compilation import compiled, inlined
-from tdm_planner.plants.rotary_pendulum import (
-    accelerations,
-    Coefficients,
-    driven,
-    mechanics,
-    motion,
-    RotaryPendulum,
-)
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
 
 if TYPE_CHECKING:
@@ -52,8 +46,8 @@ _LONGEST = 0.05  # of 1/w0: no step of a replay is longer
 _FASTEST = 0.3  # rad, that no angle turns by in one of them
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 
-for _stated in (mechanics, accelerations, motion, driven):
-    inlined(_stated)
+inlined(stated.mechanics)
+accelerations, driven = inlined(stated.accelerations), inlined(stated.driven)
 
 
 @compiled
@@ -92,8 +86,10 @@ def _cosine(angle: float) -> float:
     return sine_and_cosine(angle)[1]
 
 
-motion_with_slopes = inlined(
-    with_slopes(motion, ('theta', 'theta_dot', 'psi_dot'), _sine, _cosine, k=Coefficients)
+accelerations_with_slopes = inlined(
+    with_slopes(
+        stated.accelerations, ('theta', 'theta_dot', 'psi_dot'), _sine, _cosine, k=Coefficients
+    )
 )
 
 
@@ -139,7 +135,7 @@ def roll_arcs(
                 (
                     rates[s, 2], rates[s, 3], slopes[s, 0], slopes[s, 1], slopes[s, 2],
                     slopes[s, 3], slopes[s, 4], slopes[s, 5],
-                ) = motion_with_slopes(k, angle, w, v, torque)  # fmt: skip
+                ) = accelerations_with_slopes(k, angle, w, v, torque)  # fmt: skip
             for m in range(4):
                 states[node + 1, m] = states[node, m] + h / 6.0 * (
                     rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m]
@@ -266,7 +262,7 @@ def replay_steps(
                     total += matrix[s, p] * rates[p, m]
                 y[m] = states[node, m] + h * total
             rates[s, 0], rates[s, 1] = y[2], y[3]
-            rates[s, 2], rates[s, 3] = motion(k, y[0], y[2], y[3], torques[node, s])
+            rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torques[node, s])
         for m in range(4):
             total = 0.0
             for s in range(12):
@@ -337,7 +333,7 @@ def _roll(
                 for m in range(4):
                     y[m] = x[m] + (reach * rates[s - 1, m] if s > 0 else 0.0)
                 rates[s, 0], rates[s, 1] = y[2], y[3]
-                rates[s, 2], rates[s, 3] = motion(k, y[0], y[2], y[3], torque)
+                rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torque)
             for m in range(4):
                 x[m] += (
                     h / 6.0 * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])

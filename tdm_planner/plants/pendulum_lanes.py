@@ -27,7 +27,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import motion_with_slopes
+from tdm_planner.plants.pendulum_kernels import accelerations_with_slopes
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _stage(
             slopes[i], slopes[LANES + i],
             slopes[2 * LANES + i], slopes[3 * LANES + i],
             slopes[4 * LANES + i], slopes[5 * LANES + i],
-        ) = motion_with_slopes(k, theta, w, v, torques[i])  # fmt: skip
+        ) = accelerations_with_slopes(k, theta, w, v, torques[i])  # fmt: skip
 
 
 @compiled

@@ -32,9 +32,9 @@ Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 import math
 from typing import Any, ClassVar, Literal, NamedTuple, TYPE_CHECKING
 
@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
-from tdm_planner.plants.slopes import with_slopes
+from tdm_planner.plants.base import StatedPlant
 
 if TYPE_CHECKING:  # a simulated pendulum has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
@@ -71,9 +71,10 @@ class Coefficients(NamedTuple):
 
 
 def mechanics(
-    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any
 ) -> tuple[Any, Any, Any, Any]:
-    """Return B, J, r_1 and r_2 - T; arguments may be numbers, arrays or symbols alike."""
+    """Return B, J, r_1 and r_2 - T; the arguments may be numbers, arrays or symbols alike."""
+    sine, cosine = np.sin(theta), np.cos(theta)
     turning = k.coupling * sine * cosine * psi_dot
     return (
         k.arm * cosine,
@@ -84,28 +85,21 @@ def mechanics(
 
 
 def accelerations(
-    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any
 ) -> tuple[Any, Any]:
     """Return theta'' and psi'' under a torque, for arguments of any kind."""
-    b, j, r1, r2 = mechanics(k, sine, cosine, theta_dot, psi_dot)
+    b, j, r1, r2 = mechanics(k, theta, theta_dot, psi_dot)
     r2, inverse = r2 + torque, 1.0 / (k.pendulum * j - b * b)
     return (j * r1 - b * r2) * inverse, (k.pendulum * r2 - b * r1) * inverse
 
 
 def driven(
-    k: Coefficients, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, psi_ddot: Any
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, psi_ddot: Any
 ) -> tuple[Any, Any]:
     """Return theta'' and the torque at which the disk has psi'', for arguments of any kind."""
-    b, j, r1, r2 = mechanics(k, sine, cosine, theta_dot, psi_dot)
+    b, j, r1, r2 = mechanics(k, theta, theta_dot, psi_dot)
     theta_ddot = (r1 - b * psi_ddot) / k.pendulum
     return theta_ddot, b * theta_ddot + j * psi_ddot - r2
-
-
-def motion(
-    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any
-) -> tuple[Any, Any]:
-    """Return the accelerations by the angle itself."""
-    return accelerations(k, np.sin(theta), np.cos(theta), theta_dot, psi_dot, torque)
 
 
 @dataclass(frozen=True)
@@ -157,7 +151,7 @@ class PendulumInertia(Validated):
 
 
 @dataclass(frozen=True)
-class RotaryPendulum(Validated):
+class RotaryPendulum(Validated, StatedPlant):
     """
     A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
 
@@ -220,22 +214,13 @@ class RotaryPendulum(Validated):
         """Angular frequency of small swings about hanging with the disk held, w0 [rad/s]."""
         return math.sqrt(self.coefficients.gravity / self.coefficients.pendulum)
 
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (..., 4), (..., 1) -> (..., 4)."""
-        state, control = np.asarray(state), np.asarray(control)
-        if state.ndim == 1 and control.ndim == 1:
-            # One state at a time is what integrators ask for: scalars are ten times faster.
-            theta, _, theta_dot, psi_dot = state.tolist()
-            if not math.isfinite(theta):
-                return np.full(4, np.nan)
-            sine, cosine = math.sin(theta), math.cos(theta)
-            rates = accelerations(
-                self.coefficients, sine, cosine, theta_dot, psi_dot, float(control[0])
-            )
-            return np.array([theta_dot, psi_dot, *rates])
-        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        rates = motion(self.coefficients, theta, theta_dot, psi_dot, control[..., 0])
-        return np.stack(np.broadcast_arrays(theta_dot, psi_dot, *rates), axis=-1)
+    @staticmethod
+    def equations(
+        k: Coefficients, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        theta, _, theta_dot, psi_dot = state
+        return (theta_dot, psi_dot, *accelerations(k, theta, theta_dot, psi_dot, *control))
 
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
         """States (n, 4) at `times` (n,), integrated anew; None where that takes another method."""
@@ -243,30 +228,18 @@ class RotaryPendulum(Validated):
 
         return replay_pendulum(self, trajectory, times)
 
-    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """Return df/dx (..., 4, 4) and df/du (..., 4, 1) at states (..., 4), controls (..., 1)."""
-        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        slopes = _slopes()(self.coefficients, theta, theta_dot, psi_dot, control[..., 0])[2:]
-        rows = np.stack(np.broadcast_arrays(*slopes), axis=-1)
-        rows = np.swapaxes(rows.reshape(*rows.shape[:-1], 4, 2), -1, -2)
-        whole = np.zeros((*rows.shape[:-2], 4, 5))
-        whole[..., 0, 2] = whole[..., 1, 3] = 1.0
-        whole[..., 2:, [0, 2, 3, 4]] = rows
-        return whole[..., :4], whole[..., 4:]
-
     def linearise(
         self, equilibrium: Literal['upright', 'hanging'] = 'upright'
     ) -> tuple[Array, Array]:
         """Return A (4, 4) and B (4, 1) of x' = A x + B u about an equilibrium at rest."""
         theta = 0.0 if equilibrium == 'upright' else math.pi
-        by_state, by_control = self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
-        return by_state, by_control
+        return self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
 
     def energy(self, state: Array) -> Array:
         """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""
         k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        b, j, _, _ = mechanics(k, np.sin(theta), np.cos(theta), theta_dot, psi_dot)
+        b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
         kinetic = 0.5 * k.pendulum * theta_dot**2 + b * theta_dot * psi_dot + 0.5 * j * psi_dot**2
         total: Array = kinetic + k.gravity * np.cos(theta)
         return total
@@ -278,13 +251,5 @@ class RotaryPendulum(Validated):
         States (..., 4) and psi'' (...) -> two arrays (...).
         """
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        theta_ddot, torque = driven(
-            self.coefficients, np.sin(theta), np.cos(theta), theta_dot, psi_dot, psi_ddot
-        )
+        theta_ddot, torque = driven(self.coefficients, theta, theta_dot, psi_dot, psi_ddot)
         return torque, theta_ddot
-
-
-@cache
-def _slopes() -> Callable[..., tuple[Any, ...]]:
-    """Return `motion` with its derivatives by theta, theta', psi' and the torque."""
-    return with_slopes(motion, ('theta', 'theta_dot', 'psi_dot', 'torque'), k=Coefficients)

@@ -24,8 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from hashlib import sha256
-from importlib.metadata import version
 import inspect
 import os
 from pathlib import Path
@@ -34,10 +34,10 @@ from typing import Any
 
 import numpy as np
 
+_MARKS = (b'@compiled', b'StatedPlant', b'with_slopes')  # of the sources that matter
 _SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
-_PLANTS = [path.read_bytes() for path in sorted(Path(__file__).parent.glob('*.py'))]
-_KERNELS = b''.join(_PLANTS + [source for source in _SOURCES if b'@compiled' in source])
-DIGEST = sha256(version('numba').encode() + _KERNELS).hexdigest()[:16]
+_KERNELS = b''.join(source for source in _SOURCES if any(mark in source for mark in _MARKS))
+DIGEST = sha256(_KERNELS).hexdigest()[:16]
 FOLDER = Path(
     os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', DIGEST
 )
@@ -50,24 +50,26 @@ _OPERATIONS = {
 }  # fmt: skip
 
 
+@cache
 def with_slopes(
     function: Callable[..., tuple[Any, ...]],
     by: tuple[str, ...],
     sin: Callable[[Any], Any] = np.sin,
     cos: Callable[[Any], Any] = np.cos,
-    **records: Any,
+    **parts: Any,
 ) -> Callable[..., tuple[Any, ...]]:
     """
-    Return a function of the same arguments: all values, then those by the first of `by`, and so on.
+    Return a function of the same arguments: all values, all derived by the first of `by`, ...
 
-    `function` calls numpy's functions on numbers and returns a tuple of them; `sin` and `cos` are
-    what the new one calls. `records` are the types of arguments that are named tuples.
+    `function`, one of this package, calls numpy's functions on numbers and returns a tuple of
+    them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
+    sequences: their length, or the type of a named tuple.
     """
-    file = FOLDER / f'{function.__module__}.{function.__name__}.{".".join(by)}.py'
+    file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.py'
     try:
         text = file.read_text()
     except OSError:
-        text = _text(function, by, records)
+        text = _text(function, by, parts)
         with suppress(OSError):  # another user has set the environment up
             part = file.with_suffix(f'.{os.getpid()}')
             part.write_text(text)
@@ -78,36 +80,39 @@ def with_slopes(
     return written
 
 
-def _text(function: Callable[..., Any], by: tuple[str, ...], records: dict[str, Any]) -> str:
+def _text(function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, Any]) -> str:
     import casadi
 
     casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
-    names = list(inspect.signature(function).parameters)
-    symbols: dict[str, Any] = {}
-    arguments = []
-    for name in names:
-        parts = [f'{name}.{field}' for field in records[name]._fields] if name in records else []
-        made = [casadi.SX.sym(part) for part in parts or [name]]
-        symbols.update(zip(parts or [name], made, strict=True))
-        arguments.append(records[name](*made) if parts else made[0])
-    values = casadi.vertcat(*function(*arguments))
-    results = [values, *(casadi.jacobian(values, symbols[name]) for name in by)]
-    graph = casadi.Function(
-        'graph', list(symbols.values()), [casadi.cse(casadi.densify(casadi.vertcat(*results)))]
-    )
+    arguments: dict[str, Any] = {}
+    symbols: dict[str, list[Any]] = {}
+    for name in inspect.signature(function).parameters:
+        kind = parts.get(name)
+        if kind is None:
+            arguments[name] = casadi.SX.sym(name)
+            symbols[name] = [arguments[name]]
+        else:
+            count = kind if isinstance(kind, int) else len(kind._fields)
+            symbols[name] = [casadi.SX.sym(f'{name}[{i}]') for i in range(count)]
+            arguments[name] = symbols[name] if count == kind else kind(*symbols[name])
+    inputs = [symbol for several in symbols.values() for symbol in several]
+    values = casadi.vertcat(*function(*arguments.values()))
+    slopes = casadi.jacobian(values, casadi.vertcat(*(part for n in by for part in symbols[n])))
+    results = casadi.cse(casadi.densify(casadi.veccat(values, slopes)))
+    graph = casadi.Function('graph', inputs, [results])
     templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
-    inputs, lines = list(symbols), []
+    lines = []
     for i in range(graph.n_instructions()):
         operation, to = graph.instruction_id(i), graph.instruction_output(i)
         operands = graph.instruction_input(i)
         if operation == casadi.OP_OUTPUT:
             lines.append(f'r{to[1]} = w{operands[0]}')
         elif operation == casadi.OP_INPUT:
-            lines.append(f'w{to[0]} = {inputs[operands[0]]}')
+            lines.append(f'w{to[0]} = {inputs[operands[0]].name()}')
         elif operation == casadi.OP_CONST:
             lines.append(f'w{to[0]} = {graph.instruction_constant(i)!r}')
         else:
             terms = templates[operation].format(*(f'w{operand}' for operand in operands))
             lines.append(f'w{to[0]} = {terms}')
     lines.append(f'return {", ".join(f"r{i}" for i in range(graph.numel_out(0)))}')
-    return '\n    '.join([f'def with_slopes({", ".join(names)}):', *lines]) + '\n'
+    return '\n    '.join([f'def with_slopes({", ".join(arguments)}):', *lines]) + '\n'
