@@ -189,6 +189,15 @@ def _roll_sensitivities(
             )
 
 
+def roll_states(
+    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, steps: int
+) -> Array:
+    """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
+    nodes, unused = np.empty((intervals.size * steps + 1, 4)), np.empty((1, 4, 1))
+    roll_arcs(plant.coefficients, start, intervals, torques, steps, nodes, unused, False)
+    return nodes[::steps].copy()
+
+
 def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array) -> Array | None:
     """
     States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.

@@ -22,16 +22,17 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
-from tdm_planner.plants import pendulum_rollout, PendulumInertia, RotaryPendulum
+from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
     FeedbackTable,
     roll_arcs,
     roll_feedback,
+    roll_states,
     sine_and_cosine,
 )
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
-from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
+from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.verification import dense_times
 from tdm_sim.integrator import integrate
@@ -287,10 +288,10 @@ def test_sine_and_cosine(angle):
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
-    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: 1)
+    monkeypatch.setattr(pendulum_steering, '_cores', lambda: 1)
     count = steer(PLANT, START, one, 2.0, 12, NEVER)
-    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: cores)
-    steer_arcs, used, all_started = pendulum_rollout.steer_arcs, set(), threading.Barrier(threads)
+    monkeypatch.setattr(pendulum_steering, '_cores', lambda: cores)
+    steer_arcs, used, all_started = pendulum_steering.steer_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
         if threading.get_ident() not in used:
@@ -298,7 +299,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
             all_started.wait(60.0)
         return steer_arcs(*arguments)
 
-    monkeypatch.setattr(pendulum_rollout, 'steer_arcs', noted)
+    monkeypatch.setattr(pendulum_steering, 'steer_arcs', noted)
     assert steer(PLANT, START, many, 2.0, 12, NEVER) == count
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
