@@ -51,6 +51,8 @@ from tdm_planner.problems.switching_search import (
 from tdm_planner.problems.switching_seeds import starts
 from tdm_planner.trajectory import Trajectory
 
+casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+
 Array = NDArray[np.float64]
 
 FILE = Path(__file__).parent / 'data' / 'pendulum_best_known.json'

@@ -29,6 +29,8 @@ from tdm_planner.plants.rotary_pendulum import accelerations
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
+casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+
 Array = NDArray[np.float64]
 
 _LONGEST = 200.0  # in 1 / w0
