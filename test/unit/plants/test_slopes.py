@@ -1,0 +1,77 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Derivatives that CasADi writes down, against differences, and where their text is kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from tdm_planner.plants import slopes
+
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+
+def stated(k: Pair, states: list[Any], x: Any) -> tuple[Any, ...]:
+    a, b = states
+    return (
+        k.first * np.sin(a * b) - x / (2.0 + np.cos(b)) ** 2,
+        1.0 / (k.second + a * a) + 2.0 * b,
+        b,
+    )
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    slopes.with_slopes.cache_clear()
+    monkeypatch.setattr(slopes, 'FOLDER', tmp_path)
+    return tmp_path
+
+
+def derived() -> Any:
+    return slopes.with_slopes(stated, ('states', 'x'), k=Pair, states=2)
+
+
+def test_values_and_slopes_are_those_of_the_function_for_numbers_and_arrays() -> None:
+    k, at, h = Pair(0.7, 1.3), np.array([0.4, -0.8, 2.0]), 1e-6
+    found = np.array(derived()(k, at[:2], at[2])).reshape(4, 3)
+    np.testing.assert_allclose(found[0], stated(k, list(at[:2]), at[2]), rtol=1e-14)
+    for row, step in zip(found[1:], h * np.eye(3), strict=True):
+        ahead, behind = at + step, at - step
+        change = np.subtract(
+            stated(k, list(ahead[:2]), ahead[2]), stated(k, list(behind[:2]), behind[2])
+        )
+        np.testing.assert_allclose(row, change / (2 * h), atol=1e-8)
+    many = derived()(k, np.tile(at[:2, None], 5), np.full(5, at[2]))
+    np.testing.assert_allclose(many[0], np.full(5, found[0, 0]), rtol=1e-14)
+
+
+@pytest.mark.parametrize('writable', [True, False])
+def test_the_text_is_written_once_where_that_is_allowed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, writable: bool
+) -> None:
+    if not writable:
+        monkeypatch.setattr(slopes, 'FOLDER', folder / 'none')
+    before = derived()(Pair(0.7, 1.3), [0.4, -0.8], 2.0)
+    assert len(list(folder.iterdir())) == writable
+    slopes.with_slopes.cache_clear()
+    if writable:
+        monkeypatch.setattr(slopes, '_text', None)
+    assert derived()(Pair(0.7, 1.3), [0.4, -0.8], 2.0) == before
