@@ -31,14 +31,13 @@ from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import (
+    direct_search,
     formation_search,
     PendulumSwingUp,
     RobotFormation,
-    smooth_method,
     swing_up_task,
     switching_method,
     switching_search,
-    virtual_arc_method,
 )
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.formation_verification import FormationVerification
@@ -56,7 +55,7 @@ def _noisy(rng: Generator, size: float, value: Any) -> Any:
 
 def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
     """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
-    for module in (switching_search, smooth_method, virtual_arc_method, formation_search):
+    for module in (switching_search, direct_search, formation_search):
 
         def minimise(
             program: Any, xi: Any, options: Any = None, budget: Any = None,

@@ -20,7 +20,7 @@ determine the motion: what theta(tau) prescribes is only where the nodes lie. Th
 
 - `printed`: (11) as it stands, without the speed omega_(j-1) of the node before;
 - `completed`: with it;
-- `mended`: what ``method: virtual_arc`` is made of (`tdm_planner.problems.virtual_arc_program`):
+- `mended`: see (`virtual_arc_program`):
   the state is E = theta.^2, dE/dtheta = 2 theta.., by Heun's method with nodes at the switches of
   the torque, so that rest is no singularity.
 
@@ -43,8 +43,8 @@ from tdm_planner.direct_method import Budget, minimise, PolynomialReference, Tru
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
-from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
-from tdm_planner.problems.virtual_arc_program import reference_shape, VirtualArcProgram
+from virtual_arc_method import VirtualArcMethod
+from virtual_arc_program import reference_shape, VirtualArcProgram
 
 Array = NDArray[np.float64]
 PLANT = RotaryPendulum()

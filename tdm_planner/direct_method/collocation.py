@@ -305,10 +305,13 @@ class Collocation:
         states, middles, controls, last = np.split(z, [nx * (n + 1), first, z.size - 1])
         if not (solved and np.isfinite(z).all() and np.isfinite(cost)):
             return None
+        states, controls = states.reshape(n + 1, nx) * sx, controls.reshape(n + 1, nu) * su
+        for values, wanted in ((states, ends.states), (controls, ends.controls)):
+            values[[0, -1]] = np.where(np.isfinite(wanted), wanted, values[[0, -1]])  # unscaled
         return Motion(
-            states=states.reshape(n + 1, nx) * sx,
+            states=states,
             middles=middles.reshape(n, nx) * sx,
-            controls=controls.reshape(n + 1, nu) * su,
+            controls=controls,
             duration=float(last[0] * st),
             cost=cost,
         )

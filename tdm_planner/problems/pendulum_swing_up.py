@@ -17,8 +17,8 @@ Problem `pendulum_swing_up`: from any state to upright at rest in the shortest t
 
 Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
 virtual arc, which together leave no freedom; by default the varied parameters are the switching
-times of the torque instead (see `switching_motion`). The paper's scheme in a mended form is there
-as well (see `virtual_arc_program`).
+times of the torque instead (see `switching_motion`). A continuous torque, and motions in which
+theta goes one way all along, are stated as a `DirectProblem` (see `stated_swing_up`).
 """
 
 from __future__ import annotations
@@ -33,21 +33,18 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
-from tdm_planner.plants.driven_pendulum import compile_kernel
-from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
 from tdm_planner.plants.pendulum_kernels import compile_feedback, compile_replay
 from tdm_planner.plants.pendulum_steering import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import SolverParameters
 from tdm_planner.problems.search import Plan, Search
-from tdm_planner.problems.smooth_method import SmoothMethod
+from tdm_planner.problems.stated_swing_up import StatedMethod, StatedSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_minimiser import compile_minimiser
 from tdm_planner.problems.switching_seeds import arcs_of
 from tdm_planner.problems.switching_warm import WarmSwitchingMethod
-from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -110,8 +107,8 @@ class PendulumSwingUp(Problem, Validated):
     method: str = parameter(
         'switching',
         'switching: quickest, the torque jumps between its extremes; smooth: the torque is '
-        'continuous, for strong motors that cannot switch; virtual_arc: the scheme (9)-(16) of '
-        'the paper, for transfers in which theta goes one way all along',
+        'continuous, for strong motors that cannot switch; virtual_arc: continuous as well, and '
+        'theta goes one way all along, as in (9)-(16) of the paper',
         choices=('switching', 'smooth', 'virtual_arc'),
     )
     switching_arcs: int = parameter(
@@ -146,12 +143,11 @@ class PendulumSwingUp(Problem, Validated):
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
         compile_kernels(self.plant)
-        compile_kernel(self.plant)
         compile_replay(self.plant)
         compile_minimiser(self.plant)
         compile_feedback(self.plant)
-        if self.method == 'virtual_arc':
-            compile_arc_kernel(self.plant)
+        if self.method != 'switching':
+            StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc').prepare()
 
     def standing_plan(self) -> Plan | None:
         """Return the plan that does nothing, where the pendulum stands upright already."""
@@ -168,10 +164,8 @@ class PendulumSwingUp(Problem, Validated):
     ) -> Search[Any]:
         """Return the search that `method` names; switching starts from earlier arcs as well."""
         task, tolerance = self.task, self.solver.tolerance
-        if self.method == 'smooth':
-            return SmoothMethod(task, budget, rng, tolerance, previous)
-        if self.method == 'virtual_arc':
-            return VirtualArcMethod(task, budget, rng, self.switching_arcs, tolerance)
+        if self.method != 'switching':
+            return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
         arcs = None if previous is None else arcs_of(previous.trajectory)
         if arcs is None:
             return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)

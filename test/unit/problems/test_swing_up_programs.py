@@ -18,14 +18,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_steering import ARRIVED, steer
-from tdm_planner.problems.smooth_program import SmoothProgram, VARIED
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import (
@@ -36,7 +34,6 @@ from tdm_planner.problems.switching_motion import (
     SMALLEST_CURVATURE,
 )
 from tdm_planner.problems.switching_seeds import starts
-from tdm_planner.problems.virtual_arc_program import reference_shape, VirtualArcProgram
 
 PLANT = RotaryPendulum()
 
@@ -177,106 +174,3 @@ def test_when_the_minimiser_gives_up():
 
 
 TASK = SwingUpTask(PLANT, np.array([3.0, 0.4, 1.0, -3.0]), 0.09, 0.09, 2.0, None)
-
-
-FREE = 2 * len(VARIED)
-
-
-XI = st.tuples(
-    st.floats(2.0, 6.0), st.lists(st.floats(-0.5, 0.5), min_size=FREE, max_size=FREE)
-).map(lambda parts: np.array([parts[0], *parts[1]]))
-
-
-@given(XI)
-@settings(max_examples=10)
-def test_smooth_motions_keep_their_ends_and_match_finite_differences(xi):
-    made = SmoothProgram(TASK, 0, 30)
-    motion = made.motion(xi)
-    np.testing.assert_allclose(motion.states[0], TASK.start, atol=1e-9)
-    np.testing.assert_allclose(motion.states[-1, [1, 3]], 0.0, atol=1e-8)
-    for found, read in (
-        (motion.states_jacobian, lambda x: made.motion(x).states),
-        (motion.torque_jacobian, lambda x: made.motion(x).torque),
-    ):
-        expected = differences(xi, read)
-        for i in range(xi.size):
-            scale = 1e-3 + np.abs(expected[..., i]).max()
-            np.testing.assert_allclose(found[..., i], expected[..., i], atol=1e-5 * scale)
-
-
-ARCS = TORQUE * np.array([-1.0, 1.0, -1.0, 1.0])
-
-
-@given(slope=st.floats(0.0, 2.0))
-@settings(max_examples=30)
-def test_the_reference_function_is_monotone_and_ends_at_rest(slope):
-    tau = np.linspace(0.0, 1.0, 401)
-    values = reference_shape(tau, slope)
-    assert (values[0], values[-1]) == (0.0, pytest.approx(1.0))
-    assert (np.diff(values) > 0).all()
-    assert values[1] / tau[1] == pytest.approx(slope, abs=0.01)
-    assert (values[-1] - values[-2]) < 4 * tau[1] ** 2
-
-
-@pytest.mark.parametrize('start', [(3.0, 0.1, 0.0, 0.2), (3.0, -0.2, -9.0, 1.0)])
-def test_derivatives_along_a_virtual_arc_match_finite_differences(start):
-    made = VirtualArcProgram(task(*start), ARCS, 0, 12, 0.3)
-    xi = np.array([0.35, 0.25, 0.2])
-    at = made.linearise(made.evaluate(xi), None)
-    slope = differences(xi, lambda x: np.array(made.evaluate(x).cost), 1e-7)
-    np.testing.assert_allclose(at.gradient, slope, rtol=1e-5, atol=1e-6)
-    rows = differences(xi, lambda x: made.evaluate(x).cache.equalities, 1e-7)
-    np.testing.assert_allclose(at.equality_jacobian, rows, rtol=1e-4, atol=1e-5)
-
-
-def passage(start: tuple[float, ...], angle: float) -> np.ndarray:
-    """Integrate the plant to where theta reaches an angle: what the scheme integrates there."""
-
-    def reached(t, x):
-        return x[0] - angle
-
-    reached.terminal = True  # type: ignore[attr-defined]
-    held = np.array([-TORQUE])
-    way = solve_ivp(
-        lambda t, x: PLANT.derivative(x, held),
-        (0.0, 3.0),
-        start,
-        'DOP853',
-        events=reached,
-        rtol=1e-11,
-        atol=1e-12,
-    )
-    _, psi, theta_dot, psi_dot = way.y[:, -1]
-    return np.array([theta_dot**2, psi, psi_dot, way.t[-1]])
-
-
-@pytest.mark.parametrize('start', [(3.0, 0.1, 0.0, 0.2), (3.0, 0.1, -6.0, 0.2)])
-def test_the_virtual_arc_is_of_second_order_to_the_motion_of_the_plant(start):
-    worst = []
-    for steps in (80, 160):
-        made = VirtualArcProgram(task(*start), np.array([-TORQUE, TORQUE]), 0, steps)
-        xi = np.array([[0.35]])
-        error = made.along(xi)[0, steps] - passage(start, made.angles(xi)[0, steps])
-        worst.append((np.abs(error) / [100.0, 1.0, 10.0, 0.3]).max())
-    assert worst[1] < 2e-4
-    assert worst[0] / worst[1] > 3.0
-
-
-def test_switches_are_nodes_and_the_arcs_fill_the_time():
-    program = VirtualArcProgram(task(3.0, 0.0, -9.0, 0.0), ARCS, 0, 10)
-    xi = np.array([0.3, 0.3, 0.1])
-    states = program.along(xi[None])[0]
-    durations = program.durations(xi)
-    assert durations.shape == (4,)
-    assert durations.sum() == pytest.approx(states[-1, 3])
-    theta = program.angles(xi[None])[0]
-    slope = 2 * 9.0 / (9.0 + 3.0 * PLANT.natural_frequency)
-    expected = 3.0 * (1.0 - reference_shape(np.cumsum(xi), slope))
-    np.testing.assert_allclose(theta[10:40:10], expected, atol=1e-12)
-
-
-def test_what_is_beyond_reach_is_a_violation_not_a_crash():
-    weak = VirtualArcProgram(task(np.pi, 0.0, 0.0, 0.0, torque=1e-3), ARCS / 90, 0, 10, 1.0)
-    point = weak.evaluate(np.full(3, 0.25))
-    assert np.isfinite(point.cost)
-    assert point.violations[1] > 0.1

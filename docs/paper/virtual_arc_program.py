@@ -35,13 +35,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pendulum_arc_kernel import advance_along
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
     NonlinearProgram,
     Point,
 )
-from tdm_planner.plants.pendulum_arc_kernel import advance_along
 from tdm_planner.problems.swing_up_task import SwingUpTask
 
 Array = NDArray[np.float64]

@@ -36,8 +36,8 @@ from tdm_planner.plants.pendulum_steering import ArcBatch
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import FINE_STEPS, steered, trajectory
-from tdm_planner.problems.virtual_arc_program import VirtualArcProgram
 from tdm_planner.trajectory import Trajectory
+from virtual_arc_program import VirtualArcProgram
 
 Array = NDArray[np.float64]
 
