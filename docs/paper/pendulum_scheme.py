@@ -42,7 +42,7 @@ from scipy.optimize import brentq
 from tdm_planner.direct_method import Budget, minimise, PolynomialReference, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
-from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
+from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp, Plan
 from virtual_arc_method import VirtualArcMethod
 from virtual_arc_program import reference_shape, VirtualArcProgram
 
@@ -145,12 +145,18 @@ def problem(theta: float, torque: float, method: str = 'virtual_arc') -> Pendulu
     )
 
 
+def along_arc(made: PendulumSwingUp) -> Plan:
+    """Plan by the mended scheme."""
+    budget, rng = Budget(DEADLINE), np.random.default_rng(0)
+    return VirtualArcMethod(made.task, budget, rng, made.switching_arcs, 1e-8).run()
+
+
 def transfers(angles: Array, torques: Array) -> Array:
     """Return the times of transfers from rest over those of method switching, or NaN."""
     ratios = np.full((torques.size, angles.size), np.nan)
     for i, j in np.ndindex(ratios.shape):
         try:
-            found = problem(angles[j], torques[i]).solve(deadline=DEADLINE)
+            found = along_arc(problem(angles[j], torques[i]))
         except Infeasible:
             continue
         quickest = problem(angles[j], torques[i], 'switching').solve(deadline=DEADLINE)
@@ -169,7 +175,7 @@ def share_solved(torque: float, starts: int) -> tuple[float, float]:
     for state in rng.uniform(-1.0, 1.0, (starts, 4)) * [np.pi, 1.0, 5.0, 5.0]:
         made = replace(problem(0.0, torque), start=PendulumStart(*map(float, state)))
         try:
-            made.solve(deadline=DEADLINE)
+            along_arc(made)
             solved += 1
         except Infeasible:
             pass

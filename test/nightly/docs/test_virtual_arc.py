@@ -24,7 +24,6 @@ from tdm_planner.problems.swing_up_task import SwingUpTask
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'docs/paper'))
 paper = import_module('virtual_arc_program')
 reference_shape, VirtualArcProgram = paper.reference_shape, paper.VirtualArcProgram
-from virtual_arc_program import reference_shape, VirtualArcProgram
 
 PLANT, TORQUE = RotaryPendulum(), 0.09
 
