@@ -151,8 +151,9 @@ class Landing(DirectProblem, Validated):
 
 
 def table(counts: tuple[int, ...], orders: tuple[int, ...]) -> dict[tuple[int, int], Solution]:
-    """Plans by the free parameters of each coordinate and the degree of dt/ds."""
-    problem = Landing(solver=DirectSolverParameters(deadline=60.0))  # never reached here
+    """Plans of the direct method by the free parameters of a coordinate, the degree of dt/ds."""
+    solver = DirectSolverParameters(deadline=60.0, refine=False)  # never reached here
+    problem = Landing(solver=solver)
     return {
         (free, order): replace(problem, free=free, speed_factor_order=order).solve()
         for free in counts

@@ -82,9 +82,9 @@ def shortest_time(distance: float, radius: float, speed: float) -> float:
 
 
 if __name__ == '__main__':
-    problem = RoundTheObstacle(solver=DirectSolverParameters(deadline=10.0))
+    problem = RoundTheObstacle(solver=DirectSolverParameters(deadline=10.0, refine=False))
     best = shortest_time(problem.distance, problem.radius, problem.speed)
-    print(f'tangent, arc, tangent: {best:.5f} s')
+    print(f'tangent, arc, tangent: {best:.5f} s, refined {RoundTheObstacle().solve().cost:.5f} s')
     print('free parameters    tau = t           dt/ds of degree 3')
     for free in (2, 4, 6, 8):
         times = [replace(problem, free=free, speed_factor_order=k).solve().cost for k in (0, 3)]

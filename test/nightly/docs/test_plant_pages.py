@@ -20,9 +20,10 @@ from pages import install_own_plant
 import pytest
 from ros_harness import SOURCE
 from tdm_planner.plan_files import load_plan
-from tdm_planner.problems import SolverParameters
+from tdm_planner.problems import DirectSolverParameters
 
-LONG = SolverParameters(deadline=120.0)
+DIRECT = DirectSolverParameters(deadline=120.0, refine=False)
+REFINED = DirectSolverParameters(deadline=120.0)
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +67,7 @@ def test_brachistochrone_is_the_cycloid():
     from brachistochrone import Brachistochrone, cycloid_time
 
     for across, down in ((2.0, 1.0), (0.5, 1.0)):
-        problem = Brachistochrone(across=across, down=down, solver=LONG)
+        problem = Brachistochrone(across=across, down=down, solver=DIRECT)
         solution = problem.solve()
         check_plan(solution)
         best = cycloid_time(across, down, 9.81)
@@ -80,7 +81,7 @@ def test_round_the_obstacle():
     from obstacle import RoundTheObstacle, shortest_time
 
     best = shortest_time(2.0, 1.0, 1.0)
-    problem = RoundTheObstacle(solver=LONG)
+    problem = RoundTheObstacle(solver=DIRECT)
     plain = problem.solve()
     quicker = replace(problem, speed_factor_order=3).solve()
     for solution in (plain, quicker):
@@ -89,6 +90,9 @@ def test_round_the_obstacle():
         assert np.hypot(x, y).min() > 1.0 - 1e-3
     assert best * (1 - 1e-4) < quicker.cost < plain.cost
     assert quicker.cost < 1.005 * best
+    refined = replace(problem, solver=REFINED).solve()
+    check_plan(refined)
+    assert best * (1 - 1e-4) < refined.cost < 1.0005 * best
 
 
 def test_landing_against_collocation():
@@ -96,7 +100,7 @@ def test_landing_against_collocation():
     from landing import Landing
     from landing_reference import collocation
 
-    problem = Landing(solver=LONG)
+    problem = Landing(solver=DIRECT)
     solution = problem.solve()
     check_plan(solution)
     start, end = solution.trajectory.states[[0, -1]]
@@ -106,21 +110,11 @@ def test_landing_against_collocation():
     best, finer = (collocation(problem, solution.trajectory, n).cost for n in (40, 80))
     assert best == pytest.approx(finer, rel=1e-4)  # the optimum of the problem, not of the grid
     assert finer * (1 - 1e-4) < solution.cost < 1.01 * finer
+    refined = replace(problem, solver=REFINED).solve()
+    check_plan(refined)
+    assert refined.cost == pytest.approx(finer, rel=1e-3)
     quicker, plain = (
         replace(problem, free=3, speed_factor_order=order).solve().cost
         for order in (problem.speed_factor_order, 0)
     )
     assert quicker < 0.999 * plain
-
-
-def test_the_pendulum_merely_stated_is_as_quick_as_the_built_in_problem():
-    import pendulum as page
-    from tdm_planner.problems import PendulumStart
-
-    start = PendulumStart(theta=np.pi)
-    stated = page.StatedSwingUp(start=start).solve(deadline=120.0)
-    own = page.built_in(start).solve(deadline=60.0)
-    assert stated.verification.ok
-    assert stated.cost == pytest.approx(own.cost, rel=0.03)
-    np.testing.assert_allclose(stated.trajectory.states[-1], 0.0, atol=2e-2)
-    assert np.abs(stated.trajectory.control('torque')).max() < page.STRONG.torque * (1 + 1e-4)
