@@ -88,6 +88,7 @@ _CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with condit
 _CHANGES = 10  # of a first guess that is not finite everywhere
 _PLAIN, _STRAIGHT = 2, (3, 5, 7)  # attempts: boundary conditions alone, lines in state space
 _FAR = 0.3  # violation with which the loose minimiser goes on
+_STARTS_SHARE = 0.4  # of the time allowed, after which one solution is enough
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 
 _FEASIBLE = 1e-6  # violation at which the direct method's minimiser is content,
@@ -210,7 +211,8 @@ class DirectSearch(Search[Candidate]):
                 self._hurried = False
             best = min(found.cost for found in solved)
             again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
-            if again >= _AGREED or len(solved) >= _ENOUGH:
+            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
+            if again >= _AGREED or len(solved) >= _ENOUGH or late:
                 break
         yield from sorted(solved, key=lambda found: found.cost)
 

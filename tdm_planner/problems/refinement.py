@@ -49,6 +49,7 @@ _REPAIRS = 7
 _SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
 _SHIFTS = 3
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
+_CHECK_SHARE = 0.2  # of the time allowed, for the check
 _LONGER = 1.3  # share by which a second guess of a warm start takes longer
 _SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -166,7 +167,7 @@ class Refinement:
         while found is not None:
             found = self._repaired(found)
             yield found
-            if 2 * found.intervals > FINEST or self._budget.spent:
+            if 2 * found.intervals > FINEST or self._late:
                 return
             found = self.finer(found, 2 * found.intervals)
 
@@ -176,7 +177,7 @@ class Refinement:
         shift = np.zeros(self.ends.states.shape[1])
         for turn in range(_REPAIRS):
             miss, gap, least = self._judged(motion)
-            if gap <= _SHARE and (least >= -_TOUCHED).all():
+            if (gap <= _SHARE and (least >= -_TOUCHED).all()) or self._late:
                 break
             intervals, guess = motion.intervals, motion
             if not gap <= _NEAR or (gap > _SHARE and shifts >= _SHIFTS):  # too coarse to correct
@@ -197,6 +198,11 @@ class Refinement:
                 break
             motion = again
         return motion
+
+    @property
+    def _late(self) -> bool:
+        """Whether the time that is left is for the check."""
+        return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
 
     def _judged(self, motion: Motion) -> tuple[Array, float, Array]:
         """Return the replay's miss of the end, its size in tolerances, the least margins."""
