@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -82,19 +84,51 @@ class DirectPlant:
 
 
 class TracedPlant(DirectPlant):
-    """The same, quick at one state: by the trace, which `agrees` compares along a whole plan."""
+    """
+    The same, quick at one state and with derivatives: by the trace.
 
-    def __init__(self, formulation: Formulation, trace: Trace) -> None:
+    `agrees` compares it with the statement along a whole plan.
+    """
+
+    def __init__(self, formulation: Formulation, trace: Trace | None = None) -> None:
         super().__init__(formulation)
-        numbers, call = trace.values(formulation), Call(trace.rates)
-        object.__setattr__(self, '_one', lambda x, u: call(x, u, numbers)[0])
+        trace = trace or Trace.of(self._stated)
+        object.__setattr__(self, '_trace', trace)
+        object.__setattr__(self, '_numbers', trace.values(formulation))
+        object.__setattr__(self, '_one', Call(trace.rates))
+
+    _trace: Trace
+    _numbers: Array
+    _one: Call
+
+    @cached_property
+    def _slopes(self) -> Any:
+        """The Jacobians by states and controls, column by column, as a CasADi function."""
+        made, rates = self._trace.functions, self._trace.rates
+        if 'slopes' not in made:
+            x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))
+            slopes = ca.jacobian(rates(x, u, p), ca.vertcat(x, u))
+            made['slopes'] = ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
+        return made['slopes']
+
+    @cached_property
+    def _one_slope(self) -> Call:
+        return Call(self._slopes)
 
     def derivative(self, state: Array, control: Array) -> Array:
         """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""
         if state.ndim > 1:
             return super().derivative(state, control)
-        rates: Array = self._one(state, control).copy()  # type: ignore[attr-defined]
+        rates: Array = self._one(state, control, self._numbers)[0].copy()
         return rates if np.isfinite(rates).all() else super().derivative(state, control)
+
+    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""
+        nx, nu = state.shape[-1], control.shape[-1]
+        call = self._one_slope if state.ndim == 1 else Call(self._slopes, len(state))
+        flat = call(state, control, self._numbers)[0]
+        slopes = np.swapaxes(flat.reshape(*state.shape[:-1], nx + nu, nx), -1, -2).copy()
+        return slopes[..., :nx], slopes[..., nx:]
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""

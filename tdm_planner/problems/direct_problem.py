@@ -39,7 +39,7 @@ planned for by ``tdm plan`` and by the planner node.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import re
 from typing import Any, ClassVar
@@ -96,6 +96,18 @@ class DirectProblem(Formulation, Problem):
     nodes: ClassVar[int] = 41
     starts: ClassVar[int] = 4
     terminal_tolerance: ClassVar[tuple[float, ...] | None] = None
+
+    def feedback_weights(self) -> tuple[Any, Any] | None:
+        """
+        Return the weights Q (nx, nx) and R (nu, nu) of the tracker's LQR.
+
+        None, the default, counts deviations as shares of what a plan runs through.
+        """
+        return None
+
+    def joints(self) -> Mapping[str, tuple[str, str]]:
+        """Return joints by name: the states that are their position and velocity."""
+        return {}
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Name a class that has no name of its own by its own."""

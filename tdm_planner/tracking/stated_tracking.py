@@ -1,0 +1,234 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tracking of a stated problem's plans: time-varying LQR by traced Jacobians, LQR at the end.
+
+The control over the coming command interval is the mean of the planned one less K(t) times the
+deviation, saturated at `control_limits`. The weights count a deviation as a share of what the
+plan's states and controls run through, unless the problem gives `feedback_weights`. Where the end
+can be held at rest by some control, a regulator about it takes over; else the motion is over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.problems.direct_plant import TracedPlant
+from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.linear_quadratic import (
+    discrete_regulator,
+    time_varying_regulator,
+    TimeVaryingRegulator,
+)
+from tdm_planner.tracking.tracker import (
+    Action,
+    Motion,
+    Phase,
+    TrajectoryRefused,
+    TrajectoryTracker,
+)
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_FEWEST_GAINS, _MOST_GAINS, _GAIN_STEP = 100, 12_000, 5e-3  # along a plan, and s between two
+_AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
+_NEWTON = 20  # steps to the control that holds the end
+_SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
+_LEAST_RANGE = 1e-2  # of the largest range of a state of the same unit
+_BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """How the end is held: state (nx,), control (nu,), gain (nu, nx)."""
+
+    state: Array
+    control: Array
+    gain: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StatedLaw:
+    """What is prepared of a plan: feedforward, gains every `step` s, how both ends are held."""
+
+    trajectory: Trajectory
+    feedforward: Feedforward
+    regulator: TimeVaryingRegulator
+    step: float
+    begin: Hold | None
+    end: Hold | None
+
+    def gain(self, elapsed: float) -> Array:
+        """Gain (nu, nx) at `elapsed` s after the start."""
+        last = len(self.regulator.gains) - 1
+        return np.asarray(self.regulator.gains[min(max(int(elapsed / self.step), 0), last)])
+
+
+class StatedTracker(TrajectoryTracker):
+    """Tracker of any `DirectProblem`; deviations are shares of the range of a plan's states."""
+
+    def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
+        self._problem, self._plant = problem, TracedPlant(problem)
+        nx, nu = len(problem.state_names), len(problem.control_names)
+        history = CommandHistory(nu)
+        measured, model = _BELIEVED
+        noise = EstimatorNoise(
+            measurement=np.full(nx, measured),
+            model=model,
+            rate_floor=np.ones(nx),
+            driven=np.ones(nx, dtype=bool),
+        )
+        estimator = StateEstimator(
+            self._plant, noise, np.zeros(nx, dtype=bool), history, parameters.state_timeout
+        )
+        super().__init__(parameters, estimator, history)
+        limits = self._plant._stated.control_limits
+        unlimited = (-np.inf, np.inf)
+        both = [limits.get(name, unlimited) for name in problem.control_names]
+        self._lower, self._upper = np.array(both).T
+        self._ranges = np.ones(nx)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the plant's states."""
+        return tuple(self._problem.state_names)
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the plant's controls."""
+        return tuple(self._problem.control_names)
+
+    def prepare(self, trajectory: Trajectory) -> StatedLaw:
+        """Compute the gains along the plan."""
+        plant = self._plant
+        smooth = trajectory.with_rates(plant.derivative)
+        steps = max(_FEWEST_GAINS, round(trajectory.duration / _GAIN_STEP))
+        steps = min(steps, _MOST_GAINS)
+        step = trajectory.duration / steps
+        sample = smooth.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
+        ranges, (q, r) = self._scales(trajectory), self._weights(trajectory)
+        hold, terminal = self._held(trajectory, -1, q, r)
+        begin, _ = self._held(trajectory, 0, q, r)
+        a, b = plant.jacobians(sample.state, sample.control)
+        try:
+            along = time_varying_regulator(a, b, q, r, terminal, step)
+        except ValueError as error:
+            raise TrajectoryRefused(
+                f'there is no feedback along the trajectory: {error}'
+            ) from None
+        if not np.isfinite(along.gains).all():
+            raise TrajectoryRefused('there is no finite feedback along the trajectory')
+        self._ranges = ranges
+        return StatedLaw(smooth, Feedforward(trajectory), along, step, begin, hold)
+
+    def _scales(self, trajectory: Trajectory) -> Array:
+        """Return the range of every state (nx,), not less than a share of others of its unit."""
+        found = np.ptp(trajectory.states, axis=0)
+        units = np.array(self._problem.state_units)
+        least = np.array([_LEAST_RANGE * found[units == unit].max() for unit in units])
+        return np.asarray(np.maximum(np.maximum(found, least), 1e-9))
+
+    def _weights(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        given = self._problem.feedback_weights()
+        if given is not None:
+            q, r = (np.atleast_2d(np.asarray(part, dtype=float)) for part in given)
+            return q, r
+        span = np.ptp(trajectory.controls, axis=0)
+        limited = np.isfinite(self._upper - self._lower)
+        size = np.where(limited, 0.5 * (self._upper - self._lower), 0.5 * span)
+        time = trajectory.duration
+        q = np.diag((_SHARES / self._scales(trajectory)) ** 2) / time
+        return q, np.diag(1.0 / np.maximum(size, 1e-9) ** 2) / time
+
+    def _held(
+        self, trajectory: Trajectory, end: int, q: Array, r: Array
+    ) -> tuple[Hold | None, Array]:
+        """Return how an end is held, if it can be, and the weight of a deviation there."""
+        plant, state = self._plant, trajectory.states[end]
+        control = np.clip(np.zeros(len(self.control_names)), self._lower, self._upper)
+        for _ in range(_NEWTON):
+            rates = plant.derivative(state, control)
+            _, b = plant.jacobians(state, control)
+            control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
+        smooth = trajectory.with_rates(plant.derivative)
+        assert smooth.rates is not None
+        largest = np.abs(smooth.rates).max(axis=(0, 1))
+        still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
+        nowhere = trajectory.duration * 10.0 * q
+        if not still.all():
+            return None, nowhere
+        a, b = plant.jacobians(state, control)
+        try:
+            found = discrete_regulator(a, b, q, r, self.parameters.interval)
+        except ValueError:
+            return None, nowhere
+        return Hold(state, control, found.gain), found.cost_to_go
+
+    def error(self, state: Array, reference: Array) -> Array:
+        """State minus reference (nx,)."""
+        return state - reference
+
+    def deviation(self, error: Array) -> float:
+        """Return the largest deviation as a share of what the plan's states run through."""
+        return float((np.abs(error) / self._ranges).max())
+
+    def track(self, motion: Motion, time: float, state: Array) -> Action:
+        """Mean planned control plus time-varying feedback."""
+        law: StatedLaw = motion.law
+        elapsed = time - motion.start
+        first = law.trajectory.times[0]
+        until = min(elapsed + self.parameters.interval, law.trajectory.duration)
+        planned = law.trajectory.controls[-1]
+        if until > elapsed:
+            planned = law.feedforward.mean(first + elapsed, first + until)
+        reference = law.trajectory.sample(first + elapsed).state
+        return self._action(planned, law.gain(elapsed), state, reference)
+
+    def hold(self, motion: Motion, time: float, state: Array) -> Action:
+        """Feedback about the end; nothing where it cannot be held."""
+        hold: Hold | None = motion.law.end
+        if hold is None:
+            nothing = np.zeros(len(self.control_names))
+            return Action(nothing, nothing, np.zeros(state.size), state)
+        return self._action(hold.control, hold.gain, state, hold.state)
+
+    def _check_start(self, motion: Motion, now: float) -> None:
+        """Compare the state with the planned one; a start ahead is compared when it has come."""
+        self._ranges = self._scales(motion.trajectory)
+        if now >= motion.start or self.phase in (Phase.TRACKING, Phase.HOLDING):
+            super()._check_start(motion, now)
+
+    @property
+    def lead(self) -> float:
+        """Time [s] before a start for which the start is held: as long as it takes."""
+        return np.inf
+
+    def wait(self, motion: Motion, state: Array) -> Array:
+        """Feedback about the start, where it can be held."""
+        begin: Hold | None = motion.law.begin
+        if begin is None:
+            return np.zeros(len(self.control_names))
+        return self._action(begin.control, begin.gain, state, begin.state).control
+
+    def _action(self, planned: Array, gain: Array, state: Array, reference: Array) -> Action:
+        error = self.error(state, reference)
+        control = np.clip(planned - gain @ error, self._lower, self._upper)
+        return Action(control, control - planned, error, reference)
