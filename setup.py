@@ -118,6 +118,7 @@ setup(
             'planner = tdm_planner.nodes.planner:main',
             'tracker = tdm_planner.nodes.tracker:main',
             'pendulum_plant = tdm_sim.pendulum_plant:main',
+            'plant = tdm_sim.stated_plant:main',
             'robot_plant = tdm_sim.robot_plant:main',
             'tdm = tdm_planner.cli:main',
         ],

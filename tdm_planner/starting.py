@@ -29,7 +29,7 @@ import signal
 import sys
 import threading
 
-EXECUTABLES = ('planner', 'tracker', 'pendulum_plant', 'robot_plant')
+EXECUTABLES = ('planner', 'tracker', 'plant', 'pendulum_plant', 'robot_plant')
 NO_ROS = (
     "this needs 'rclpy', which is not installed: source a ROS 2 installation, or run 'make setup' "
     'in the source tree'

@@ -24,6 +24,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.parameters import (
     build,
     parameter,
+    ParameterSpec,
     POSITIVE,
     Range,
     SEED,
@@ -144,11 +146,18 @@ class PlantNode(ParameterNode):
 
     """
 
-    def __init__(self, name: str, parameters: type[SimulationParameters], **options: Any) -> None:
-        self._parameters_type = parameters
-        super().__init__(name, specifications(parameters), **options)
+    def __init__(
+        self,
+        name: str,
+        parameters: type[SimulationParameters],
+        first: Mapping[str, ParameterSpec] = MappingProxyType({}),
+        **options: Any,
+    ) -> None:
+        super().__init__(name, first, **options)
+        self._parameters_type = self.parameters_of(parameters)
+        self.declare(specifications(self._parameters_type))
         self.warn_of_unknown_overrides()
-        self.parameters: Any = build(parameters, self.parameter_values)
+        self.parameters: Any = build(self._parameters_type, self.parameter_values)
         self.simulation = SimulatedPlant(self.make_setup(self.parameters), self.parameters.seed)
         self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
@@ -172,6 +181,10 @@ class PlantNode(ParameterNode):
             post_callback=self._on_clock_jump,
         )
         self._timer = self._make_timer()
+
+    def parameters_of(self, base: type[SimulationParameters]) -> type[SimulationParameters]:
+        """Return the dataclass of the parameters, once the `first` ones are known."""
+        return base
 
     def _make_clock_source(self) -> ClockSource | None:
         if not self.parameters.publish_clock:

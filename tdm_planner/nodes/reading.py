@@ -63,7 +63,7 @@ def pendulum_trajectory(message: Any, interpolation: Interpolation | None = None
 
     A JointTrajectory does not say how efforts run between its points. Unless `interpolation` says
     so, efforts that stay equal over most intervals are held (switched torque), others are read as
-    the cubic spline through the points.
+    linear between the points.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def pendulum_trajectory(message: Any, interpolation: Interpolation | None = None
     torque = columns['effort'][:, 1:]
     if interpolation is None:
         held = np.count_nonzero(np.diff(torque[:-1, 0])) <= (len(torque) - 2) / 2
-        interpolation = 'zero_order_hold' if held else 'cubic'
+        interpolation = 'zero_order_hold' if held else 'linear'
     return Trajectory(
         times=np.array(nanoseconds, dtype=float) * NANOSECOND,
         states=np.concatenate([columns['positions'], columns['velocities']], axis=1),

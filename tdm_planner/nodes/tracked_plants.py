@@ -45,9 +45,18 @@ from tdm_planner.nodes.robot_messages import (
     robot_trajectory,
     thruster_angle,
 )
+from tdm_planner.nodes.stated_plants import (
+    problem_from,
+    stated_problem,
+    StatedMessages,
+    with_parameters_of,
+)
+from tdm_planner.parameters import shown, to_mapping
+from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker import Action, TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import NANOSECOND, Trajectory
@@ -96,7 +105,7 @@ def _stamped(intake: Intake, take: Callable[[Any, bytes], None]) -> Callable[[by
 class TrackedPlant(ABC):
     """A plant as the tracker node sees it."""
 
-    parameters: ClassVar[type[TrackerParameters]]
+    parameters: type[TrackerParameters]
     in_force: ClassVar[Mapping[str, Any]]  # topics that tell what is followed, and their types
 
     @abstractmethod
@@ -159,12 +168,46 @@ class TrackedPendulum(TrackedPlant):
         )
 
 
-class TrackedRobot(TrackedPlant):
+class _TwoHalves(TrackedPlant):
     """
-    A floating robot: `trajectory` and `controls`, `odom` and `joint_states` -> its actuators.
+    A plant whose plans come in two messages.
 
     The two halves of a plan carry the same stamp; the half that comes first waits for the other.
     """
+
+    def __init__(self) -> None:
+        self._halves: dict[int, dict[str, bytes]] = {}
+
+    def take_half(
+        self, intake: Intake, read: Callable[[list[Any]], Trajectory]
+    ) -> Callable[[str], Callable[[bytes], None]]:
+        """Return what makes the callback of a half, by the topic that tells it is followed."""
+
+        def on_half(topic: str, stamp: Any, data: bytes) -> None:
+            halves = self._complete(topic, nanoseconds_of(stamp), data)
+            if halves is None:
+                return
+
+            def both() -> Trajectory:
+                return read([from_wire(halves[n], kind) for n, kind in self.in_force.items()])
+
+            intake.on_trajectory(stamp, both, halves)
+
+        return lambda topic: _stamped(intake, partial(on_half, topic))
+
+    def _complete(self, topic: str, stamp: int, data: bytes) -> dict[str, bytes] | None:
+        """Return both halves of a plan when the second comes; plans of several may interleave."""
+        halves = self._halves.setdefault(stamp, {})
+        halves[topic] = data
+        if len(halves) == len(self.in_force):
+            return self._halves.pop(stamp)
+        while len(self._halves) > MOST_HALVES:
+            del self._halves[next(iter(self._halves))]
+        return None
+
+
+class TrackedRobot(_TwoHalves):
+    """A floating robot: `trajectory`, `controls`, `odom`, `joint_states` -> its actuators."""
 
     parameters = RobotTrackerParameters
     in_force = MappingProxyType(
@@ -172,7 +215,7 @@ class TrackedRobot(TrackedPlant):
     )
 
     def __init__(self) -> None:
-        self._halves: dict[int, dict[str, bytes]] = {}
+        super().__init__()
         self._joints: JointState | None = None
         self._joints_came = 0.0  # instant on a steady clock [s]
 
@@ -185,21 +228,8 @@ class TrackedRobot(TrackedPlant):
         given = str(node.get_parameter('robot_name').value)
         robot = given or node.get_namespace().rsplit('/', 1)[-1] or None
 
-        def on_half(topic: str, stamp: Any, data: bytes) -> None:
-            halves = self._complete(topic, nanoseconds_of(stamp), data)
-            if halves is None:
-                return
-
-            def read() -> Trajectory:
-                motion, controls = (
-                    from_wire(halves[name], kind) for name, kind in self.in_force.items()
-                )
-                return robot_trajectory(motion, controls, robot)
-
-            intake.on_trajectory(stamp, read, halves)
-
-        on_motion = _stamped(intake, partial(on_half, 'trajectory_in_force'))
-        on_controls = _stamped(intake, partial(on_half, 'controls_in_force'))
+        half = self.take_half(intake, lambda both: robot_trajectory(both[0], both[1], robot))
+        on_motion, on_controls = half('trajectory_in_force'), half('controls_in_force')
 
         def on_odometry(message: Odometry) -> None:
             longest = float(node.get_parameter('state_timeout').value)
@@ -211,16 +241,6 @@ class TrackedRobot(TrackedPlant):
         node.create_subscription(JointTrajectory, 'controls', on_controls, LATCHED, raw=True)
         node.create_subscription(JointState, 'joint_states', self.take_joints, NEWEST)
         node.create_subscription(Odometry, 'odom', on_odometry, NEWEST)
-
-    def _complete(self, topic: str, stamp: int, data: bytes) -> dict[str, bytes] | None:
-        """Return both halves of a plan when the second comes; plans of several may interleave."""
-        halves = self._halves.setdefault(stamp, {})
-        halves[topic] = data
-        if len(halves) == len(self.in_force):
-            return self._halves.pop(stamp)
-        while len(self._halves) > MOST_HALVES:
-            del self._halves[next(iter(self._halves))]
-        return None
 
     def take_joints(self, message: JointState) -> None:
         """Take the half of a state that is not in `odom`."""
@@ -273,6 +293,65 @@ class TrackedRobot(TrackedPlant):
         )
 
 
-PLANTS: Mapping[str, type[TrackedPlant]] = MappingProxyType(
+class TrackedProblem(_TwoHalves):
+    """A stated problem: `trajectory` and `controls`, `joint_states` -> its controls as efforts."""
+
+    in_force = MappingProxyType(
+        {'trajectory_in_force': JointTrajectory, 'controls_in_force': JointTrajectory}
+    )
+
+    def __init__(self, problem: type[DirectProblem]) -> None:
+        super().__init__()
+        self._problem = problem
+        self.parameters = with_parameters_of(TrackerParameters, problem)
+        self._messages = StatedMessages(problem())
+
+    def make_tracker(self, parameters: Any) -> TrajectoryTracker:
+        """Return the feedback law for the problem with these numbers."""
+        return StatedTracker(problem_from(self._problem, to_mapping(parameters)), parameters)
+
+    def subscribe(self, node: Node, intake: Intake) -> None:
+        """Subscribe to `trajectory`, `controls` and `joint_states`."""
+        half = self.take_half(intake, lambda both: self._messages.read_plan(*both))
+
+        def on_state(message: JointState) -> None:
+            intake.on_state(message.header.stamp, lambda: self._messages.read_state(message))
+
+        for topic in ('trajectory', 'controls'):
+            take = half(f'{topic}_in_force')
+            node.create_subscription(JointTrajectory, topic, take, LATCHED, raw=True)
+        node.create_subscription(JointState, 'joint_states', on_state, NEWEST)
+
+    def command_message(self, control: Array) -> JointState:
+        """Return the controls."""
+        return self._messages.command_message(control)
+
+    def error_message(self, action: Action) -> JointState:
+        """Return the deviation and the feedback within the command."""
+        return self._messages.error_message(action.error, action.feedback)
+
+
+_BUILT_IN: Mapping[str, type[TrackedPlant]] = MappingProxyType(
     {'pendulum': TrackedPendulum, 'robot': TrackedRobot}
 )
+
+
+def tracked_plant(kind: str) -> TrackedPlant:
+    """
+    Return the plant of a kind: pendulum, robot, or a stated problem.
+
+    Raises
+    ------
+    InvalidProblem
+        If there is none of that name.
+
+    """
+    if kind in _BUILT_IN:
+        return _BUILT_IN[kind]()
+    try:
+        return TrackedProblem(stated_problem(kind))
+    except InvalidProblem as error:
+        raise InvalidProblem(
+            f"parameter 'kind' = {shown(kind)} is not allowed: must be one of "
+            f'{", ".join(_BUILT_IN)}, or a stated problem ({error})'
+        ) from error

@@ -43,7 +43,7 @@ from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.ration import Ration
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
-from tdm_planner.nodes.tracked_plants import PLANTS, QUEUE
+from tdm_planner.nodes.tracked_plants import QUEUE, tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
@@ -76,8 +76,7 @@ _KIND = ParameterSpec(
     name='kind',
     kind=str,
     default='pendulum',
-    description='kind of plant to track',
-    choices=tuple(PLANTS),
+    description='kind of plant to track: pendulum, robot, or a stated problem (module:Class)',
     read_only=True,
 )
 
@@ -87,7 +86,7 @@ def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
     return {
         _KIND.name: _KIND,
         AUTOSTART.name: AUTOSTART,
-        **specifications(PLANTS[kind].parameters),
+        **specifications(tracked_plant(kind).parameters),
     }
 
 
@@ -107,7 +106,7 @@ class TrackerNode(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
-        self.plant = PLANTS[self.parameter_values[_KIND.name]]()
+        self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.declare(specifications(self.plant.parameters))
         self.warn_of_unknown_overrides()
         self._clock_steps = 0
@@ -130,7 +129,7 @@ class TrackerNode(ManagedNode):
 
     def configure(self) -> None:
         """Listen to plan and state."""
-        self.plant = PLANTS[self.parameter_values[_KIND.name]]()
+        self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)

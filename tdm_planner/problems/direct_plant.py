@@ -40,7 +40,8 @@ class DirectPlant:
     formulation: Formulation
 
     @cached_property
-    def _stated(self) -> CheckedFormulation:
+    def stated(self) -> CheckedFormulation:
+        """The functions of the formulation, checked."""
         return CheckedFormulation(self.formulation)
 
     @property
@@ -73,7 +74,7 @@ class DirectPlant:
             Naming the state, if a rate is not a finite number.
 
         """
-        stacked = self._stated.derivative(state, control)
+        stacked = self.stated.derivative(state, control)
         if not np.isfinite(stacked).all():
             index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
             raise NotFinite(
@@ -92,7 +93,7 @@ class TracedPlant(DirectPlant):
 
     def __init__(self, formulation: Formulation, trace: Trace | None = None) -> None:
         super().__init__(formulation)
-        trace = trace or Trace.of(self._stated)
+        trace = trace or Trace.of(self.stated)
         object.__setattr__(self, '_trace', trace)
         object.__setattr__(self, '_numbers', trace.values(formulation))
         object.__setattr__(self, '_one', Call(trace.rates))

@@ -100,7 +100,7 @@ class StatedTracker(TrajectoryTracker):
             self._plant, noise, np.zeros(nx, dtype=bool), history, parameters.state_timeout
         )
         super().__init__(parameters, estimator, history)
-        limits = self._plant._stated.control_limits
+        limits = self._plant.stated.control_limits
         unlimited = (-np.inf, np.inf)
         both = [limits.get(name, unlimited) for name in problem.control_names]
         self._lower, self._upper = np.array(both).T
