@@ -112,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     demo = commands.add_parser(
         'demo', help='real nodes, a plan by service, a recording, a verdict'
     )
-    demo.add_argument('plant', choices=sorted(SHORT_NAMES))
+    demo.add_argument('plant', help='pendulum, robots, a stated problem: module:Class or its name')
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
     demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     demo.add_argument(
@@ -199,7 +199,7 @@ def _plot(problem: Problem, solution: Solution, path: Path) -> None:
 def _demo(options: argparse.Namespace) -> int:
     from tdm_sim.demo import run_demo
 
-    output = options.output or Path(options.plant)
+    output = options.output or Path(options.plant.rpartition(':')[2].lower())
     reached = run_demo(
         options.plant,
         output,

@@ -33,7 +33,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import NoState, TdmError
+from tdm_planner.exceptions import InvalidProblem, NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import ParameterSpec, Range
@@ -42,6 +42,7 @@ from tdm_planner.resources import config_file
 from tdm_sim.demo_pendulum import PendulumScene
 from tdm_sim.demo_robots import RobotsScene
 from tdm_sim.demo_scene import Scene
+from tdm_sim.demo_stated import StatedScene
 from tdm_sim.processes import NodeProcesses
 from tdm_sim.progress import make_progress, Progress
 from tdm_sim.verdict import Verdict
@@ -59,7 +60,7 @@ SPEED = ParameterSpec(
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its kernels
 _RETRY = 0.2  # s between requests while states are on their way
-_OWN_FILES = ('bag', 'log', 'plan.json', 'plan.png', 'report.html')
+_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'plan.png', 'report.html')
 
 
 class DemoFailed(TdmError):
@@ -91,11 +92,11 @@ def run_demo(
 
     """
     require_one_ros()
-    file = config_file(f'{plant}.yaml') if parameters is None else parameters
-    kind = SCENES[plant]
-    scene = kind(read_parameters(file, namespace=kind.namespace), file.resolve())
-    scene.speed = SPEED.check(speed)
+    if plant not in SCENES and speed != 1.0:
+        raise InvalidProblem("'--speed' is for pendulum and robots: other plants run in real time")
     _prepare_folder(output)
+    scene = _scene(plant, parameters, output)
+    scene.speed = SPEED.check(speed)
     with make_progress(quiet) as progress:
         verdict = _conduct(scene, output, progress)
         progress.phase(f'writing {output}/plan.json and {output}/plan.png')
@@ -112,6 +113,19 @@ def run_demo(
     for reason in filter(None, (*verdict.reasons, verdict.undecided)):
         print(f'tdm demo: {reason}', file=sys.stderr)
     return verdict.reached
+
+
+def _scene(plant: str, parameters: Path | None, output: Path) -> Scene:
+    """Return the scene of a built-in plant, or of a stated problem by its name."""
+    if plant in SCENES:
+        file = config_file(f'{plant}.yaml') if parameters is None else parameters
+        kind = SCENES[plant]
+        return kind(read_parameters(file, namespace=kind.namespace), file.resolve())
+    file = parameters or output / 'parameters.yaml'
+    if parameters is None:
+        file.write_text('/**:\n  ros__parameters: {}\n')
+    values = read_parameters(file, node='planner', required=False)
+    return StatedScene(values, file.resolve(), plant)
 
 
 def _report(folder: Path, namespace: str, progress: Progress) -> str:

@@ -132,6 +132,7 @@ EXECUTABLES: Mapping[str, str] = MappingProxyType(
         'planner': 'plans on request and publishes what was verified',
         'tracker': 'keeps one plant on its plan and holds it at the goal',
         'pendulum_plant': 'simulates the rotary pendulum in real time',
+        'plant': 'simulates any stated problem in real time',
         'robot_plant': 'simulates one floating robot in real time',
         'tdm': 'plans without ROS, runs the demo, records and reports',
     }

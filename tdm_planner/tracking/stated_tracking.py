@@ -104,7 +104,7 @@ class StatedTracker(TrajectoryTracker):
         unlimited = (-np.inf, np.inf)
         both = [limits.get(name, unlimited) for name in problem.control_names]
         self._lower, self._upper = np.array(both).T
-        self._ranges = np.ones(nx)
+        self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -136,7 +136,7 @@ class StatedTracker(TrajectoryTracker):
             ) from None
         if not np.isfinite(along.gains).all():
             raise TrajectoryRefused('there is no finite feedback along the trajectory')
-        self._ranges = ranges
+        self.ranges = ranges
         return StatedLaw(smooth, Feedforward(trajectory), along, step, begin, hold)
 
     def _scales(self, trajectory: Trajectory) -> Array:
@@ -188,7 +188,7 @@ class StatedTracker(TrajectoryTracker):
 
     def deviation(self, error: Array) -> float:
         """Return the largest deviation as a share of what the plan's states run through."""
-        return float((np.abs(error) / self._ranges).max())
+        return float((np.abs(error) / self.ranges).max())
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned control plus time-varying feedback."""
@@ -212,7 +212,7 @@ class StatedTracker(TrajectoryTracker):
 
     def _check_start(self, motion: Motion, now: float) -> None:
         """Compare the state with the planned one; a start ahead is compared when it has come."""
-        self._ranges = self._scales(motion.trajectory)
+        self.ranges = self._scales(motion.trajectory)
         if now >= motion.start or self.phase in (Phase.TRACKING, Phase.HOLDING):
             super()._check_start(motion, now)
 
