@@ -92,11 +92,14 @@ def run_demo(
 
     """
     require_one_ros()
-    if plant not in SCENES and speed != 1.0:
+    faster = SPEED.check(speed)
+    if plant not in SCENES and faster != 1.0:
         raise InvalidProblem("'--speed' is for pendulum and robots: other plants run in real time")
-    _prepare_folder(output)
     scene = _scene(plant, parameters, output)
-    scene.speed = SPEED.check(speed)
+    scene.speed = faster
+    _prepare_folder(output)
+    if not scene.file.exists():
+        scene.file.write_text('/**:\n  ros__parameters: {}\n')
     with make_progress(quiet) as progress:
         verdict = _conduct(scene, output, progress)
         progress.phase(f'writing {output}/plan.json and {output}/plan.png')
@@ -121,11 +124,10 @@ def _scene(plant: str, parameters: Path | None, output: Path) -> Scene:
         file = config_file(f'{plant}.yaml') if parameters is None else parameters
         kind = SCENES[plant]
         return kind(read_parameters(file, namespace=kind.namespace), file.resolve())
-    file = parameters or output / 'parameters.yaml'
     if parameters is None:
-        file.write_text('/**:\n  ros__parameters: {}\n')
-    values = read_parameters(file, node='planner', required=False)
-    return StatedScene(values, file.resolve(), plant)
+        return StatedScene({}, (output / 'parameters.yaml').resolve(), plant)
+    values = read_parameters(parameters, node='planner', required=False)
+    return StatedScene(values, parameters.resolve(), plant)
 
 
 def _report(folder: Path, namespace: str, progress: Progress) -> str:

@@ -53,6 +53,7 @@ from tdm_planner.nodes.stated_plants import (
 )
 from tdm_planner.parameters import shown, to_mapping
 from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.registry import problem_names
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
@@ -348,10 +349,9 @@ def tracked_plant(kind: str) -> TrackedPlant:
     """
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]()
-    try:
-        return TrackedProblem(stated_problem(kind))
-    except InvalidProblem as error:
+    if ':' not in kind and kind not in problem_names():
         raise InvalidProblem(
-            f"parameter 'kind' = {shown(kind)} is not allowed: must be one of "
-            f'{", ".join(_BUILT_IN)}, or a stated problem ({error})'
-        ) from error
+            f"parameter 'kind' = '{shown(kind)}' is not allowed: must be one of "
+            f'{", ".join(_BUILT_IN)}, or a stated problem such as my_module:MyProblem'
+        )
+    return TrackedProblem(stated_problem(kind))

@@ -160,7 +160,8 @@ class DirectSearch(Search[Candidate]):
 
     def widen(self) -> bool:
         """Go on with other first guesses, a few rounds, while none leads to a feasible motion."""
-        return not (self._found or self._late) and self._rounds < _GUESS_ROUNDS
+        rounds = 1 if self._refines else _GUESS_ROUNDS
+        return not (self._found or self._late) and self._rounds < rounds
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""

@@ -102,5 +102,5 @@ def test_a_push_while_holding_is_brought_back(ros: Stepped) -> None:
 
 
 def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:
-    with pytest.raises(Exception, match='must be one of pendulum, robot, or a stated problem'):
+    with pytest.raises(Exception, match='or a stated problem such as my_module:MyProblem'):
         ros.start('tdm_planner.nodes.tracker', {'kind': 'hovercraft'}, namespace='own')
