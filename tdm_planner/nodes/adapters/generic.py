@@ -27,7 +27,10 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.nodes.adapters.measurement import NewestMeasurement
 from tdm_planner.nodes.messages import joint_indices, LATCHED, to_duration, to_stamp, WORLD_FRAME
+from tdm_planner.nodes.stated_plants import StatedMessages
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.registry import load_problem
 from tdm_planner.replanning import GenericExecution, Mode, Observation
 from tdm_planner.replanning.generic_execution import VEHICLE
 from tdm_planner.trajectory import Trajectory
@@ -58,6 +61,12 @@ class GenericAdapter(Adapter):
         ]
         self._state = NewestMeasurement(node, JointState, 'joint_states', self._read)
         self._publishers: dict[str, Any] = {}
+        self._messages: StatedMessages | None = None
+        problem_class = load_problem(values['problem'])
+        if issubclass(problem_class, DirectProblem):
+            self._messages = StatedMessages(problem_class())
+            for topic in ('trajectory', 'controls'):
+                self._publisher(topic)  # from now on, for trackers to know their planner
         self._execution: GenericExecution | None = None
         self.values_changed(values)
 
@@ -111,14 +120,21 @@ class GenericAdapter(Adapter):
         """Age of the newest state."""
         return {'joint_states': self._state.age(now)}
 
-    def _publish(self, topic: str, message: JointTrajectory, start: int) -> None:
+    def _publisher(self, topic: str) -> Any:
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(JointTrajectory, topic, LATCHED)
+        return self._publishers[topic]
+
+    def _publish(self, topic: str, message: JointTrajectory, start: int) -> None:
         message.header.stamp = to_stamp(start)
         message.header.frame_id = WORLD_FRAME
-        self._publishers[topic].publish(message)
+        self._publisher(topic).publish(message)
 
     def _read(self, message: JointState) -> dict[str, float]:
+        stated = self._messages
+        if stated is not None and set(self._wanted) <= set(stated.states):
+            values = dict(zip(stated.states, stated.read_state(message).tolist(), strict=True))
+            return {name: values[name] for name in self._wanted}
         index = joint_indices(message.name, self._wanted)
         if len(message.position) != len(message.name):
             raise InvalidProblem(
