@@ -131,6 +131,16 @@ class TracedPlant(DirectPlant):
         slopes = np.swapaxes(flat.reshape(*state.shape[:-1], nx + nu, nx), -1, -2).copy()
         return slopes[..., :nx], slopes[..., nx:]
 
+    @cached_property
+    def _one_margin(self) -> Call:
+        return Call(self._trace.margins)
+
+    def control_margins(self, time: float, state: Array, control: Array) -> Array:
+        """Return what is left to the limits in which the controls have a part, (nm,)."""
+        margins = self._one_margin(time, state, control, self._numbers)[0]
+        found: Array = margins[self._trace.of_controls]
+        return found
+
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""
         stated = super().derivative(states, controls)

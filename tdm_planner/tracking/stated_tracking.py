@@ -16,9 +16,10 @@
 Tracking of a stated problem's plans: time-varying LQR by traced Jacobians, LQR at the end.
 
 The control over the coming command interval is the mean of the planned one less K(t) times the
-deviation, saturated at `control_limits`. The weights count a deviation as a share of what the
-plan's states and controls run through, unless the problem gives `feedback_weights`. Where the end
-can be held at rest by some control, a regulator about it takes over; else the motion is over.
+deviation, saturated at `control_limits` and where `margins` end. The weights count a deviation as
+a share of what the plan's states and controls run through, unless the problem gives
+`feedback_weights`. Where the end can be held at rest by some control, a regulator about it takes
+over; else the motion is over.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ Array = NDArray[np.float64]
 
 _FEWEST_GAINS, _MOST_GAINS, _GAIN_STEP = 100, 12_000, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
+_TOUCHED, _HALVINGS = 1e-3, 8  # of a limit that feedback may touch; to the share it allows
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
 _LEAST_RANGE = 1e-2  # of the largest range of a state of the same unit
@@ -200,7 +202,7 @@ class StatedTracker(TrajectoryTracker):
         if until > elapsed:
             planned = law.feedforward.mean(first + elapsed, first + until)
         reference = law.trajectory.sample(first + elapsed).state
-        return self._action(planned, law.gain(elapsed), state, reference)
+        return self._action(planned, law.gain(elapsed), state, reference, elapsed)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end; nothing where it cannot be held."""
@@ -228,7 +230,20 @@ class StatedTracker(TrajectoryTracker):
             return np.zeros(len(self.control_names))
         return self._action(begin.control, begin.gain, state, begin.state).control
 
-    def _action(self, planned: Array, gain: Array, state: Array, reference: Array) -> Action:
+    def _action(
+        self, planned: Array, gain: Array, state: Array, reference: Array, elapsed: float = 0.0
+    ) -> Action:
+        """Return planned control and feedback, as much of it as the limits allow."""
         error = self.error(state, reference)
         control = np.clip(planned - gain @ error, self._lower, self._upper)
+        margins = self._plant.control_margins
+        least = np.minimum(margins(elapsed, reference, planned), 0.0) - _TOUCHED
+        if not (margins(elapsed, state, control) >= least).all():
+            low, high = 0.0, 1.0
+            for _ in range(_HALVINGS):
+                share = 0.5 * (low + high)
+                between = planned + share * (control - planned)
+                kept = (margins(elapsed, state, between) >= least).all()
+                low, high = (share, high) if kept else (low, share)
+            control = planned + low * (control - planned)
         return Action(control, control - planned, error, reference)
