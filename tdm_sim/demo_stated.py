@@ -45,6 +45,7 @@ from trajectory_msgs.msg import JointTrajectory
 Array = NDArray[np.float64]
 
 ALLOWED = 0.05  # deviation from the end, as a share of what the states run through
+_FIRST = 0.05  # s after the start, until when the command before it may be in force
 _OVERSHOT = 0.05  # by which a limit, as a share, may be violated: feedback needs room, too
 
 
@@ -181,7 +182,7 @@ class StatedScene(Scene):
             for name, value in zip(plan.state_names, last.tolist(), strict=True)
             if not value < ALLOWED
         ]
-        moving = (times >= 0.0) & (times <= plan.duration)
+        moving = (times >= _FIRST) & (times <= plan.duration)
         stated = CheckedFormulation(self.problem)
         margins = stated.margins(times[moving], states[moving], controls[moving])
         planned = stated.margins(plan.times, plan.states, plan.controls)
@@ -200,7 +201,10 @@ class StatedScene(Scene):
             least = float(values.min())
             rows.append((f'least margin, {name}', f'{planned[name].min():.4f}', f'{least:.4f}'))
             if least < -_OVERSHOT:
-                reasons.append(f"the limit '{name}' was violated by {-least:.3g}")
+                reasons.append(
+                    f"the limit '{name}' was violated by {-least:.3g}: a `reserve` in the "
+                    'statement leaves a share of it to the feedback'
+                )
         rows.append(('time to solve [ms]', f'{1e3 * float(self.answer["solve_time"]):.0f}', ''))
         early = times[-1] < self._until - 0.1
         undecided = ends_early(float(times[-1])) if early and not reasons else ''

@@ -16,6 +16,7 @@ Simulated time waits for the tracker: a busy machine makes a mission longer, and
 from __future__ import annotations
 
 from collections import Counter
+import os
 from pathlib import Path
 import signal
 from typing import Any
@@ -122,3 +123,17 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     topics = {message.channel.topic for message in messages(bag)}
     assert {f'/pendulum/{name}' for name in ('trajectory', 'joint_states')} <= topics
     assert messages(tmp_path / 'out' / 'bag', '/pendulum/trajectory')
+
+
+def test_a_plant_of_one_s_own_flies(ros: Ros, tmp_path: Path) -> None:
+    """From a module that Python finds: planned, tracked, held, recorded, reported."""
+    words = ['demo', 'moon_lander:MoonLander', '-o', str(tmp_path / 'out')]
+    found = [str(SOURCE / 'docs' / 'plants'), os.environ.get('PYTHONPATH', '')]
+    process = ros.run('tdm_planner.cli', words, {'PYTHONPATH': os.pathsep.join(found)})
+    assert process.process.wait(LONG) == 0, process.output
+    assert 'goal reached and held' in process.output
+    plan = load_plan(tmp_path / 'out' / 'plan.json')
+    assert plan['verification']['ok']
+    assert abs(plan['states']['h'][-1]) < 1e-2
+    for name in ('bag', 'plan.png', 'report.html'):
+        assert (tmp_path / 'out' / name).exists()
