@@ -30,9 +30,9 @@ from typing import Any, NamedTuple
 import daqp
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_kernels import roll_arcs
-from tdm_planner.plants.pendulum_replay import dormand_prince, replay_steps
+from tdm_planner.plants.pendulum_kernels import dormand_prince, replay_steps, roll_arcs
 from tdm_planner.plants.pendulum_steering import steer_arcs
+from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.switching_seeds import starts
 
@@ -47,7 +47,7 @@ _TIGHT = 1e-8
 class Numbers(NamedTuple):
     """The problem as plain numbers."""
 
-    k: Array
+    k: Coefficients
     start: Array
     psi_max: float
     w0: float
@@ -58,7 +58,7 @@ class Numbers(NamedTuple):
 def numbers(made: PendulumSwingUp) -> Numbers:
     """Return the problem as plain numbers."""
     task = made.task
-    k, w0 = np.array(made.plant.coefficients), made.plant.natural_frequency
+    k, w0 = made.plant.coefficients, made.plant.natural_frequency
     return Numbers(k, task.start, task.planned_disk_angle, w0, task.distance, task)
 
 

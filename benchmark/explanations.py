@@ -33,7 +33,7 @@ EXPLANATIONS: Mapping[str, str] = MappingProxyType(
             'as the quadratic programs of the steps; what is left is the integration of the '
             'motions.'
         ),
-        'pendulum_rollout.steer': (
+        'pendulum_steering.steer': (
             '300 random starts, compiled, sixteen motions side by side. It leaves one core to the '
             'control loop and uses two others where there are as many: then it takes half as long '
             'by the clock as it counts here. With an earlier plan to start from there is little '

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import accelerations
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import (
     Candidate,
@@ -130,10 +131,8 @@ def _accelerations(
     plant: RotaryPendulum, x: casadi.MX, torque: casadi.MX, w0: float
 ) -> tuple[casadi.MX, casadi.MX]:
     """Accelerations in units of w0^2, rates in units of w0."""
-    accelerations = plant.accelerations(
-        casadi.sin(x[0]), casadi.cos(x[0]), x[2] * w0, x[3] * w0, torque
-    )
-    return accelerations[0] / w0**2, accelerations[1] / w0**2
+    theta, psi = accelerations(plant.coefficients, x[0], x[2] * w0, x[3] * w0, torque)
+    return theta / w0**2, psi / w0**2
 
 
 def main() -> None:

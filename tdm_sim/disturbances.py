@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
 Array = NDArray[np.float64]
 
@@ -55,12 +55,11 @@ def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
     The generalized momentum of theta, A theta' + B psi', jumps by `impulse`, that of psi,
     B theta' + J psi', does not.
     """
-    k = plant.coefficients
-    sine, cosine = math.sin(state[0]), math.cos(state[0])
-    b = k.arm * cosine
-    j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
+    k, (theta, _, theta_dot, psi_dot) = plant.coefficients, state
+    b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
     determinant = k.pendulum * j - b**2
-    return state + impulse / determinant * np.array([0.0, 0.0, j, -b])
+    pushed: Array = state + impulse / determinant * np.array([0.0, 0.0, j, -b])
+    return pushed
 
 
 def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: float) -> Array:

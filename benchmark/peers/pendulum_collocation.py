@@ -25,6 +25,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import accelerations
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -38,9 +39,7 @@ def dynamics(plant: RotaryPendulum, torque: float) -> Any:
     """Equations of motion with time in 1 / w0 and the control in units of `torque` [N m]."""
     w0 = plant.natural_frequency
     x, u = casadi.SX.sym('x', 4), casadi.SX.sym('u')
-    theta, psi = plant.accelerations(
-        casadi.sin(x[0]), casadi.cos(x[0]), x[2] * w0, x[3] * w0, u * torque
-    )
+    theta, psi = accelerations(plant.coefficients, x[0], x[2] * w0, x[3] * w0, u * torque)
     rates = casadi.vertcat(x[2], x[3], theta / w0**2, psi / w0**2)
     return casadi.Function('f', [x, u], [rates])
 

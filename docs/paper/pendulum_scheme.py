@@ -41,7 +41,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from tdm_planner.direct_method import Budget, minimise, PolynomialReference, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.virtual_arc_method import VirtualArcMethod
 from tdm_planner.problems.virtual_arc_program import reference_shape, VirtualArcProgram
@@ -74,8 +74,7 @@ def torque_at(theta: float, switches: Array) -> float:
 
 def rates(theta: float, theta_dot: float, psi_dot: float, torque: float) -> tuple[float, float]:
     """Theta.. and psi.. of the plant."""
-    sine, cosine = float(np.sin(theta)), float(np.cos(theta))
-    return PLANT.accelerations(sine, cosine, theta_dot, psi_dot, torque)
+    return accelerations(PLANT.coefficients, theta, theta_dot, psi_dot, torque)
 
 
 def printed(count: int, switches: Array, completed: bool = False) -> End:

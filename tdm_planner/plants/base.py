@@ -12,11 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the method needs to know of a plant: its equations of motion x' = f(x, u)."""
+"""What is needed of a plant: its equations of motion x' = f(x, u), and what follows from them."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+import math
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,3 +51,55 @@ class Plant(Protocol):
 
     def derivative(self, state: Array, control: Array) -> Array:
         """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""
+
+
+class StatedPlant:
+    """
+    A plant whose equations of motion are stated once, as a function of numbers.
+
+    `equations` takes the plant's `coefficients` and sequences of its states and controls, and
+    returns the rates of the states. It calls numpy's functions only.
+    """
+
+    state_names: ClassVar[tuple[str, ...]]
+    control_names: ClassVar[tuple[str, ...]]
+    equations: ClassVar[Callable[..., tuple[Any, ...]]]
+
+    @property
+    def coefficients(self) -> Any:
+        """Constants of the equations of motion, a named tuple."""
+        raise NotImplementedError
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""
+        if state.ndim == 1 and control.ndim == 1:
+            # One state at a time is what integrators ask for: scalars are ten times faster.
+            states, controls = state.tolist(), control.tolist()
+            if not math.isfinite(sum(states)):
+                return np.full(state.size, np.nan)
+            return np.array(self.equations(self.coefficients, states, controls))
+        rates = self.equations(self.coefficients, *_components(state, control))
+        shape = np.broadcast_shapes(state.shape[:-1], control.shape[:-1])
+        derivative = np.empty((*shape, len(rates)), np.result_type(state, control))
+        for row, rate in enumerate(rates):
+            derivative[..., row] = rate
+        return derivative
+
+    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
+        """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""
+        # Where nothing is derived there is no use for what kernels and derivatives are kept with.
+        from tdm_planner.plants.slopes import with_slopes
+
+        k, nx, nu = self.coefficients, len(self.state_names), len(self.control_names)
+        kind: Any = type(k)
+        derived = with_slopes(self.equations, ('state', 'control'), k=kind, state=nx, control=nu)
+        slopes = derived(k, *_components(state, control))[nx:]
+        shape = np.broadcast_shapes(state.shape[:-1], control.shape[:-1])
+        jacobians = np.empty((*shape, nx, nx + nu))
+        for place, slope in enumerate(slopes):
+            jacobians[..., place % nx, place // nx] = slope
+        return jacobians[..., :nx], jacobians[..., nx:]
+
+
+def _components(state: Array, control: Array) -> tuple[Array, Array]:
+    return np.moveaxis(state, -1, 0), np.moveaxis(control, -1, 0)

@@ -24,27 +24,16 @@ NUMBA_CACHE_DIR): what `make setup` compiled serves every copy that runs there.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
-from hashlib import sha256
 import os
-from pathlib import Path
-import sys
 from typing import Any, TypeVar
 
 import numba
 from numba.core import event
 from numba.core.caching import IndexDataCacheFile
+from numba.extending import register_jitable
+from tdm_planner.plants.slopes import DIGEST, FOLDER
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
-
-_SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
-_KERNELS = b''.join(source for source in _SOURCES if b'@compiled' in source)
-_DIGEST = sha256(numba.__version__.encode() + _KERNELS).hexdigest()[:16]
-_FOLDER = Path(
-    os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', _DIGEST
-)
-with suppress(OSError):  # then numba's own folder will do
-    _FOLDER.mkdir(mode=0o755, parents=True, exist_ok=True)
 
 COMPILING = (
     "compiling kernels, once: this may take a minute; 'python3 -m tdm_planner.set_up' does it "
@@ -81,10 +70,16 @@ def compiled(function: _Function) -> _Function:
     """Compile on the first call and keep the machine code on disk; the GIL is let go meanwhile."""
     made: Any = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
     cache = made._cache
-    folder = _FOLDER if os.access(_FOLDER, os.R_OK | os.X_OK) else cache.cache_path
+    folder = FOLDER if os.access(FOLDER, os.R_OK | os.X_OK) else cache.cache_path
     index: Any = IndexDataCacheFile  # typed in some versions only
-    cache._cache_file = index(str(folder), cache._impl.filename_base, _DIGEST)
+    cache._cache_file = index(str(folder), cache._impl.filename_base, DIGEST)
     if not os.access(folder, os.W_OK):  # another user has set the environment up
         cache.save_overload = _keep_in_memory
     typed: _Function = made
     return typed
+
+
+def inlined(function: _Function) -> _Function:
+    """Let compiled functions call this one, as part of themselves; called itself it is Python."""
+    made: _Function = register_jitable(error_model='numpy', forceinline=True)(function)
+    return made

@@ -25,13 +25,24 @@ and the torque follows from the second one (`RotaryPendulum.torque_for`).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.pendulum_kernels import driven
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.slopes import with_slopes
 
 Array = NDArray[np.float64]
+
+
+def _angle(k: Coefficients, theta: Any, psi_dot: Any, psi_ddot: Any) -> tuple[Any, ...]:
+    """Return theta'', which does not depend on theta'."""
+    return driven(k, theta, 0.0, psi_dot, psi_ddot)[:1]
+
+
+_angle_with_slopes = inlined(with_slopes(_angle, ('theta', 'psi_dot', 'psi_ddot'), k=Coefficients))
 
 
 def drive_pendulum(
@@ -53,7 +64,7 @@ def drive_pendulum(
     states, slopes = np.empty((count + 1, 2)), np.empty((count + 1, 2, parameters))
     with np.errstate(all='ignore'):
         _drive(
-            np.array(plant.coefficients),
+            plant.coefficients,
             start,
             disk,
             disk_slopes,
@@ -72,7 +83,7 @@ def compile_kernel(plant: RotaryPendulum) -> None:
 
 @compiled
 def _drive(
-    k: Array,
+    k: Coefficients,
     start: Array,
     disk: Array,
     disk_slopes: Array,
@@ -97,21 +108,10 @@ def _drive(
                 w += reach * step * acceleration[s - 1]
             if not abs(angle) < 1e9:
                 angle = math.nan
-                sine = cosine = math.nan
-            else:
-                sine, cosine = math.sin(angle), math.cos(angle)
-            psi_dot, psi_ddot = disk[at, 0], disk[at, 1]
             speed[s] = w
-            acceleration[s] = (
-                k[0] * sine * cosine * psi_dot * psi_dot + k[6] * sine - k[5] * cosine * psi_ddot
-            ) / k[1]
-            by_angle = (
-                k[0] * (cosine * cosine - sine * sine) * psi_dot * psi_dot
-                + k[6] * cosine
-                + k[5] * sine * psi_ddot
-            ) / k[1]
-            by_speed = 2.0 * k[0] * sine * cosine * psi_dot / k[1]
-            by_acceleration = -k[5] * cosine / k[1]
+            acceleration[s], by_angle, by_speed, by_acceleration = _angle_with_slopes(
+                k, angle, disk[at, 0], disk[at, 1]
+            )
             for p in range(parameters):
                 d_angle, d_w = slopes[node, 0, p], slopes[node, 1, p]
                 if s > 0:

@@ -27,18 +27,26 @@ The torque is that of the wheel's motor on the robot; the wheel takes up its ang
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-import math
-from typing import ClassVar, TYPE_CHECKING
+from typing import Any, ClassVar, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.parameters import parameter, PHYSICAL, Validated
+from tdm_planner.plants.base import StatedPlant
 
 if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+
+class RobotInertia(NamedTuple):
+    """Mass [kg] and moment of inertia [kg m^2] of a robot."""
+
+    mass: float
+    inertia: float
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,7 @@ class RobotLimits(Validated):
 
 
 @dataclass(frozen=True)
-class FloatingRobot(Validated):
+class FloatingRobot(Validated, StatedPlant):
     """A robot that floats without friction on a flat arena."""
 
     mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=PHYSICAL)
@@ -79,32 +87,21 @@ class FloatingRobot(Validated):
     control_names: ClassVar[tuple[str, ...]] = ('thrust', 'thruster_rate', 'torque')
     control_units: ClassVar[tuple[str, ...]] = ('N', 'rad/s', 'N m')
 
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (..., 7), (..., 3) -> (..., 7)."""
-        state, control = np.asarray(state), np.asarray(control)
-        if state.ndim == 1 and control.ndim == 1:
-            # One state at a time is what integrators ask for: scalars are ten times faster.
-            _, _, u, v, yaw, omega, alpha = state.tolist()
-            thrust, rate, torque = control.tolist()
-            push, heading = thrust / self.mass, yaw + alpha
-            return np.array(
-                [
-                    u, v, push * math.cos(heading), push * math.sin(heading),
-                    omega, torque / self.inertia, rate,
-                ]
-            )  # fmt: skip
-        heading = state[..., 4] + state[..., 6]
-        push = control[..., 0] / self.mass
-        rates = (
-            state[..., 2],
-            state[..., 3],
-            push * np.cos(heading),
-            push * np.sin(heading),
-            state[..., 5],
-            control[..., 2] / self.inertia,
-            control[..., 1],
-        )
-        return np.stack(np.broadcast_arrays(*rates), axis=-1)
+    @property
+    def coefficients(self) -> RobotInertia:
+        """Constants of the equations of motion."""
+        return RobotInertia(self.mass, self.inertia)
+
+    @staticmethod
+    def equations(
+        k: RobotInertia, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        _, _, u, v, yaw, omega, alpha = state
+        thrust, rate, torque = control
+        push, heading = thrust / k.mass, yaw + alpha
+        along, across = push * np.cos(heading), push * np.sin(heading)
+        return u, v, along, across, omega, torque / k.inertia, rate
 
     def wheel_speed(self, omega: Array, initial: float = 0.0, initial_omega: float = 0.0) -> Array:
         """

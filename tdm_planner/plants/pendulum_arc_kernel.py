@@ -12,11 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`.
-
-The coefficients `k` are those of `rotary_pendulum.Coefficients`, in order.
-"""
+"""Compiled recursion of the rotary pendulum along a prescribed angle, see `advance_along`."""
 
 from __future__ import annotations
 
@@ -25,23 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.pendulum_kernels import accelerations
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 # Real, or complex where derivatives are taken by complex step.
 Values = NDArray[Any]
-
-
-@compiled
-def _accelerate(k: Values, theta: Any, theta_dot: Any, psi_dot: Any, torque: float) -> Any:
-    """Accelerations theta'', psi''."""
-    sine, cosine = np.sin(theta), np.cos(theta)
-    double_sine = 2.0 * sine * cosine
-    b = k[5] * cosine
-    j = k[2] + k[3] * sine * sine + k[4] * cosine * cosine
-    r1 = 0.5 * k[0] * double_sine * psi_dot * psi_dot + k[6] * sine
-    r2 = torque - k[0] * double_sine * theta_dot * psi_dot + k[5] * sine * theta_dot * theta_dot
-    determinant = k[1] * j - b * b
-    return (j * r1 - b * r2) / determinant, (k[1] * r2 - b * r1) / determinant
 
 
 @compiled
@@ -52,7 +36,7 @@ def _speed(energy: Any, least: float) -> Any:
 
 @compiled
 def advance_along(
-    k: Values,
+    k: Coefficients,
     theta: Values,
     from_rest: bool,
     to_rest: bool,
@@ -83,12 +67,12 @@ def advance_along(
             here, there, torque = theta[b, node - 1], theta[b, node], torques[node - 1]
             change = there - here
             way = -1.0 if change.real < 0.0 else 1.0
-            forward, sideways = _accelerate(k, here, way * speed, psi_dot, torque)
+            forward, sideways = accelerations(k, here, way * speed, psi_dot, torque)
             ahead = 0.0 * energy
             if node < last or not to_rest:
                 ahead = _speed(energy + 2.0 * forward * change, least)
             elapsed = 2.0 * way * change / (speed + ahead)
-            forward_there, sideways_there = _accelerate(
+            forward_there, sideways_there = accelerations(
                 k, there, way * ahead, psi_dot + sideways * elapsed, torque
             )
             energy = energy + (forward + forward_there) * change
@@ -110,4 +94,4 @@ def compile_arc_kernel(plant: RotaryPendulum) -> None:
     """Compile the kernel for real and complex numbers, or load it from the disk."""
     for kind in (np.float64, np.complex128):
         theta, states = np.array([[0.2, 0.1, 0.0]], dtype=kind), np.zeros((1, 3, 4), dtype=kind)
-        advance_along(np.array(plant.coefficients), theta, True, True, np.zeros(2), 1.0, states)
+        advance_along(plant.coefficients, theta, True, True, np.zeros(2), 1.0, states)

@@ -13,68 +13,89 @@
 # limitations under the License.
 
 """
-Compiled motion of the rotary pendulum under arcs of constant torque.
+Compiled motion of the rotary pendulum: under arcs of torque, replayed, under a feedback law.
 
-Coefficients `k` are those of `rotary_pendulum.Coefficients`, in order. States are
-(theta, psi, theta', psi').
+States are (theta, psi, theta', psi'). Arcs of constant torque are integrated by the classical
+method of fourth order, with their derivatives. A replay, which must not share its errors, takes
+the twelve-stage formula of Dormand and Prince (Hairer, Norsett and Wanner, "Solving Ordinary
+Differential Equations I"), with the coefficients of scipy's DOP853, at steps so short that its
+error is that of rounding. The feedback law is tabulated: in every interval T_k - K_k (x - r_k),
+saturated, is held, as a tracker does with a plan, to look ahead to the plan's end.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_lanes import sine_and_cosine
+from tdm_planner.plants import rotary_pendulum as stated
+from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.slopes import with_slopes
+
+if TYPE_CHECKING:
+    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+_STAGES = 12
+_LONGEST = 0.05  # of 1/w0: no step of a replay is longer
+_FASTEST = 0.3  # rad, that no angle turns by in one of them
+_SUBSTEPS = 2  # RK4 steps an interval of a feedback law
+
+inlined(stated.mechanics)
+accelerations, driven = inlined(stated.accelerations), inlined(stated.driven)
+
 
 @compiled
-def _accelerate(
-    k: Array,
-    theta: float,
-    theta_dot: float,
-    psi_dot: float,
-    torque: float,
-    slopes: Array,
-    stage: int,
-    with_slopes: bool,
-) -> tuple[float, float]:
-    """Accelerations theta'', psi''; their slopes by theta, theta', psi' go to slopes[stage]."""
-    sine, cosine = sine_and_cosine(theta)
-    double_sine = 2.0 * sine * cosine
-    b = k[5] * cosine
-    j = k[2] + k[3] * sine * sine + k[4] * cosine * cosine
-    inverse = 1.0 / (k[1] * j - b * b)
-    r1 = 0.5 * k[0] * double_sine * psi_dot * psi_dot + k[6] * sine
-    r2 = torque - k[0] * double_sine * theta_dot * psi_dot + k[5] * sine * theta_dot * theta_dot
-    theta_ddot = (j * r1 - b * r2) * inverse
-    psi_ddot = (k[1] * r2 - b * r1) * inverse
-    if with_slopes:
-        double_cosine = cosine * cosine - sine * sine
-        b_theta = -k[5] * sine
-        j_theta = (k[3] - k[4]) * double_sine
-        d1 = k[0] * double_cosine * psi_dot * psi_dot + k[6] * cosine - b_theta * psi_ddot
-        d2 = (
-            (k[5] * cosine * theta_dot - 2.0 * k[0] * double_cosine * psi_dot) * theta_dot
-            - b_theta * theta_ddot
-            - j_theta * psi_ddot
-        )
-        slopes[stage, 0] = (j * d1 - b * d2) * inverse
-        slopes[stage, 1] = (k[1] * d2 - b * d1) * inverse
-        d2 = -k[0] * double_sine * psi_dot + 2.0 * k[5] * sine * theta_dot
-        slopes[stage, 2] = -b * d2 * inverse
-        slopes[stage, 3] = k[1] * d2 * inverse
-        d1 = k[0] * double_sine * psi_dot
-        d2 = -k[0] * double_sine * theta_dot
-        slopes[stage, 4] = (j * d1 - b * d2) * inverse
-        slopes[stage, 5] = (k[1] * d2 - b * d1) * inverse
-    return theta_ddot, psi_ddot
+def sine_and_cosine(angle: float) -> tuple[float, float]:
+    """
+    Both to the last bit or nearly, up to some 1e6 rad, without a branch.
+
+    The angle less the nearest multiple of pi / 2, itself in three parts (Cody and Waite), then
+    the polynomials of fdlibm's kernels.
+    """
+    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
+    x = angle - quarters * 1.57079632673412561417
+    x -= quarters * 6.07710050630396597660e-11
+    x -= quarters * 2.02226624879595063154e-21
+    z = x * x
+    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155e-10)
+    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
+    s = x + x * z * (-1.66666666666666324348e-01 + z * s)
+    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.135964755778819e-11)
+    c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
+    c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * c)
+    half = 0.5 * quarters
+    odd = half > np.floor(half)
+    quarter = 0.5 * np.floor(half)
+    sign = 1.0 - 4.0 * (quarter - np.floor(quarter))
+    return sign * (c if odd else s), sign * (-s if odd else c)
+
+
+@inlined
+def _sine(angle: float) -> float:
+    return sine_and_cosine(angle)[0]
+
+
+@inlined
+def _cosine(angle: float) -> float:
+    return sine_and_cosine(angle)[1]
+
+
+accelerations_with_slopes = inlined(
+    with_slopes(
+        stated.accelerations, ('theta', 'theta_dot', 'psi_dot'), _sine, _cosine, k=Coefficients
+    )
+)
 
 
 @compiled
 def roll_arcs(
-    k: Array,
+    k: Coefficients,
     start: Array,
     durations: Array,
     torques: Array,
@@ -111,9 +132,10 @@ def roll_arcs(
                     w += reach * rates[before, 2]
                     v += reach * rates[before, 3]
                 rates[s, 0], rates[s, 1] = w, v
-                rates[s, 2], rates[s, 3] = _accelerate(
-                    k, angle, w, v, torque, slopes, s, with_sensitivities
-                )
+                (
+                    rates[s, 2], rates[s, 3], slopes[s, 0], slopes[s, 1], slopes[s, 2],
+                    slopes[s, 3], slopes[s, 4], slopes[s, 5],
+                ) = accelerations_with_slopes(k, angle, w, v, torque)  # fmt: skip
             for m in range(4):
                 states[node + 1, m] = states[node, m] + h / 6.0 * (
                     rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m]
@@ -165,3 +187,164 @@ def _roll_sensitivities(
                 / 6.0
                 * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])
             )
+
+
+def roll_states(
+    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, steps: int
+) -> Array:
+    """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
+    nodes, unused = np.empty((intervals.size * steps + 1, 4)), np.empty((1, 4, 1))
+    roll_arcs(plant.coefficients, start, intervals, torques, steps, nodes, unused, False)
+    return nodes[::steps].copy()
+
+
+def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array) -> Array | None:
+    """
+    States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
+
+    None where that would be inaccurate: where a held control jumps between two `times`, or where
+    they are too far apart.
+    """
+    if times.size < 2 or abs(times[0] - trajectory.times[0]) > 1e-12:
+        return None
+    steps = np.diff(times)
+    fastest = float(np.abs(trajectory.states[:, 2:]).max())
+    longest = min(_LONGEST / plant.natural_frequency, _FASTEST / max(fastest, 1e-9))
+    if steps.max() > longest:
+        return None
+    formula = dormand_prince()
+    if trajectory.interpolation == 'zero_order_hold':
+        if not np.isin(_switches(trajectory), times).all():
+            return None
+        held = trajectory.controls_at(times[:-1])
+        torques = np.repeat(held, _STAGES, axis=1)
+    else:
+        inside = times[:-1, None] + steps[:, None] * formula[0]
+        torques = trajectory.controls_at(inside.ravel()).reshape(-1, _STAGES)
+    states = np.empty((times.size, 4))
+    states[0] = trajectory.states[0]
+    with np.errstate(all='ignore'):
+        replay_steps(plant.coefficients, steps, torques, *formula[1:], states)
+    return states
+
+
+def _switches(trajectory: Trajectory) -> Array:
+    jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
+    switches: Array = trajectory.times[1:-1][jumps]
+    return switches
+
+
+def dormand_prince() -> tuple[Array, Array, Array]:
+    """Return nodes c (12,), matrix a (12, 12), weights b (12,) of the formula."""
+    from scipy.integrate import DOP853
+
+    return DOP853.C[:_STAGES], DOP853.A[:_STAGES, :_STAGES].copy(), DOP853.B.copy()
+
+
+def compile_replay(plant: RotaryPendulum) -> None:
+    """Compile the kernel or load it from the disk."""
+    replay_steps(
+        plant.coefficients,
+        np.full(1, 1e-3),
+        np.zeros((1, _STAGES)),
+        *dormand_prince()[1:],
+        np.zeros((2, 4)),
+    )
+
+
+@compiled
+def replay_steps(
+    k: Coefficients, steps: Array, torques: Array, matrix: Array, weights: Array, states: Array
+) -> None:
+    """
+    Fill `states` (n + 1, 4) from its first row on, over `steps` (n,) s.
+
+    `k` are the plant's coefficients, `torques` (n, 12) those at the stages of every step.
+    """
+    rates, y = np.empty((12, 4)), np.empty(4)
+    for node in range(steps.size):
+        h = steps[node]
+        for s in range(12):
+            for m in range(4):
+                total = 0.0
+                for p in range(s):
+                    total += matrix[s, p] * rates[p, m]
+                y[m] = states[node, m] + h * total
+            rates[s, 0], rates[s, 1] = y[2], y[3]
+            rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torques[node, s])
+        for m in range(4):
+            total = 0.0
+            for s in range(12):
+                total += weights[s] * rates[s, m]
+            states[node + 1, m] = states[node, m] + h * total
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackTable:
+    """
+    References (n, 4), torques (n,) [N m] and gains (n, 4), one an interval of `step` s.
+
+    The torque is saturated at `limit` [N m].
+    """
+
+    references: Array
+    torques: Array
+    gains: Array
+    step: float
+    limit: float
+
+
+def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> Array:
+    """States (n + 1, 4) at the ends of the table's intervals, from `start` (4,)."""
+    states = np.empty((len(table.torques) + 1, 4))
+    with np.errstate(all='ignore'):
+        _roll(
+            plant.coefficients,
+            np.ascontiguousarray(start, dtype=float),
+            np.ascontiguousarray(table.references),
+            np.ascontiguousarray(table.torques),
+            np.ascontiguousarray(table.gains),
+            table.limit,
+            table.step / _SUBSTEPS,
+            states,
+        )
+    return states
+
+
+def compile_feedback(plant: RotaryPendulum) -> None:
+    """Compile the kernel or load it from the disk."""
+    table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
+    roll_feedback(plant, np.zeros(4), table)
+
+
+@compiled
+def _roll(
+    k: Coefficients,
+    start: Array,
+    references: Array,
+    torques: Array,
+    gains: Array,
+    limit: float,
+    h: float,
+    states: Array,
+) -> None:
+    x, rates, y = start.copy(), np.empty((4, 4)), np.empty(4)
+    states[0] = x
+    for interval in range(torques.size):
+        away = (x[0] - references[interval, 0] + math.pi) % (2.0 * math.pi) - math.pi
+        torque = torques[interval] - gains[interval, 0] * away
+        for m in range(1, 4):
+            torque -= gains[interval, m] * (x[m] - references[interval, m])
+        torque = min(max(torque, -limit), limit)
+        for _ in range(_SUBSTEPS):
+            for s in range(4):
+                reach = 0.0 if s == 0 else (0.5 * h if s < 3 else h)
+                for m in range(4):
+                    y[m] = x[m] + (reach * rates[s - 1, m] if s > 0 else 0.0)
+                rates[s, 0], rates[s, 1] = y[2], y[3]
+                rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torque)
+            for m in range(4):
+                x[m] += (
+                    h / 6.0 * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])
+                )
+        states[interval + 1] = x

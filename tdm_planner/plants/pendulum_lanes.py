@@ -27,6 +27,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.pendulum_kernels import accelerations_with_slopes
+from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
 
@@ -37,34 +39,8 @@ _SLOPES = 6 * LANES  # of the accelerations by theta, theta', psi'
 
 
 @compiled
-def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """
-    Both to the last bit or nearly, up to some 1e6 rad, without a branch.
-
-    The angle less the nearest multiple of pi / 2, itself in three parts (Cody and Waite), then
-    the polynomials of fdlibm's kernels.
-    """
-    quarters = np.floor(angle * 0.6366197723675814 + 0.5)
-    x = angle - quarters * 1.57079632673412561417
-    x -= quarters * 6.07710050630396597660e-11
-    x -= quarters * 2.02226624879595063154e-21
-    z = x * x
-    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155e-10)
-    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
-    s = x + x * z * (-1.66666666666666324348e-01 + z * s)
-    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.135964755778819e-11)
-    c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
-    c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * c)
-    half = 0.5 * quarters
-    odd = half > np.floor(half)
-    quarter = 0.5 * np.floor(half)
-    sign = 1.0 - 4.0 * (quarter - np.floor(quarter))
-    return sign * (c if odd else s), sign * (-s if odd else c)
-
-
-@compiled
 def _stage(
-    k: Array,
+    k: Coefficients,
     state: Array,
     before: Array,
     share: float,
@@ -74,31 +50,18 @@ def _stage(
     slopes: Array,
 ) -> None:
     """Rates at `state + share h before`, and the slopes of the accelerations there."""
-    k0, k1, k2, k3, k4, k5, k6 = k[0], k[1], k[2], k[3], k[4], k[5], k[6]
     for i in range(LANES):
         reach = share * h[i]
         theta = state[i] + reach * before[i]
         w = state[_THETA_DOT + i] + reach * before[_THETA_DOT + i]
         v = state[_PSI_DOT + i] + reach * before[_PSI_DOT + i]
-        sine, cosine = sine_and_cosine(theta)
-        double_sine, double_cosine = 2.0 * sine * cosine, cosine * cosine - sine * sine
-        b, b_theta = k5 * cosine, -k5 * sine
-        j, j_theta = k2 + k3 * sine * sine + k4 * cosine * cosine, (k3 - k4) * double_sine
-        inverse = 1.0 / (k1 * j - b * b)
-        r1 = 0.5 * k0 * double_sine * v * v + k6 * sine
-        r2 = torques[i] - k0 * double_sine * w * v + k5 * sine * w * w
-        theta_ddot, psi_ddot = (j * r1 - b * r2) * inverse, (k1 * r2 - b * r1) * inverse
         rates[i], rates[_PSI + i] = w, v
-        rates[_THETA_DOT + i], rates[_PSI_DOT + i] = theta_ddot, psi_ddot
-        d1 = k0 * double_cosine * v * v + k6 * cosine - b_theta * psi_ddot
-        d2 = (k5 * cosine * w - 2.0 * k0 * double_cosine * v) * w
-        d2 -= b_theta * theta_ddot + j_theta * psi_ddot
-        slopes[i], slopes[LANES + i] = (j * d1 - b * d2) * inverse, (k1 * d2 - b * d1) * inverse
-        d2 = 2.0 * k5 * sine * w - k0 * double_sine * v
-        slopes[2 * LANES + i], slopes[3 * LANES + i] = -b * d2 * inverse, k1 * d2 * inverse
-        d1, d2 = k0 * double_sine * v, -k0 * double_sine * w
-        slopes[4 * LANES + i] = (j * d1 - b * d2) * inverse
-        slopes[5 * LANES + i] = (k1 * d2 - b * d1) * inverse
+        (
+            rates[_THETA_DOT + i], rates[_PSI_DOT + i],
+            slopes[i], slopes[LANES + i],
+            slopes[2 * LANES + i], slopes[3 * LANES + i],
+            slopes[4 * LANES + i], slopes[5 * LANES + i],
+        ) = accelerations_with_slopes(k, theta, w, v, torques[i])  # fmt: skip
 
 
 @compiled
@@ -152,7 +115,7 @@ def _remember_peaks(state: Array, node: float, peaks: Array, nodes: Array) -> No
 
 @compiled
 def roll_lanes(
-    k: Array,
+    k: Coefficients,
     start: Array,
     durations: Array,
     torques: Array,

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Arcs of constant torque varied until the rotary pendulum ends upright at rest, compiled.
+Arcs of constant torque varied until the rotary pendulum ends upright at rest.
 
 A projected Levenberg-Marquardt method for every start on its own, `LANES` of them at a time: as
 soon as one is done with, the next takes its place.
@@ -21,20 +21,48 @@ soon as one is done with, the next takes its place.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 import math
+import os
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
+# Sum of squares at which a start has arrived, and the effort spent on one.
+ARRIVED = 1e-12
+_TARGET = 1e-20
+_ITERATIONS = 25
+_CHUNK = 50  # starts between two looks at the clock
 # Starts whose sum of squares is still this large after so many iterations hardly ever arrive.
 EARLY, EARLY_COST = 9, 0.3
 LATE, LATE_COST = 16, 1e-2
 TRIES = 6  # ever more damped steps tried from one point
+
+
+@dataclass(frozen=True)
+class ArcBatch:
+    """
+    Many sequences of arcs from one start state.
+
+    `durations` (B, K) [s], zero from `arcs` (B,) on; `torques` (B, K) [N m]; `turns` (B,) the
+    number of turns of the goal, NaN for the nearest; `costs` (B,) the sum of squared distances
+    from the goal, infinite where not yet computed.
+    """
+
+    durations: Array
+    arcs: NDArray[np.intp]
+    torques: Array
+    turns: Array
+    costs: Array
 
 
 @compiled
@@ -182,7 +210,7 @@ def _propose(
 
 @compiled
 def steer_arcs(
-    k: Array,
+    k: Coefficients,
     start: Array,
     durations: Array,
     arcs: Integers,
@@ -270,3 +298,67 @@ def steer_arcs(
                 trials[p, lane] = trial[p]
             if refused[lane] >= TRIES:
                 in_lane[lane] = -1
+
+
+def steer(
+    plant: RotaryPendulum,
+    start: Array,
+    batch: ArcBatch,
+    psi_max: float,
+    steps: int,
+    stop: Callable[[], bool],
+) -> int:
+    """
+    Vary all durations until the motions end upright at rest; the batch changes in place.
+
+    Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
+    start on its own. One core is left to the control loop: chunks of starts are shared out evenly
+    among threads on the others. `stop` is asked between chunks and ends it early. Returns the
+    number of integrations. The result does not depend on the number of cores.
+    """
+    chunks = range(0, batch.arcs.size, _CHUNK)
+    workers = max(1, min(_cores() - 1, len(chunks)))
+    constants, w0 = plant.coefficients, plant.natural_frequency
+
+    def work(worker: int) -> int:
+        rollouts = 0
+        for first in chunks[worker::workers]:
+            if stop():
+                break
+            rows = slice(first, first + _CHUNK)
+            rollouts += steer_arcs(
+                constants,
+                start,
+                batch.durations[rows],
+                batch.arcs[rows],
+                batch.torques[rows],
+                batch.turns[rows],
+                psi_max,
+                w0,
+                steps,
+                _ITERATIONS,
+                _TARGET,
+                batch.costs[rows],
+            )
+        return rollouts
+
+    if workers == 1:
+        return work(0)
+    with ThreadPoolExecutor(workers) as pool:
+        return sum(pool.map(work, range(workers)))
+
+
+def compile_kernels(plant: RotaryPendulum) -> None:
+    """Compile the kernels or load them from the disk."""
+    start = np.array([0.1, 0.0, 0.0, 0.0])
+    durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
+    batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
+    steer(plant, start, batch, 1.0, 2, lambda: False)
+    roll_states(plant, start, durations[0], torques[0], 1)
+
+
+def _cores() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1

@@ -32,6 +32,7 @@ Cazzolato and Prime, "On the Dynamics of the Furuta Pendulum" (2011).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
@@ -41,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
+from tdm_planner.plants.base import StatedPlant
 
 if TYPE_CHECKING:  # a simulated pendulum has no use for scipy, which trajectories need
     from tdm_planner.trajectory import Trajectory
@@ -66,6 +68,38 @@ class Coefficients(NamedTuple):
     disk_cosine: float
     arm: float
     gravity: float
+
+
+def mechanics(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Return B, J, r_1 and r_2 - T; the arguments may be numbers, arrays or symbols alike."""
+    sine, cosine = np.sin(theta), np.cos(theta)
+    turning = k.coupling * sine * cosine * psi_dot
+    return (
+        k.arm * cosine,
+        k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine,
+        turning * psi_dot + k.gravity * sine,
+        (k.arm * sine * theta_dot - 2.0 * turning) * theta_dot,
+    )
+
+
+def accelerations(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, torque: Any
+) -> tuple[Any, Any]:
+    """Return theta'' and psi'' under a torque, for arguments of any kind."""
+    b, j, r1, r2 = mechanics(k, theta, theta_dot, psi_dot)
+    r2, inverse = r2 + torque, 1.0 / (k.pendulum * j - b * b)
+    return (j * r1 - b * r2) * inverse, (k.pendulum * r2 - b * r1) * inverse
+
+
+def driven(
+    k: Coefficients, theta: Any, theta_dot: Any, psi_dot: Any, psi_ddot: Any
+) -> tuple[Any, Any]:
+    """Return theta'' and the torque at which the disk has psi'', for arguments of any kind."""
+    b, j, r1, r2 = mechanics(k, theta, theta_dot, psi_dot)
+    theta_ddot = (r1 - b * psi_ddot) / k.pendulum
+    return theta_ddot, b * theta_ddot + j * psi_ddot - r2
 
 
 @dataclass(frozen=True)
@@ -117,7 +151,7 @@ class PendulumInertia(Validated):
 
 
 @dataclass(frozen=True)
-class RotaryPendulum(Validated):
+class RotaryPendulum(Validated, StatedPlant):
     """
     A pendulum on the rim of a driven disk; the defaults are those of a Quanser QUBE-Servo 2.
 
@@ -180,110 +214,34 @@ class RotaryPendulum(Validated):
         """Angular frequency of small swings about hanging with the disk held, w0 [rad/s]."""
         return math.sqrt(self.coefficients.gravity / self.coefficients.pendulum)
 
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (..., 4), (..., 1) -> (..., 4)."""
-        state, control = np.asarray(state), np.asarray(control)
-        if state.ndim == 1 and control.ndim == 1:
-            # One state at a time is what integrators ask for: scalars are ten times faster.
-            theta, _, theta_dot, psi_dot = state.tolist()
-            if not math.isfinite(theta):
-                return np.full(4, np.nan)
-            sine, cosine = math.sin(theta), math.cos(theta)
-            rates = self.accelerations(sine, cosine, theta_dot, psi_dot, float(control[0]))
-            return np.array([theta_dot, psi_dot, *rates])
-        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        rates = self.accelerations(
-            np.sin(theta), np.cos(theta), theta_dot, psi_dot, control[..., 0]
-        )
-        return np.stack(np.broadcast_arrays(theta_dot, psi_dot, *rates), axis=-1)
-
-    def accelerations(
-        self, sine: Any, cosine: Any, theta_dot: Any, psi_dot: Any, torque: Any
-    ) -> tuple[Any, Any]:
-        """Return theta'' and psi''; the arguments may be numbers, arrays or symbols alike."""
-        k = self.coefficients
-        double_sine = 2 * sine * cosine
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
-        r1 = 0.5 * k.coupling * double_sine * psi_dot * psi_dot + k.gravity * sine
-        r2 = (
-            torque
-            - k.coupling * double_sine * theta_dot * psi_dot
-            + k.arm * sine * theta_dot * theta_dot
-        )
-        determinant = k.pendulum * j - b * b
-        return (j * r1 - b * r2) / determinant, (k.pendulum * r2 - b * r1) / determinant
+    @staticmethod
+    def equations(
+        k: Coefficients, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        theta, _, theta_dot, psi_dot = state
+        return (theta_dot, psi_dot, *accelerations(k, theta, theta_dot, psi_dot, *control))
 
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
         """States (n, 4) at `times` (n,), integrated anew; None where that takes another method."""
-        from tdm_planner.plants.pendulum_replay import replay_pendulum
+        from tdm_planner.plants.pendulum_kernels import replay_pendulum
 
         return replay_pendulum(self, trajectory, times)
-
-    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """Return df/dx (..., 4, 4) and df/du (..., 4, 1) at states (..., 4), controls (..., 1)."""
-        state, control = np.broadcast_arrays(
-            np.asarray(state, dtype=float), np.asarray(control, dtype=float)[..., :1]
-        )
-        theta, theta_dot, psi_dot, torque = (
-            state[..., 0],
-            state[..., 2],
-            state[..., 3],
-            control[..., 0],
-        )
-        k = self.coefficients
-        sine, cosine = np.sin(theta), np.cos(theta)
-        double_sine, double_cosine = 2 * sine * cosine, cosine**2 - sine**2
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        determinant = k.pendulum * j - b**2
-        theta_ddot, psi_ddot = self.accelerations(sine, cosine, theta_dot, psi_dot, torque)
-        # (A theta'' + B psi'', B theta'' + J psi'') = (r_1, r_2), differentiated term by term.
-        b_theta, j_theta = -k.arm * sine, (k.disk_sine - k.disk_cosine) * double_sine
-        zero = np.zeros_like(theta)
-        r1 = (
-            k.coupling * double_cosine * psi_dot**2 + k.gravity * cosine - b_theta * psi_ddot,
-            zero,
-            k.coupling * double_sine * psi_dot,
-        )
-        r2 = (
-            -2 * k.coupling * double_cosine * theta_dot * psi_dot
-            + k.arm * cosine * theta_dot**2
-            - b_theta * theta_ddot
-            - j_theta * psi_ddot,
-            -k.coupling * double_sine * psi_dot + 2 * k.arm * sine * theta_dot,
-            -k.coupling * double_sine * theta_dot,
-        )
-        by_state = np.zeros((*theta.shape, 4, 4))
-        by_state[..., 0, 2] = by_state[..., 1, 3] = 1.0
-        for column, d1, d2 in zip((0, 2, 3), r1, r2, strict=True):
-            by_state[..., 2, column] = (j * d1 - b * d2) / determinant
-            by_state[..., 3, column] = (k.pendulum * d2 - b * d1) / determinant
-        by_control = np.zeros((*theta.shape, 4, 1))
-        by_control[..., 2, 0] = -b / determinant
-        by_control[..., 3, 0] = k.pendulum / determinant
-        return by_state, by_control
 
     def linearise(
         self, equilibrium: Literal['upright', 'hanging'] = 'upright'
     ) -> tuple[Array, Array]:
         """Return A (4, 4) and B (4, 1) of x' = A x + B u about an equilibrium at rest."""
         theta = 0.0 if equilibrium == 'upright' else math.pi
-        by_state, by_control = self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
-        return by_state, by_control
+        return self.jacobians(np.array([theta, 0.0, 0.0, 0.0]), np.zeros(1))
 
     def energy(self, state: Array) -> Array:
         """Kinetic and potential energy [J], m g l at rest upright: (..., 4) -> (...)."""
         k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        sine, cosine = np.sin(theta), np.cos(theta)
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        kinetic = (
-            0.5 * k.pendulum * theta_dot**2
-            + k.arm * cosine * theta_dot * psi_dot
-            + 0.5 * j * psi_dot**2
-        )
-        total: Array = kinetic + k.gravity * cosine
+        b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
+        kinetic = 0.5 * k.pendulum * theta_dot**2 + b * theta_dot * psi_dot + 0.5 * j * psi_dot**2
+        total: Array = kinetic + k.gravity * np.cos(theta)
         return total
 
     def torque_for(self, state: Array, psi_ddot: Array) -> tuple[Array, Array]:
@@ -292,18 +250,6 @@ class RotaryPendulum(Validated):
 
         States (..., 4) and psi'' (...) -> two arrays (...).
         """
-        k = self.coefficients
         theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        sine, cosine = np.sin(theta), np.cos(theta)
-        double_sine = 2 * sine * cosine
-        b = k.arm * cosine
-        j = k.disk + k.disk_sine * sine**2 + k.disk_cosine * cosine**2
-        r1 = 0.5 * k.coupling * double_sine * psi_dot**2 + k.gravity * sine
-        theta_ddot = (r1 - b * psi_ddot) / k.pendulum
-        torque = (
-            b * theta_ddot
-            + j * psi_ddot
-            + k.coupling * double_sine * theta_dot * psi_dot
-            - k.arm * sine * theta_dot**2
-        )
+        theta_ddot, torque = driven(self.coefficients, theta, theta_dot, psi_dot, psi_ddot)
         return torque, theta_ddot

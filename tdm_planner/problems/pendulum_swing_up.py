@@ -35,9 +35,8 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.driven_pendulum import compile_kernel
 from tdm_planner.plants.pendulum_arc_kernel import compile_arc_kernel
-from tdm_planner.plants.pendulum_feedback import compile_feedback
-from tdm_planner.plants.pendulum_replay import compile_replay
-from tdm_planner.plants.pendulum_rollout import compile_kernels
+from tdm_planner.plants.pendulum_kernels import compile_feedback, compile_replay
+from tdm_planner.plants.pendulum_steering import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import SolverParameters

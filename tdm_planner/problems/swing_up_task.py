@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_rollout import roll_states
+from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory

@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states
+from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import (

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import roll_arcs
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class ArcProgram(NamedTuple):
     `disk_angle` the limit of |psi| [rad], `steps` the number of RK4 steps an arc.
     """
 
-    k: Array
+    k: Coefficients
     start: Array
     torques: Array
     goal: float
@@ -80,7 +80,7 @@ def arc_program(
 ) -> ArcProgram:
     """Return the program that ends at theta = 2 pi `turns`, see `ArcProgram`."""
     goal, w0 = 2.0 * math.pi * turns, plant.natural_frequency
-    return ArcProgram(np.array(plant.coefficients), start, torques, goal, disk_angle, w0, steps)
+    return ArcProgram(plant.coefficients, start, torques, goal, disk_angle, w0, steps)
 
 
 @compiled

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
-from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
+from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import arc_program, evaluate_arcs

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_rollout import ArcBatch
+from tdm_planner.plants.pendulum_steering import ArcBatch
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 

@@ -25,7 +25,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.plants.pendulum_rollout import ARRIVED
+from tdm_planner.plants.pendulum_steering import ARRIVED
 from tdm_planner.problems.search import Plan
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_method import SwitchingMethod

@@ -103,7 +103,7 @@ class VirtualArcProgram(NonlinearProgram):
         self.lower, self.upper = np.zeros(torques.size - 1), np.ones(torques.size - 1)
         w0 = self._w0 = task.plant.natural_frequency
         self._least = (floor * w0) ** 2
-        self._coefficients = np.array(task.plant.coefficients)
+        self._coefficients = task.plant.coefficients
         speed = abs(float(task.start[2])) / w0
         self._slope = 2.0 * speed / (speed + abs(self._way)) if speed else 0.0
 

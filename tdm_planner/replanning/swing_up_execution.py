@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_feedback import FeedbackTable, roll_feedback
+from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.plants.rotary_pendulum import PendulumMotor
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE

@@ -16,11 +16,13 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.base import StatedPlant
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 
@@ -32,37 +34,31 @@ _GAIN_SPREAD = 0.1  # standard deviation of an actuator's gain before anything i
 _GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
 
 
-class EstimatedRobot:
+class EstimatedRobot(StatedPlant):
     """The floating robot with two more states: what thruster and wheel deliver per command."""
 
+    state_names = (*FloatingRobot.state_names, 'thrust_gain', 'torque_gain')
+    state_units = (*FloatingRobot.state_units, '', '')
+    control_names = FloatingRobot.control_names
+    control_units = FloatingRobot.control_units
+
     def __init__(self, robot: FloatingRobot) -> None:
-        self.robot = robot
-        self.state_names = (*robot.state_names, 'thrust_gain', 'torque_gain')
-        self.state_units = (*robot.state_units, '', '')
-        self.control_names = robot.control_names
-        self.control_units = robot.control_units
+        self._robot = robot
 
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (9,), (3,) -> (9,)."""
-        gains = np.array([state[_THRUST_GAIN], 1.0, state[_WHEEL_GAIN]])
-        motion = self.robot.derivative(state[:7], gains * control)
-        return np.concatenate([motion, np.zeros(2)])
+    @property
+    def coefficients(self) -> RobotInertia:
+        """Constants of the equations of motion."""
+        return self._robot.coefficients
 
-    def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
-        """Return df/dx (9, 9) and df/du (9, 3)."""
-        thrust, torque = control[0] / self.robot.mass, control[2] / self.robot.inertia
-        heading = state[_YAW] + state[_ALPHA]
-        along = np.array([math.cos(heading), math.sin(heading)])
-        across = np.array([-along[1], along[0]])
-        by_state, by_control = np.zeros((9, 9)), np.zeros((9, 3))
-        by_state[0, 2] = by_state[1, 3] = by_state[_YAW, _OMEGA] = 1.0
-        by_state[2:4, _YAW] = by_state[2:4, _ALPHA] = state[_THRUST_GAIN] * thrust * across
-        by_state[2:4, _THRUST_GAIN] = thrust * along
-        by_state[_OMEGA, _WHEEL_GAIN] = torque
-        by_control[2:4, 0] = state[_THRUST_GAIN] / self.robot.mass * along
-        by_control[_OMEGA, 2] = state[_WHEEL_GAIN] / self.robot.inertia
-        by_control[_ALPHA, 1] = 1.0
-        return by_state, by_control
+    @staticmethod
+    def equations(
+        k: RobotInertia, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        *motion, thrust_gain, torque_gain = state
+        thrust, rate, torque = control
+        given = thrust_gain * thrust, rate, torque_gain * torque
+        return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
 
 
 def actuator_gains(state: Array) -> tuple[float, float]:

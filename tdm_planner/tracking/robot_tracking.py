@@ -179,17 +179,16 @@ class RobotTracker(TrajectoryTracker):
         interval = self.parameters.interval
         reference = motion.trajectory.sample(at).state
         thrust, _, torque = law.feedforward.mean(at, at + interval)
-        alpha, yaw = motion.trajectory.sample(at + 0.5 * interval).state[[_ALPHA, _YAW]]
-        push = thrust / self.parameters.plant.mass
-        planned = push * np.array([math.cos(yaw + alpha), math.sin(yaw + alpha)])
+        middle = motion.trajectory.sample(at + 0.5 * interval).state
+        driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         feedback = -self._stiffness * error[:2] - self._damping * error[2:4]
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         reach = law.reach(elapsed + interval)
         wish = Wish(
-            acceleration=planned + feedback,
+            acceleration=driven[2:4] + feedback,
             torque=torque + self._yaw_feedback(error),
-            alpha=alpha + near,
+            alpha=float(middle[_ALPHA]) + near,
             reach=Reach(reach.lower + near, reach.upper + near),
         )
         control = self._drive(state, wish, deadband=0.0)

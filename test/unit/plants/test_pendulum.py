@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 import math
 import threading
 
@@ -21,14 +22,19 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
-from tdm_planner.plants import pendulum_rollout, PendulumInertia, RotaryPendulum
-from tdm_planner.plants.pendulum_feedback import FeedbackTable, roll_feedback
+from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
-from tdm_planner.plants.pendulum_kernels import roll_arcs
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, sine_and_cosine
-from tdm_planner.plants.pendulum_rollout import ArcBatch, ARRIVED, roll_states, steer
+from tdm_planner.plants.pendulum_kernels import (
+    FeedbackTable,
+    roll_arcs,
+    roll_feedback,
+    roll_states,
+    sine_and_cosine,
+)
+from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
+from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.verification import dense_times, replay
+from tdm_planner.verification import dense_times
 from tdm_sim.integrator import integrate
 
 PLANT = RotaryPendulum()
@@ -185,7 +191,7 @@ def roll(
 ) -> tuple[np.ndarray, np.ndarray]:
     nodes = durations.size * steps + 1
     states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
-    k = np.array(PLANT.coefficients)
+    k = PLANT.coefficients
     roll_arcs(k, start, durations, torques, steps, states, derivatives, True)
     return states, derivatives
 
@@ -248,7 +254,7 @@ def test_steering_arrives_upright_within_the_limit():
 @given(STATES, st.integers(4, 7), st.integers(0, 100))
 @settings(max_examples=20)
 def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
-    steps, k = 24, np.array(PLANT.coefficients)
+    steps, k = 24, PLANT.coefficients
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
     state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
@@ -282,10 +288,10 @@ def test_sine_and_cosine(angle):
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
-    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: 1)
+    monkeypatch.setattr(pendulum_steering, '_cores', lambda: 1)
     count = steer(PLANT, START, one, 2.0, 12, NEVER)
-    monkeypatch.setattr(pendulum_rollout, '_cores', lambda: cores)
-    steer_arcs, used, all_started = pendulum_rollout.steer_arcs, set(), threading.Barrier(threads)
+    monkeypatch.setattr(pendulum_steering, '_cores', lambda: cores)
+    steer_arcs, used, all_started = pendulum_steering.steer_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
         if threading.get_ident() not in used:
@@ -293,7 +299,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
             all_started.wait(60.0)
         return steer_arcs(*arguments)
 
-    monkeypatch.setattr(pendulum_rollout, 'steer_arcs', noted)
+    monkeypatch.setattr(pendulum_steering, 'steer_arcs', noted)
     assert steer(PLANT, START, many, 2.0, 12, NEVER) == count
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
@@ -308,16 +314,26 @@ def test_steering_stops_when_told():
 
 
 @pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])
-def test_the_replay_agrees_with_scipy(
-    monkeypatch: pytest.MonkeyPatch, torque: float, method: str
-) -> None:
+def test_the_replay_agrees_with_scipy(torque: float, method: str) -> None:
     problem = build(PendulumSwingUp, {'limits.torque': torque, 'method': method})
     trajectory = problem.solve(deadline=60.0).trajectory
     times = dense_times(trajectory, 1e-3)
-    quick = PLANT.replay(trajectory, times)
-    assert quick is not None
-    monkeypatch.setattr(RotaryPendulum, 'replay', lambda *_: None)
-    np.testing.assert_allclose(quick, replay(PLANT, trajectory, times), atol=2e-5)
+    found = PLANT.replay(trajectory, times)
+    assert found is not None
+    control, state = trajectory.controls_at, trajectory.states[0]
+    for index, (first, last) in enumerate(pairwise(times)):
+        np.testing.assert_allclose(found[index], state, atol=1e-8)
+        held = control(times[[index]])[0] if method == 'switching' else None
+        state = solve_ivp(
+            lambda t, x, u=held: PLANT.derivative(
+                x, control(np.array([t]))[0] if u is None else u
+            ),
+            (first, last),
+            state,
+            method='DOP853',
+            rtol=1e-12,
+            atol=1e-13,
+        ).y[:, -1]
 
 
 def test_where_it_would_be_inaccurate_it_is_left_to_scipy() -> None:

@@ -23,7 +23,8 @@ from scipy.optimize import minimize
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants import RotaryPendulum
-from tdm_planner.plants.pendulum_rollout import ARRIVED, roll_states, steer
+from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_steering import ARRIVED, steer
 from tdm_planner.problems.smooth_program import SmoothProgram, VARIED
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise

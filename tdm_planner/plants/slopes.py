@@ -1,0 +1,118 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Derivatives of a plant's right-hand side, taken by CasADi and written down as plain Python.
+
+A right-hand side is stated once, as a function of numbers: numba compiles it as it stands, CasADi
+traces it, numpy calls it with arrays. What is written here serves numba and numpy alike. The text
+is kept where the kernels are, so that CasADi is imported once for every version of the sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+import inspect
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+
+_MARKS = (b'@compiled', b'StatedPlant', b'with_slopes')  # of the sources that matter
+_SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
+_KERNELS = b''.join(source for source in _SOURCES if any(mark in source for mark in _MARKS))
+DIGEST = sha256(_KERNELS).hexdigest()[:16]
+FOLDER = Path(
+    os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', DIGEST
+)
+with suppress(OSError):  # then numba's own folder will do
+    FOLDER.mkdir(mode=0o755, parents=True, exist_ok=True)
+
+_OPERATIONS = {
+    'ADD': '{} + {}', 'SUB': '{} - {}', 'MUL': '{} * {}', 'DIV': '{} * (1.0 / {})', 'NEG': '-{}',
+    'SQ': '{0} * {0}', 'TWICE': '2.0 * {}', 'INV': '1.0 / {}', 'SIN': 'sin({})', 'COS': 'cos({})',
+}  # fmt: skip
+
+
+@cache
+def with_slopes(
+    function: Callable[..., tuple[Any, ...]],
+    by: tuple[str, ...],
+    sin: Callable[[Any], Any] = np.sin,
+    cos: Callable[[Any], Any] = np.cos,
+    **parts: Any,
+) -> Callable[..., tuple[Any, ...]]:
+    """
+    Return a function of the same arguments: all values, all derived by the first of `by`, ...
+
+    `function`, one of this package, calls numpy's functions on numbers and returns a tuple of
+    them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
+    sequences: their length, or the type of a named tuple.
+    """
+    file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.py'
+    try:
+        text = file.read_text()
+    except OSError:
+        text = _text(function, by, parts)
+        with suppress(OSError):  # another user has set the environment up
+            part = file.with_suffix(f'.{os.getpid()}')
+            part.write_text(text)
+            part.replace(file)
+    made: dict[str, Any] = {'sin': sin, 'cos': cos}
+    exec(compile(text, __file__, 'exec'), made)
+    written: Callable[..., tuple[Any, ...]] = made['with_slopes']
+    return written
+
+
+def _text(function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, Any]) -> str:
+    import casadi
+
+    casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+    arguments: dict[str, Any] = {}
+    symbols: dict[str, list[Any]] = {}
+    for name in inspect.signature(function).parameters:
+        kind = parts.get(name)
+        if kind is None:
+            arguments[name] = casadi.SX.sym(name)
+            symbols[name] = [arguments[name]]
+        else:
+            count = kind if isinstance(kind, int) else len(kind._fields)
+            symbols[name] = [casadi.SX.sym(f'{name}[{i}]') for i in range(count)]
+            arguments[name] = symbols[name] if count == kind else kind(*symbols[name])
+    inputs = [symbol for several in symbols.values() for symbol in several]
+    values = casadi.vertcat(*function(*arguments.values()))
+    slopes = casadi.jacobian(values, casadi.vertcat(*(part for n in by for part in symbols[n])))
+    results = casadi.cse(casadi.densify(casadi.veccat(values, slopes)))
+    graph = casadi.Function('graph', inputs, [results])
+    templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
+    lines = []
+    for i in range(graph.n_instructions()):
+        operation, to = graph.instruction_id(i), graph.instruction_output(i)
+        operands = graph.instruction_input(i)
+        if operation == casadi.OP_OUTPUT:
+            lines.append(f'r{to[1]} = w{operands[0]}')
+        elif operation == casadi.OP_INPUT:
+            lines.append(f'w{to[0]} = {inputs[operands[0]].name()}')
+        elif operation == casadi.OP_CONST:
+            lines.append(f'w{to[0]} = {graph.instruction_constant(i)!r}')
+        else:
+            terms = templates[operation].format(*(f'w{operand}' for operand in operands))
+            lines.append(f'w{to[0]} = {terms}')
+    lines.append(f'return {", ".join(f"r{i}" for i in range(graph.numel_out(0)))}')
+    return '\n    '.join([f'def with_slopes({", ".join(arguments)}):', *lines]) + '\n'
