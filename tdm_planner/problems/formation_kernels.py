@@ -41,6 +41,7 @@ from tdm_planner.problems.separation import (
 )
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
 
@@ -57,10 +58,11 @@ class FormationTables(NamedTuple):
     """
     What does not change from one Xi to another, at K nodes.
 
-    For push and turn: `slopes` (K W, P) and `given` (n, K W) of the local variables, `at` (K, 4)
+    Of the local variables of a push those of `push_varied` vary. For push and turn: `slopes` (K W, P) and `given` (n, K W) of the local variables, `at` (K, 4)
     and `robots` (n, ...) as `robot_statement` has them. `weights` (K,) of the quadrature.
     """
 
+    push_varied: Indices
     push_slopes: Array
     push_given: Array
     push_at: Array
@@ -130,32 +132,37 @@ def linearise(
     the margins of thrust; margins near active (r,), those of thrust first, and slopes (r, n, P).
     """
     n, count, size = values.durations.size, t.weights.size, t.push_slopes.shape[1]
-    active = np.sum(values.thrust < ACTIVE_THRUST)
-    turning = active + np.sum(values.torque < ACTIVE_TORQUE)
-    most = turning + np.sum(values.walls < ACTIVE_WALL)
-    most += values.pairs.pair.size + values.circles.robot.size
+    most = values.pairs.pair.size + values.circles.robot.size
+    most += np.sum(values.thrust < ACTIVE_THRUST) + np.sum(values.torque < ACTIVE_TORQUE)
+    most += np.sum(values.walls < ACTIVE_WALL)
     margins, rows, r = np.empty(most), np.zeros((most, n, size)), 0
     gradient, hessian = np.zeros((n, size)), np.empty((n, size, size))
     result, weights = np.empty(2 + 2 * _PUSH + _PUSH**2), np.empty(2)
     slopes = result[2 : 2 + 2 * _PUSH].reshape(_PUSH, 2)
     curvature = result[2 + 2 * _PUSH :].reshape(_PUSH, _PUSH)
-    bent = np.empty((count * _PUSH, size))
+    bent = np.zeros((count * _PUSH, size))
     for i in range(n):
         for k in range(count):
-            here = slice(k * _PUSH, (k + 1) * _PUSH)
-            local = t.push_slopes[here]
             weights[0], weights[1] = weight * t.weights[k], -dual[i, k]
             _push_with_curvature(
                 values.pushed[i, k], t.push_at[k], t.push_robots[i], weights, result
             )
-            _combine(curvature, local, bent[here])
-            for j in range(_PUSH):
+            first = k * _PUSH
+            active = values.thrust[i, k] < ACTIVE_THRUST
+            for j in t.push_varied:
+                local = t.push_slopes[first + j]
                 for p in range(size):
-                    gradient[i, p] += weights[0] * slopes[j, 0] * local[j, p]
-            if values.thrust[i, k] < ACTIVE_THRUST:
-                for j in range(_PUSH):
+                    gradient[i, p] += weights[0] * slopes[j, 0] * local[p]
+                    bent[first + j, p] = 0.0
+                for other in t.push_varied:
+                    if curvature[j, other] != 0.0:
+                        for p in range(size):
+                            by_other = t.push_slopes[first + other, p]
+                            bent[first + j, p] += curvature[j, other] * by_other
+                if active:
                     for p in range(size):
-                        rows[r, i, p] += slopes[j, 1] * local[j, p]
+                        rows[r, i, p] += slopes[j, 1] * local[p]
+            if active:
                 margins[r] = values.thrust[i, k]
                 r += 1
         hessian[i] = t.push_slopes.T @ bent
@@ -173,14 +180,3 @@ def linearise(
         margins[r:], rows[r:],
     )  # fmt: skip
     return gradient, hessian, margins, rows
-
-
-@compiled
-def _combine(matrix: Array, rows: Array, found: Array) -> None:
-    """Fill in the product of small matrices."""
-    for j in range(matrix.shape[0]):
-        for p in range(rows.shape[1]):
-            found[j, p] = 0.0
-        for k in range(matrix.shape[1]):
-            for p in range(rows.shape[1]):
-                found[j, p] += matrix[j, k] * rows[k, p]

@@ -171,6 +171,7 @@ def _tables(
         size = local.slopes.shape[-1]
         terms |= {f'{name}_slopes': local.slopes.reshape(-1, size), f'{name}_at': local.at}
         terms[f'{name}_ends'] = local.ends.reshape(-1, 6)
+        terms[f'{name}_varied'] = np.flatnonzero(local.slopes.any(axis=(0, 2)))
     return basis, terms
 
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -101,12 +101,10 @@ class Paths(NamedTuple):
     """
     Motions of all robots.
 
-    `rates` b (n, q + 1), end derivatives `ends` (n, 2, m), powers of s in the time since the
-    manoeuvre began `times` (n, q + 2), Taylor coefficients about both ends `expansions`
-    (2, n, 2, m).
+    End derivatives `ends` (n, 2, m), powers of s in the time since the manoeuvre began `times`
+    (n, q + 2), Taylor coefficients about both ends of the arc `expansions` (n, 2, 2, m).
     """
 
-    rates: Array
     ends: Array
     times: Array
     expansions: Array
@@ -117,7 +115,7 @@ def paths(t: SeparationTables, xi: Array) -> Paths:
     """Paths at the varied parameters xi (n, P), not scaled."""
     n, (m, nf), nb = xi.shape[0], t.shapes.shape, t.slope.size
     ends = t.fixed.copy()
-    expansions = np.empty((2, n, 2, m))
+    expansions = np.empty((n, 2, 2, m))
     for i in range(n):
         mu, slope = xi[i, 0], 0.0
         for k in range(nb):
@@ -135,12 +133,11 @@ def paths(t: SeparationTables, xi: Array) -> Paths:
                     x = 0.0
                     for j in range(m):
                         x += t.taylor[side, k, j] * end[j]
-                    expansions[side, i, axis, k] = x
-    rates = xi[:, :nb].copy()
-    return Paths(rates, ends, rates @ t.passing, expansions)
+                    expansions[i, side, axis, k] = x
+    return Paths(ends, xi[:, :nb].copy() @ t.passing, expansions)
 
 
-@compiled
+@inlined
 def _value(coefficients: Array, u: float) -> float:
     """Value at u of the polynomial with Taylor coefficients (m,)."""
     value = 0.0
@@ -157,14 +154,20 @@ def _slope(coefficients: Array, u: float) -> float:
     return value
 
 
+@inlined
+def _arc(at: Paths, i: int, since: float) -> float:
+    """Return s in [0, 1] at an instant since the manoeuvre began [s]."""
+    if at.times.shape[1] == 2:
+        return min(max(since / at.times[i, 1], 0.0), 1.0)
+    return _inverse(at.times[i], since)
+
+
 @compiled
-def _arc(times: Array, since: float) -> float:
-    """Return s in [0, 1] at an instant since the manoeuvre began [s]: Newton in a bracket."""
+def _inverse(times: Array, since: float) -> float:
+    """Invert a polynomial that rises on [0, 1] from 0: Newton's method in a bracket."""
     duration = _value(times, 1.0)
-    if not since > 0.0:
-        return 0.0
-    if since >= duration:
-        return 1.0
+    if not 0.0 < since < duration:
+        return 0.0 if since < duration else 1.0
     low, high, s = 0.0, 1.0, since / duration
     for step in range(_MOST_STEPS):
         error = _value(times, s) - since
@@ -182,17 +185,16 @@ def _arc(times: Array, since: float) -> float:
     return s
 
 
-@compiled
-def _place(t: SeparationTables, at: Paths, robot: int, time: float) -> tuple[float, float]:
-    """Where a robot is at an instant: coasting, on its way, or parked."""
-    since = time - t.coast[robot]
-    s = _arc(at.times[robot], since)
+@inlined
+def _place(at: Paths, velocity: Array, i: int, since: float) -> tuple[float, float]:
+    """Where a robot is: coasting, on its way, or parked."""
+    s = _arc(at, i, since)
     side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
+    x, y = 0.0, 0.0
+    for k in range(at.expansions.shape[3] - 1, -1, -1):
+        x, y = x * u + at.expansions[i, side, 0, k], y * u + at.expansions[i, side, 1, k]
     early = min(since, 0.0)
-    return (
-        _value(at.expansions[side, robot, 0], u) + t.velocity[robot, 0] * early,
-        _value(at.expansions[side, robot, 1], u) + t.velocity[robot, 1] * early,
-    )
+    return x + velocity[i, 0] * early, y + velocity[i, 1] * early
 
 
 @compiled
@@ -213,7 +215,7 @@ def walls(t: SeparationTables, ends: Array) -> Array:
     return found
 
 
-@compiled
+@inlined
 def _nearest(begin_x: float, begin_y: float, end_x: float, end_y: float) -> tuple[float, float]:
     """Share of the chord at which it is nearest to the origin, and the distance there."""
     dx, dy = end_x - begin_x, end_y - begin_y
@@ -238,7 +240,9 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
     found, places = 0, np.empty((n, 2, count))
     for i in range(n if pairs else 0):
         for k in range(count):
-            places[i, 0, k], places[i, 1, k] = _place(t, at, i, k * interval)
+            since = k * interval - t.coast[i]
+            x, y = _place(at, t.velocity, i, since)
+            places[i, 0, k], places[i, 1, k] = x, y
     for p in range(pairs):
         i, j = t.pairs[p, 0], t.pairs[p, 1]
         within = (1.0 + NEAR) * t.pair_clearances[p]
@@ -250,7 +254,8 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
             if not distance < within:
                 continue
             time = (k - 1 + share) * interval
-            here, there = _place(t, at, i, time), _place(t, at, j, time)
+            here = _place(at, t.velocity, i, time - t.coast[i])
+            there = _place(at, t.velocity, j, time - t.coast[j])
             apart_x, apart_y = here[0] - there[0], here[1] - there[1]
             distance = max(math.sqrt(apart_x * apart_x + apart_y * apart_y), 1e-9)
             pair[found], times[found] = p, time
@@ -286,8 +291,8 @@ def near_circles(t: SeparationTables, at: Paths) -> CircleApproaches:
                     continue
                 s = (k + share) / (count - 1)
                 side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
-                x = _value(at.expansions[side, i, 0], u) - t.centres[c, 0]
-                y = _value(at.expansions[side, i, 1], u) - t.centres[c, 1]
+                x = _value(at.expansions[i, side, 0], u) - t.centres[c, 0]
+                y = _value(at.expansions[i, side, 1], u) - t.centres[c, 1]
                 distance = max(math.sqrt(x * x + y * y), 1e-9)
                 robot[found], circle[found], arcs[found] = i, c, s
                 margins[found] = distance / t.circle_clearances[i, c] - 1.0
@@ -327,7 +332,7 @@ def separation_rows(
             i = t.pairs[pairs.pair[a], end]
             scale = (1.0 - 2.0 * end) / t.pair_clearances[pairs.pair[a]]
             x, y = scale * pairs.unit[a, 0], scale * pairs.unit[a, 1]
-            s, row = _arc(at.times[i], pairs.time[a] - t.coast[i]), rows[r, i]
+            s, row = _arc(at, i, pairs.time[a] - t.coast[i]), rows[r, i]
             _add_slope(t, at, i, _values(t, s, values), x, y, row)
             if 0.0 < s < 1.0:  # at a fixed instant the arc changes with the speed
                 _subtract_passing(t, at, i, s, x, y, row)
@@ -365,7 +370,7 @@ def _add_slope(
         row[nb + nf + q] += y * shape
     v = x * t.velocity[i, 0] + y * t.velocity[i, 1]
     a = x * t.acceleration[i, 0] + y * t.acceleration[i, 1]
-    row[0] += values[1] * v + 2.0 * t.given * values[2] * at.rates[i, 0] * a
+    row[0] += values[1] * v + 2.0 * t.given * values[2] * at.times[i, 1] * a
     for k in range(nb):
         row[k] += t.given * values[2] * t.slope[k] * v
 
@@ -375,7 +380,7 @@ def _subtract_passing(
     t: SeparationTables, at: Paths, i: int, s: float, x: float, y: float, row: Array
 ) -> None:
     side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
-    speed = x * _slope(at.expansions[side, i, 0], u) + y * _slope(at.expansions[side, i, 1], u)
+    speed = x * _slope(at.expansions[i, side, 0], u) + y * _slope(at.expansions[i, side, 1], u)
     speed /= _slope(at.times[i], s)
     for k in range(t.slope.size):
         row[k] -= speed * _value(t.passing[k], s)
