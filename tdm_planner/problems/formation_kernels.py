@@ -50,6 +50,9 @@ _push = inlined(with_slopes(push, (), local=_PUSH, at=4, robot=5))
 _push_with_curvature = inlined(
     with_curvature(push, ('local',), local=_PUSH, at=4, robot=5, weights=2)
 )
+_SLOPES = 2  # where they begin among the results
+_CURVATURE = _SLOPES + 2 * _PUSH
+_RESULT = _CURVATURE + _PUSH**2
 _turn = inlined(with_slopes(turn, (), local=_TURN, at=4, robot=3))
 _turn_with_slopes = inlined(with_slopes(turn, ('local',), local=_TURN, at=4, robot=3))
 
@@ -58,17 +61,15 @@ class FormationTables(NamedTuple):
     """
     What does not change from one Xi to another, at K nodes.
 
-    Of the local variables of a push those of `push_varied` vary. For push and turn: `slopes` (K W, P) and `given` (n, K W) of the local variables, `at` (K, 4)
+    Of the local variables of a push those of `push_varied` vary. For push and turn: `slopes` (K W, P) of the local variables, `at` (K, 4)
     and `robots` (n, ...) as `robot_statement` has them. `weights` (K,) of the quadrature.
     """
 
     push_varied: Indices
     push_slopes: Array
-    push_given: Array
     push_at: Array
     push_robots: Array
     turn_slopes: Array
-    turn_given: Array
     turn_at: Array
     turn_robots: Array
     weights: Array
@@ -95,6 +96,14 @@ class FormationValues(NamedTuple):
     paths: Paths
 
     @property
+    def near(self) -> int:
+        """Number of margins near active."""
+        near = np.count_nonzero(self.thrust < ACTIVE_THRUST)
+        near += np.count_nonzero(self.torque < ACTIVE_TORQUE)
+        near += np.count_nonzero(self.walls < ACTIVE_WALL)
+        return int(near + self.pairs.pair.size + self.circles.robot.size)
+
+    @property
     def worst(self) -> float:
         """Return the smallest margin, 0 if all are kept."""
         margins = (self.thrust, self.torque, self.walls, self.pairs.margins, self.circles.margins)
@@ -102,77 +111,73 @@ class FormationValues(NamedTuple):
 
 
 @compiled
-def evaluate(t: FormationTables, xi: Array) -> FormationValues:
-    """Gas and margins at the varied parameters xi (n, P), not scaled."""
+def evaluate(t: FormationTables, xi: Array, pushed: Array, turned: Array) -> FormationValues:
+    """Gas and margins at the varied parameters xi (n, P), not scaled, and local variables."""
     n, count = xi.shape[0], t.weights.size
-    pushed = (xi @ t.push_slopes.T + t.push_given).reshape(n, count, _PUSH)
-    turned = (xi @ t.turn_slopes.T + t.turn_given).reshape(n, count, _TURN)
     gas, thrust, torque = np.zeros(n), np.empty((n, count)), np.empty((n, count))
     for i in range(n):
         for k in range(count):
-            used, thrust[i, k] = _push(pushed[i, k], t.push_at[k], t.push_robots[i])
+            local = pushed[i, k * _PUSH : (k + 1) * _PUSH]
+            used, thrust[i, k] = _push(local, t.push_at[k], t.push_robots[i])
             gas[i] += t.weights[k] * used
-            (torque[i, k],) = _turn(turned[i, k], t.turn_at[k], t.turn_robots[i])
+            local = turned[i, k * _TURN : (k + 1) * _TURN]
+            (torque[i, k],) = _turn(local, t.turn_at[k], t.turn_robots[i])
     at = paths(t.separation, xi)
-    durations = at.times.sum(axis=1)
     return FormationValues(
-        durations, gas, thrust, torque, walls(t.separation, at.ends),
+        at.durations, gas, thrust, torque, walls(t.separation, at.ends),
         near_pairs(t.separation, at), near_circles(t.separation, at), pushed, turned, at,
     )  # fmt: skip
 
 
 @compiled
 def linearise(
-    t: FormationTables, values: FormationValues, weight: float, dual: Array
+    t: FormationTables, values: FormationValues, weight: float, dual: Array, most: int
 ) -> tuple[Array, Array, Array, Array]:
     """
     Derivatives by xi of gas and margins.
 
     Gradient (n, P) of `weight` times the gas; Hessian (n, P, P) of that less `dual` (n, K) times
-    the margins of thrust; margins near active (r,), those of thrust first, and slopes (r, n, P).
+    the margins of thrust; the `most` margins near active (r,), those of thrust first, and their
+    slopes (r, n, P).
     """
     n, count, size = values.durations.size, t.weights.size, t.push_slopes.shape[1]
-    most = values.pairs.pair.size + values.circles.robot.size
-    most += np.sum(values.thrust < ACTIVE_THRUST) + np.sum(values.torque < ACTIVE_TORQUE)
-    most += np.sum(values.walls < ACTIVE_WALL)
     margins, rows, r = np.empty(most), np.zeros((most, n, size)), 0
-    gradient, hessian = np.zeros((n, size)), np.empty((n, size, size))
-    result, weights = np.empty(2 + 2 * _PUSH + _PUSH**2), np.empty(2)
-    slopes = result[2 : 2 + 2 * _PUSH].reshape(_PUSH, 2)
-    curvature = result[2 + 2 * _PUSH :].reshape(_PUSH, _PUSH)
-    bent = np.zeros((count * _PUSH, size))
+    gradient, hessian = np.zeros((n, size)), np.zeros((n, size, size))
+    found, weights, bent = np.empty(_RESULT), np.empty(2), np.empty(size)
     for i in range(n):
         for k in range(count):
-            weights[0], weights[1] = weight * t.weights[k], -dual[i, k]
-            _push_with_curvature(
-                values.pushed[i, k], t.push_at[k], t.push_robots[i], weights, result
-            )
             first = k * _PUSH
+            local = values.pushed[i, first : first + _PUSH]
+            weights[0], weights[1] = weight * t.weights[k], -dual[i, k]
+            _push_with_curvature(local, t.push_at[k], t.push_robots[i], weights, found)
             active = values.thrust[i, k] < ACTIVE_THRUST
             for j in t.push_varied:
-                local = t.push_slopes[first + j]
-                for p in range(size):
-                    gradient[i, p] += weights[0] * slopes[j, 0] * local[p]
-                    bent[first + j, p] = 0.0
+                bent[:] = 0.0
                 for other in t.push_varied:
-                    if curvature[j, other] != 0.0:
+                    curvature = found[_CURVATURE + _PUSH * j + other]
+                    if curvature != 0.0:
                         for p in range(size):
-                            by_other = t.push_slopes[first + other, p]
-                            bent[first + j, p] += curvature[j, other] * by_other
-                if active:
-                    for p in range(size):
-                        rows[r, i, p] += slopes[j, 1] * local[p]
+                            bent[p] += curvature * t.push_slopes[first + other, p]
+                gas, thrust = weights[0] * found[_SLOPES + 2 * j], found[_SLOPES + 2 * j + 1]
+                for p in range(size):
+                    slope = t.push_slopes[first + j, p]
+                    if slope != 0.0:
+                        gradient[i, p] += gas * slope
+                        for q in range(size):
+                            hessian[i, p, q] += slope * bent[q]
+                        if active:
+                            rows[r, i, p] += thrust * slope
             if active:
                 margins[r] = values.thrust[i, k]
                 r += 1
-        hessian[i] = t.push_slopes.T @ bent
     for i in range(n):
         for k in range(count):
             if values.torque[i, k] < ACTIVE_TORQUE:
-                found = _turn_with_slopes(values.turned[i, k], t.turn_at[k], t.turn_robots[i])
-                for j in range(_TURN):
+                local = values.turned[i, k * _TURN : (k + 1) * _TURN]
+                slopes = _turn_with_slopes(local, t.turn_at[k], t.turn_robots[i])[1:]
+                for j, slope in enumerate(slopes):
                     for p in range(size):
-                        rows[r, i, p] += found[1 + j] * t.turn_slopes[k * _TURN + j, p]
+                        rows[r, i, p] += slope * t.turn_slopes[k * _TURN + j, p]
                 margins[r] = values.torque[i, k]
                 r += 1
     separation_rows(

@@ -91,10 +91,10 @@ class FormationTerms:
         path, angle = at_start(model)
         given = ends(model)
         every = np.ones((task.n, 1))
+        self._push_given = given @ terms['push_ends'].T
+        self._turn_given = given @ terms['turn_ends'].T
         self._tables = FormationTables(
-            push_given=given @ terms['push_ends'].T,
             push_robots=np.concatenate([path, task.thrust * every], axis=1),
-            turn_given=given @ terms['turn_ends'].T,
             turn_robots=np.concatenate([angle, task.torque * every], axis=1),
             separation=self.separation,
             **{name: terms[name] for name in FormationTables._fields if name in terms},
@@ -102,7 +102,10 @@ class FormationTerms:
 
     def values(self, z: Array) -> FormationValues:
         """Gas and margins at the scaled varied parameters z (n, P)."""
-        return evaluate(self._tables, z * self._scales)
+        xi, t = z * self._scales, self._tables
+        pushed = xi @ t.push_slopes.T + self._push_given
+        turned = xi @ t.turn_slopes.T + self._turn_given
+        return evaluate(t, xi, pushed, turned)
 
     def linearise(
         self, values: FormationValues, weight: float, dual: Array
@@ -113,7 +116,9 @@ class FormationTerms:
         Gradient (n, P) of `weight` times the gas, Hessian (n, P, P) of that less `dual` (n, K)
         times the margins of thrust, margins near active (r,) and their slopes (r, n P).
         """
-        gradient, hessian, margins, rows = linearise(self._tables, values, weight, dual)
+        gradient, hessian, margins, rows = linearise(
+            self._tables, values, weight, dual, values.near
+        )
         scales = self._scales
         rows *= scales
         return (

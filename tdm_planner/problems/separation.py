@@ -101,10 +101,12 @@ class Paths(NamedTuple):
     """
     Motions of all robots.
 
-    End derivatives `ends` (n, 2, m), powers of s in the time since the manoeuvre began `times`
-    (n, q + 2), Taylor coefficients about both ends of the arc `expansions` (n, 2, 2, m).
+    `durations` (n,) s, end derivatives `ends` (n, 2, m), powers of s in the time since the
+    manoeuvre began `times` (n, q + 2), Taylor coefficients about both ends `expansions`
+    (n, 2, 2, m).
     """
 
+    durations: Array
     ends: Array
     times: Array
     expansions: Array
@@ -116,10 +118,14 @@ def paths(t: SeparationTables, xi: Array) -> Paths:
     n, (m, nf), nb = xi.shape[0], t.shapes.shape, t.slope.size
     ends = t.fixed.copy()
     expansions = np.empty((n, 2, 2, m))
+    durations, times = np.zeros(n), np.zeros((n, nb + 1))
     for i in range(n):
         mu, slope = xi[i, 0], 0.0
         for k in range(nb):
             slope += t.slope[k] * xi[i, k]
+            for power in range(nb + 1):
+                times[i, power] += t.passing[k, power] * xi[i, k]
+            durations[i] += xi[i, k] / nb
         for axis in range(2):
             end, first = ends[i, axis], nb + axis * nf
             v, a = t.velocity[i, axis], t.acceleration[i, axis]
@@ -134,7 +140,7 @@ def paths(t: SeparationTables, xi: Array) -> Paths:
                     for j in range(m):
                         x += t.taylor[side, k, j] * end[j]
                     expansions[i, side, axis, k] = x
-    return Paths(ends, xi[:, :nb].copy() @ t.passing, expansions)
+    return Paths(durations, ends, times, expansions)
 
 
 @inlined
@@ -159,13 +165,12 @@ def _arc(at: Paths, i: int, since: float) -> float:
     """Return s in [0, 1] at an instant since the manoeuvre began [s]."""
     if at.times.shape[1] == 2:
         return min(max(since / at.times[i, 1], 0.0), 1.0)
-    return _inverse(at.times[i], since)
+    return _inverse(at.times[i], at.durations[i], since)
 
 
 @compiled
-def _inverse(times: Array, since: float) -> float:
+def _inverse(times: Array, duration: float, since: float) -> float:
     """Invert a polynomial that rises on [0, 1] from 0: Newton's method in a bracket."""
-    duration = _value(times, 1.0)
     if not 0.0 < since < duration:
         return 0.0 if since < duration else 1.0
     low, high, s = 0.0, 1.0, since / duration
@@ -228,9 +233,9 @@ def _nearest(begin_x: float, begin_y: float, end_x: float, end_y: float) -> tupl
 @compiled
 def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
     """Find the near approaches of two robots."""
-    n, pairs, last = at.times.shape[0], t.pairs.shape[0], 0.0
+    n, pairs, last = at.durations.size, t.pairs.shape[0], 0.0
     for i in range(n):
-        last = max(last, _value(at.times[i], 1.0) + t.coast[i])
+        last = max(last, at.durations[i] + t.coast[i])
     # A motion far longer than its time scale keeps the number of instants, not the interval.
     interval = max(t.interval, last / _MOST_INSTANTS)
     count = math.ceil(last / interval) + 1
