@@ -45,24 +45,25 @@ Indices = NDArray[np.intp]
 
 ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
 
-_PUSH, _TURN = 8, 6  # local variables
-_push = inlined(with_slopes(push, (), local=_PUSH, at=4, robot=5))
+PUSH, TURN = 8, 6  # local variables
+_push = inlined(with_slopes(push, (), local=PUSH, at=4, robot=5))
 _push_with_curvature = inlined(
-    with_curvature(push, ('local',), local=_PUSH, at=4, robot=5, weights=2)
+    with_curvature(push, ('local',), local=PUSH, at=4, robot=5, weights=2)
 )
 _SLOPES = 2  # where they begin among the results
-_CURVATURE = _SLOPES + 2 * _PUSH
-_RESULT = _CURVATURE + _PUSH**2
-_turn = inlined(with_slopes(turn, (), local=_TURN, at=4, robot=3))
-_turn_with_slopes = inlined(with_slopes(turn, ('local',), local=_TURN, at=4, robot=3))
+_CURVATURE = _SLOPES + 2 * PUSH
+_RESULT = _CURVATURE + PUSH**2
+_turn = inlined(with_slopes(turn, (), local=TURN, at=4, robot=3))
+_turn_with_slopes = inlined(with_slopes(turn, ('local',), local=TURN, at=4, robot=3))
 
 
 class FormationTables(NamedTuple):
     """
     What does not change from one Xi to another, at K nodes.
 
-    Of the local variables of a push those of `push_varied` vary. For push and turn: `slopes` (K W, P) of the local variables, `at` (K, 4)
-    and `robots` (n, ...) as `robot_statement` has them. `weights` (K,) of the quadrature.
+    For push and turn: `slopes` (K W, P) of the local variables, `at` (K, 4) and `robots` (n, ...)
+    as `robot_statement` has them; of a push's local variables, those of `push_varied` depend on
+    Xi. `weights` (K,) of the quadrature.
     """
 
     push_varied: Indices
@@ -81,7 +82,7 @@ class FormationValues(NamedTuple):
     What is known at one Xi; margins are relative to their limits, negative if violated.
 
     `durations` (n,) s without coasting, `gas` (n,) m/s; `thrust`, `torque` (n, K) at the nodes,
-    `walls` (n, 2, 2, W) [robot, side, axis, arc]; the rest is what derivatives are computed from.
+    `walls` (n, 2, 2, W) [robot, side, axis, arc]; derivatives are computed from the rest.
     """
 
     durations: Array
@@ -112,16 +113,14 @@ class FormationValues(NamedTuple):
 
 @compiled
 def evaluate(t: FormationTables, xi: Array, pushed: Array, turned: Array) -> FormationValues:
-    """Gas and margins at the varied parameters xi (n, P), not scaled, and local variables."""
+    """Gas and margins at the varied parameters xi (n, P), not scaled; locals (n, K, W)."""
     n, count = xi.shape[0], t.weights.size
     gas, thrust, torque = np.zeros(n), np.empty((n, count)), np.empty((n, count))
     for i in range(n):
         for k in range(count):
-            local = pushed[i, k * _PUSH : (k + 1) * _PUSH]
-            used, thrust[i, k] = _push(local, t.push_at[k], t.push_robots[i])
+            used, thrust[i, k] = _push(pushed[i, k], t.push_at[k], t.push_robots[i])
             gas[i] += t.weights[k] * used
-            local = turned[i, k * _TURN : (k + 1) * _TURN]
-            (torque[i, k],) = _turn(local, t.turn_at[k], t.turn_robots[i])
+            (torque[i, k],) = _turn(turned[i, k], t.turn_at[k], t.turn_robots[i])
     at = paths(t.separation, xi)
     return FormationValues(
         at.durations, gas, thrust, torque, walls(t.separation, at.ends),
@@ -134,7 +133,7 @@ def linearise(
     t: FormationTables, values: FormationValues, weight: float, dual: Array, most: int
 ) -> tuple[Array, Array, Array, Array]:
     """
-    Derivatives by xi of gas and margins.
+    Differentiate gas and margins by xi.
 
     Gradient (n, P) of `weight` times the gas; Hessian (n, P, P) of that less `dual` (n, K) times
     the margins of thrust; the `most` margins near active (r,), those of thrust first, and their
@@ -146,15 +145,14 @@ def linearise(
     found, weights, bent = np.empty(_RESULT), np.empty(2), np.empty(size)
     for i in range(n):
         for k in range(count):
-            first = k * _PUSH
-            local = values.pushed[i, first : first + _PUSH]
+            local, first = values.pushed[i, k], k * PUSH
             weights[0], weights[1] = weight * t.weights[k], -dual[i, k]
             _push_with_curvature(local, t.push_at[k], t.push_robots[i], weights, found)
             active = values.thrust[i, k] < ACTIVE_THRUST
             for j in t.push_varied:
                 bent[:] = 0.0
                 for other in t.push_varied:
-                    curvature = found[_CURVATURE + _PUSH * j + other]
+                    curvature = found[_CURVATURE + PUSH * j + other]
                     if curvature != 0.0:
                         for p in range(size):
                             bent[p] += curvature * t.push_slopes[first + other, p]
@@ -173,11 +171,11 @@ def linearise(
     for i in range(n):
         for k in range(count):
             if values.torque[i, k] < ACTIVE_TORQUE:
-                local = values.turned[i, k * _TURN : (k + 1) * _TURN]
+                local = values.turned[i, k]
                 slopes = _turn_with_slopes(local, t.turn_at[k], t.turn_robots[i])[1:]
                 for j, slope in enumerate(slopes):
                     for p in range(size):
-                        rows[r, i, p] += slope * t.turn_slopes[k * _TURN + j, p]
+                        rows[r, i, p] += slope * t.turn_slopes[k * TURN + j, p]
                 margins[r] = values.torque[i, k]
                 r += 1
     separation_rows(

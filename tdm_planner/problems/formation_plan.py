@@ -87,8 +87,8 @@ def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Arr
     little thrust that the thruster can turn on the way.
     """
     task = model.task
-    rates = [(motion.rates @ by_rates)[:, None] for by_rates in model.departing]
-    acceleration = in_time(*rates, motion.position[..., 1], motion.position[..., 2])
+    mu, slope = ((motion.rates @ by_rates)[:, None] for by_rates in model.departing)
+    acceleration = in_time(mu, slope, motion.position[..., 1], motion.position[..., 2])
     heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
     away = heading - task.departure_yaw - task.alpha
     away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,6 @@ from tdm_planner.problems.formation_kernels import (
     linearise,
 )
 from tdm_planner.problems.reference_motion import (
-    departing,
     end_derivatives,
     LocalVariables,
     MotionForm,
@@ -63,55 +62,36 @@ class FormationTerms:
     """
 
     def __init__(self, model: ReferenceMotion, nodes: int, interval: float, segments: int) -> None:
-        task, self.nodes = model.task, nodes
-        self._scales = model.scales
-        basis, terms = _tables(model.form, nodes, segments)
-        moving = np.flatnonzero(~task.staying)
-        first, second = np.triu_indices(moving.size, 1)
-        pairs = np.stack([moving[first], moving[second]], axis=1)
-        centres, clearances = task.circles()
-        fixed = np.zeros((task.n, 2, model.order + 1))
-        fixed[..., 0], fixed[..., model.basis.goal] = task.departure, task.goal
-        self.separation = SeparationTables(
-            fixed=fixed,
-            velocity=np.ascontiguousarray(task.velocity),
-            acceleration=np.ascontiguousarray(task.acceleration),
-            coast=np.ascontiguousarray(task.coast),
-            wall_clearances=np.ascontiguousarray(task.wall_clearances()),
-            sides=task.sides,
-            separation=float(task.separation),
-            pairs=pairs,
-            pair_clearances=task.pair_clearances(pairs[:, 0], pairs[:, 1]),
-            moving=moving,
-            centres=np.ascontiguousarray(centres),
-            circle_clearances=np.ascontiguousarray(clearances),
-            interval=interval,
-            **basis,
-        )
-        path, angle = at_start(model)
-        given = ends(model)
-        every = np.ones((task.n, 1))
-        self._push_given = given @ terms['push_ends'].T
-        self._turn_given = given @ terms['turn_ends'].T
+        self.nodes, self._scales = nodes, model.scales
+        grid = _grid(model.form, nodes, segments)
+        ends, path, angle = departures(model)
+        self._pushed = np.tensordot(ends, grid.push.ends, (1, 2))
+        self._turned = np.tensordot(ends, grid.turn.ends, (1, 2))
+        task, every = model.task, np.ones((model.task.n, 1))
         self._tables = FormationTables(
+            push_varied=np.flatnonzero(grid.push.slopes.any(axis=(0, 2))),
+            push_slopes=grid.push.slopes.reshape(-1, model.size),
+            push_at=grid.push.at,
             push_robots=np.concatenate([path, task.thrust * every], axis=1),
+            turn_slopes=grid.turn.slopes.reshape(-1, model.size),
+            turn_at=grid.turn.at,
             turn_robots=np.concatenate([angle, task.torque * every], axis=1),
-            separation=self.separation,
-            **{name: terms[name] for name in FormationTables._fields if name in terms},
+            weights=grid.weights,
+            separation=_separation(model, grid, interval),
         )
 
     def values(self, z: Array) -> FormationValues:
         """Gas and margins at the scaled varied parameters z (n, P)."""
         xi, t = z * self._scales, self._tables
-        pushed = xi @ t.push_slopes.T + self._push_given
-        turned = xi @ t.turn_slopes.T + self._turn_given
+        pushed = (xi @ t.push_slopes.T).reshape(self._pushed.shape) + self._pushed
+        turned = (xi @ t.turn_slopes.T).reshape(self._turned.shape) + self._turned
         return evaluate(t, xi, pushed, turned)
 
     def linearise(
         self, values: FormationValues, weight: float, dual: Array
     ) -> tuple[Array, Array, Array, Array]:
         """
-        Derivatives by z.
+        Differentiate by z.
 
         Gradient (n, P) of `weight` times the gas, Hessian (n, P, P) of that less `dual` (n, K)
         times the margins of thrust, margins near active (r,) and their slopes (r, n P).
@@ -128,22 +108,22 @@ class FormationTerms:
 
     def robots(self, near: PairApproaches) -> tuple[Indices, Indices]:
         """Return both robots of every approach."""
-        first, second = self.separation.pairs[near.pair].T
+        first, second = self._tables.separation.pairs[near.pair].T
         return first, second
 
 
-def ends(model: ReferenceMotion) -> Array:
-    """Departure and goal of x, y and yaw (n, 6), as `LocalVariables` take them."""
+def departures(model: ReferenceMotion) -> tuple[Array, Array, Array]:
+    """
+    Return boundary values of the robots as the functions of `robot_statement` take them.
+
+    Departure and goal of x, y and yaw (n, 6); velocity and acceleration at the start of x and y
+    (n, 4), and of yaw (n, 2).
+    """
     task = model.task
     places = np.stack([task.departure, task.goal], axis=2).reshape(task.n, 4)
-    return np.column_stack([places, task.departure_yaw, task.goal_yaw])
-
-
-def at_start(model: ReferenceMotion) -> tuple[Array, Array]:
-    """Velocity and acceleration of x and y (n, 4), and of yaw (n, 2)."""
-    task = model.task
     path = np.stack([task.velocity, task.acceleration], axis=2).reshape(task.n, 4)
-    return path, np.stack([task.yaw_rate, task.yaw_acceleration], axis=1)
+    angle = np.stack([task.yaw_rate, task.yaw_acceleration], axis=1)
+    return np.column_stack([places, task.departure_yaw, task.goal_yaw]), path, angle
 
 
 def compile_terms(model: ReferenceMotion) -> None:
@@ -153,31 +133,63 @@ def compile_terms(model: ReferenceMotion) -> None:
     terms.linearise(values, 1.0, np.zeros(values.thrust.shape))
 
 
+class _Grid(NamedTuple):
+    """What depends on the form of the references and the nodes alone."""
+
+    weights: Array
+    push: LocalVariables
+    turn: LocalVariables
+    taylor: Array
+    passing: Array
+    wall_places: Array
+    circle_places: Array
+
+
 @lru_cache(maxsize=32)
-def _tables(
-    form: MotionForm, nodes: int, segments: int
-) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Tables of separation and terms that depend on the form and the grid alone."""
-    position = end_derivatives(form.order, form.vary_ends)
+def _grid(form: MotionForm, nodes: int, segments: int) -> _Grid:
     s, weights = clenshaw_curtis(nodes)
-    arcs = 2 * form.order - 1
-    basis = {
-        'shapes': position.free,
-        'taylor': np.stack([position.basis.about_start, position.basis.about_end]),
-        'passing': _passing(form.degree),
-        'slope': departing(form.degree)[1],
-        'given': 0.0 if form.vary_ends else 1.0,
-        'wall_places': position.basis.values(np.arange(1, arcs + 1) / (arcs + 1)),
-        'circle_places': position.basis.values(np.linspace(0.0, 1.0, segments + 1)),
-    }
-    terms = {'weights': weights}
-    for name, (position_count, yaw) in {'push': (2, 0), 'turn': (0, 2)}.items():
-        local = LocalVariables.of(form, s, 2, position_count, yaw)
-        size = local.slopes.shape[-1]
-        terms |= {f'{name}_slopes': local.slopes.reshape(-1, size), f'{name}_at': local.at}
-        terms[f'{name}_ends'] = local.ends.reshape(-1, 6)
-        terms[f'{name}_varied'] = np.flatnonzero(local.slopes.any(axis=(0, 2)))
-    return basis, terms
+    basis, arcs = end_derivatives(form.order, form.vary_ends).basis, 2 * form.order - 1
+    return _Grid(
+        weights=weights,
+        push=LocalVariables.of(form, s, speed=2, position=2),
+        turn=LocalVariables.of(form, s, speed=2, yaw=2),
+        taylor=np.stack([basis.about_start, basis.about_end]),
+        passing=_passing(form.degree),
+        wall_places=basis.values(np.arange(1, arcs + 1) / (arcs + 1)),
+        circle_places=basis.values(np.linspace(0.0, 1.0, segments + 1)),
+    )
+
+
+def _separation(model: ReferenceMotion, grid: _Grid, interval: float) -> SeparationTables:
+    task = model.task
+    moving = np.flatnonzero(~task.staying)
+    first, second = np.triu_indices(moving.size, 1)
+    pairs = np.stack([moving[first], moving[second]], axis=1)
+    centres, clearances = task.circles()
+    fixed = np.zeros((task.n, 2, model.order + 1))
+    fixed[..., 0], fixed[..., model.basis.goal] = task.departure, task.goal
+    return SeparationTables(
+        shapes=model.basis.free,
+        taylor=grid.taylor,
+        passing=grid.passing,
+        slope=model.departing[1],
+        wall_places=grid.wall_places,
+        circle_places=grid.circle_places,
+        fixed=fixed,
+        velocity=np.ascontiguousarray(task.velocity),
+        acceleration=np.ascontiguousarray(task.acceleration),
+        given=0.0 if model.vary_ends else 1.0,
+        coast=np.ascontiguousarray(task.coast),
+        wall_clearances=np.ascontiguousarray(task.wall_clearances()),
+        sides=task.sides,
+        separation=float(task.separation),
+        pairs=pairs,
+        pair_clearances=task.pair_clearances(pairs[:, 0], pairs[:, 1]),
+        moving=moving,
+        centres=np.ascontiguousarray(centres),
+        circle_clearances=np.ascontiguousarray(clearances),
+        interval=interval,
+    )
 
 
 def _passing(degree: int) -> Array:

@@ -131,7 +131,7 @@ class LocalVariables(NamedTuple):
             last = column + of.free.shape[1]
             for values in derivatives:
                 slopes[:, row, column:last] = values @ of.free
-                fixed[:, row, 2 * axis : 2 * axis + 2] = values[:, [0, of.goal]]
+                fixed[:, row, [2 * axis, 2 * axis + 1]] = values[:, [0, of.goal]]
                 row += 1
             column = last
         given = [1.0, 0.0 if form.vary_ends else 1.0]

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-What holds for one robot at one arc s, stated once: numba, CasADi and numpy use these functions.
+What holds for one robot at one arc s, stated once: `with_slopes` and `with_curvature` derive it.
 
 Time runs as dt/ds = mu. A derivative by s of x, y or yaw is what is free of it, linear in the
 varied parameters, and what the start adds: with `departing` = (mu, mu_s) there, velocity v and
@@ -39,7 +39,7 @@ _ROUNDED = 1e-6  # of F_max, by which the margin of thrust is rounded off at zer
 
 
 def _along(free: Numbers, departing: Numbers, given: Numbers, at: Numbers) -> list[Any]:
-    """Return derivatives by s from what is free of them, and the start's velocity, acceleration."""
+    """Return derivatives by s from what is free of them and `given`: the start's v and a."""
     (mu, slope), (v, a) = departing, given
     second = mu**2 * a + slope * v
     return [x + at[2 * d] * mu * v + at[2 * d + 1] * second for d, x in enumerate(free)]
@@ -59,7 +59,8 @@ def push(local: Numbers, at: Numbers, robot: Numbers) -> tuple[Any, ...]:
     """
     Return the gas per arc [m/s], rounded off at zero, and the margin of thrust, 1 - F / F_max.
 
-    `local`: mu, mu_s, those at the start, x_s, x_ss, y_s, y_ss; `robot`: v_x, a_x, v_y, a_y, F_max.
+    `local`: mu, mu_s, those at the start, x_s, x_ss, y_s, y_ss; `robot`: v_x, a_x, v_y, a_y,
+    F_max.
     """
     mu, mu_s = local[:2]
     x = acceleration(mu, mu_s, *_along(local[4:6], local[2:4], robot[0:2], at))

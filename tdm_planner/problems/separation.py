@@ -164,7 +164,8 @@ def _slope(coefficients: Array, u: float) -> float:
 def _arc(at: Paths, i: int, since: float) -> float:
     """Return s in [0, 1] at an instant since the manoeuvre began [s]."""
     if at.times.shape[1] == 2:
-        return min(max(since / at.times[i, 1], 0.0), 1.0)
+        s: float = min(max(since / at.times[i, 1], 0.0), 1.0)
+        return s
     return _inverse(at.times[i], at.durations[i], since)
 
 

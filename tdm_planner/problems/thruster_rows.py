@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.slopes import with_slopes
-from tdm_planner.problems.formation_terms import at_start, ends
+from tdm_planner.problems.formation_terms import departures
 from tdm_planner.problems.reference_motion import FormationMotion, LocalVariables, ReferenceMotion
 from tdm_planner.problems.robot_statement import flip, hodograph
 
@@ -51,8 +51,9 @@ class ThrusterRows:
     def __init__(self, model: ReferenceMotion, nodes: Array) -> None:
         self.model, self.nodes = model, nodes
         task, every = model.task, np.ones((model.task.n, 1))
-        self._ends, limits = ends(model), [task.thruster_rate * every, task.thrust * every]
-        self._robots = np.concatenate([*at_start(model), *limits], axis=1)
+        self._ends, path, angle = departures(model)
+        limits = task.thruster_rate * every, task.thrust * every
+        self._robots = np.concatenate([path, angle, *limits], axis=1)
         self._speed = [model.speed_basis(nodes, d) for d in range(2)]
         self._path = [model.values(nodes, d) for d in (1, 2)]
 
