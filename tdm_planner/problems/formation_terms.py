@@ -103,7 +103,7 @@ class FormationTerms:
         rows *= scales
         return (
             gradient * scales, hessian * (scales[:, None] * scales), margins,
-            rows.reshape(margins.size, -1),
+            rows.reshape(margins.size, gradient.size),
         )  # fmt: skip
 
     def robots(self, near: PairApproaches) -> tuple[Indices, Indices]:
