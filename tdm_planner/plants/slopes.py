@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Derivatives of a plant's right-hand side, taken by CasADi and written down as plain Python.
+Derivatives of what is stated of a plant, taken by CasADi and written down as plain Python.
 
-A right-hand side is stated once, as a function of numbers: numba compiles it as it stands, CasADi
-traces it, numpy calls it with arrays. What is written here serves numba and numpy alike. The text
+It is stated once, as a function of numbers: numba compiles it as it stands, CasADi traces it,
+numpy calls it with arrays. What is written here serves numba and numpy alike. The text
 is kept where the kernels are, so that CasADi is imported once for every version of the sources.
 """
 
@@ -74,10 +74,10 @@ def with_curvature(
     function: Callable[..., tuple[Any, ...]], by: tuple[str, ...], **parts: Any
 ) -> Callable[..., None]:
     """
-    Return a function of the same arguments, of `weights` and an array `result` that it fills.
+    Return a function of the same arguments, `weights` and an array `result`, which it fills.
 
-    With the values, their slopes as `with_slopes` has them, and the Hessian of their sum with as
-    many weights as are given in `parts`, those of the first values.
+    It holds what `with_slopes` returns, then the Hessian of the first values' sum with as many
+    `weights` as `parts` tells.
     """
     return _written(function, by, parts, {}, True)
 

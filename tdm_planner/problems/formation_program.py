@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -32,7 +33,7 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.problems.formation_kernels import ACTIVE_THRUST, FormationValues
-from tdm_planner.problems.formation_terms import clenshaw_curtis, FormationTerms
+from tdm_planner.problems.formation_terms import FormationTerms
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
@@ -78,7 +79,7 @@ class FormationProgram(NonlinearProgram):
         self.terms = FormationTerms(model, nodes, interval, common_instants)
         self.thruster = None
         if limit_thruster_rate:
-            self.thruster = ThrusterRows(model, clenshaw_curtis(nodes)[0])
+            self.thruster = ThrusterRows(model, chebyshev_nodes(nodes))
         self.groups = 2 if limit_thruster_rate else 1
         self.evaluations = 0
         self.scale = self._typical_cost()

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.problems.formation_kernels import (
     evaluate,
     FormationTables,
@@ -38,20 +39,6 @@ from tdm_planner.problems.separation import PairApproaches, SeparationTables
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-def clenshaw_curtis(count: int) -> tuple[Array, Array]:
-    """Chebyshev-Lobatto nodes on [0, 1] and the weights of Clenshaw-Curtis quadrature."""
-    last = count - 1
-    angle = np.pi * np.arange(count) / last
-    moments = np.zeros(count)
-    even = np.arange(0, count, 2)
-    moments[even] = 2.0 / (1.0 - even**2)
-    cosines = np.cos(np.outer(np.arange(count), angle))
-    cosines[[0, -1]] *= 0.5
-    weights = (moments @ cosines) * 2.0 / last
-    weights[[0, -1]] *= 0.5
-    return 0.5 * (1.0 - np.cos(angle)), weights / 2.0
 
 
 class FormationTerms:
@@ -147,10 +134,10 @@ class _Grid(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _grid(form: MotionForm, nodes: int, segments: int) -> _Grid:
-    s, weights = clenshaw_curtis(nodes)
+    s = chebyshev_nodes(nodes)
     basis, arcs = end_derivatives(form.order, form.vary_ends).basis, 2 * form.order - 1
     return _Grid(
-        weights=weights,
+        weights=quadrature_weights(s),
         push=LocalVariables.of(form, s, speed=2, position=2),
         turn=LocalVariables.of(form, s, speed=2, yaw=2),
         taylor=np.stack([basis.about_start, basis.about_end]),

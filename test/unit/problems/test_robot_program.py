@@ -15,14 +15,16 @@ import itertools
 import numpy as np
 import pytest
 from tdm_planner.direct_method import time_derivatives
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.direct_method.virtual_domain import reciprocal
+from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
-from tdm_planner.problems.formation_terms import clenshaw_curtis
 from tdm_planner.problems.reference_motion import ReferenceMotion
+from tdm_planner.problems.robot_statement import push
 
 FORMS = {
     'default': (7, 5, 0, True),
@@ -235,7 +237,8 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
 def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
     program, xi = made
     model, task, motion = program.model, program.model.task, program.motion(xi)
-    s, weights = clenshaw_curtis(program.terms.nodes)
+    s = chebyshev_nodes(program.terms.nodes)
+    weights = quadrature_weights(s)
     mu = motion.rates @ model.speed_basis(s, 0).T
     speed = reciprocal([mu[:, None], (motion.rates @ model.speed_basis(s, 1).T)[:, None]])
     path = [motion.position @ model.values(s, d).T for d in range(3)]
@@ -250,10 +253,29 @@ def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
     assert values.durations == pytest.approx(mu @ weights)
 
 
-def test_quadrature_is_exact_for_polynomials_and_gas_that_of_a_dense_sum():
-    nodes, weights = clenshaw_curtis(9)
-    for power in range(9):
-        assert weights @ nodes**power == pytest.approx(1 / (power + 1))
+def test_slopes_and_curvature_of_a_push_are_those_of_differences():
+    parts = {'local': 8, 'at': 4, 'robot': 5}
+    curved = with_curvature(push, ('local',), weights=2, **parts)
+    rng = np.random.default_rng(2)
+    local = np.array([12.0, 2.0, 11.0, 1.0, *rng.normal(0, 1, 4)])
+    others = rng.normal(0, 1, 4), np.array([0.1, 0.01, -0.05, 0.02, 0.03])
+    weights = np.array([0.7, -1.3])
+
+    def slopes(x):
+        return np.array(with_slopes(push, ('local',), **parts)(x, *others))[2:].reshape(8, 2).T
+
+    found = np.empty(2 + 16 + 64)
+    curved(local, *others, weights, found)
+    assert found[:2] == pytest.approx(push(local, *others))
+    by_local = found[2:18].reshape(8, 2).T
+    assert by_local == pytest.approx(slopes(local))
+    numeric = central(lambda x: np.array(push(x, *others)), local)
+    assert by_local == pytest.approx(numeric, rel=1e-6, abs=1e-8)
+    numeric = central(lambda x: weights @ slopes(x), local)
+    assert found[18:].reshape(8, 8) == pytest.approx(numeric, rel=1e-6, abs=1e-8)
+
+
+def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
     dense = FormationProgram(program.model, nodes=401)
     gas, exact = (p.values(xi).gas for p in (program, dense))
