@@ -22,6 +22,7 @@ approach of every chord of the hodograph. What they say there: `robot_statement.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class ThrusterRows:
         along = -(begin * chord).sum(axis=1)
         share = np.clip(along / ((chord * chord).sum(axis=1) + 1e-30), 0.0, 1.0)
         arcs = self.nodes[:-1] + share * np.diff(self.nodes)
-        _, *local = self._local(z, np.repeat(np.arange(task.n), count), arcs.ravel())
+        _, local = self._local(z, np.repeat(np.arange(task.n), count), arcs.ravel())
         margins = np.stack(flip(*local)).reshape(2, task.n, count)
         shaped = np.swapaxes(margins, 0, 1).copy()
         shaped[task.staying] = 1.0
@@ -82,17 +83,17 @@ class ThrusterRows:
 
     def margins(self, z: Array, robots: Indices, s: Array) -> tuple[Array, Array]:
         """Margins (2, r) of `robots` (r,) at the arcs s (r,), and slopes (2, r, P)."""
-        slopes, *local = self._local(z, robots, s)
+        slopes, local = self._local(z, robots, s)
         found = np.stack(np.broadcast_arrays(*_flip(*local)))
         by_local = found[2:].reshape(_LOCAL, 2, s.size)
         return found[:2], np.swapaxes(by_local.T @ slopes, 0, 1)
 
-    def _local(self, z: Array, robots: Indices, s: Array) -> tuple[Array, Array, Array, Array]:
+    def _local(self, z: Array, robots: Indices, s: Array) -> tuple[Array, list[Any]]:
         """Slopes (r, W, P) of the local variables, and the arguments of `flip`, (..., r) each."""
         at = LocalVariables.of(self.model.form, s, 3, 3, 1)
         slopes = at.slopes * self.model.scales
         local = slopes @ z[robots, :, None] + at.ends @ self._ends[robots, :, None]
-        return slopes, local[..., 0].T, at.at.T, self._robots[robots].T
+        return slopes, [local[..., 0].T, at.at.T, self._robots[robots].T]
 
 
 _flip = with_slopes(flip, ('local',), local=_LOCAL, at=8, robot=8)
