@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-Derivatives of a plant's right-hand side, taken by CasADi and written down as plain Python.
+Derivatives of what is stated of a plant, taken by CasADi and written down as plain Python.
 
-A right-hand side is stated once, as a function of numbers: numba compiles it as it stands, CasADi
-traces it, numpy calls it with arrays. What is written here serves numba and numpy alike. The text
+It is stated once, as a function of numbers: numba compiles it as it stands, CasADi traces it,
+numpy calls it with arrays. What is written here serves numba and numpy alike. The text
 is kept where the kernels are, so that CasADi is imported once for every version of the sources.
 """
 
@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-_MARKS = (b'@compiled', b'StatedPlant', b'with_slopes')  # of the sources that matter
+_MARKS = b'@compiled', b'StatedPlant', b'with_slopes'  # of the sources that matter
 _SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
 _KERNELS = b''.join(source for source in _SOURCES if any(mark in source for mark in _MARKS))
 DIGEST = sha256(_KERNELS).hexdigest()[:16]
@@ -47,6 +47,7 @@ with suppress(OSError):  # then numba's own folder will do
 _OPERATIONS = {
     'ADD': '{} + {}', 'SUB': '{} - {}', 'MUL': '{} * {}', 'DIV': '{} * (1.0 / {})', 'NEG': '-{}',
     'SQ': '{0} * {0}', 'TWICE': '2.0 * {}', 'INV': '1.0 / {}', 'SIN': 'sin({})', 'COS': 'cos({})',
+    'SQRT': 'sqrt({})', 'FABS': 'abs({})', 'SIGN': 'sign({})',
 }  # fmt: skip
 
 
@@ -65,22 +66,48 @@ def with_slopes(
     them; `sin` and `cos` are what the new one calls. `parts` tells the arguments that are
     sequences: their length, or the type of a named tuple.
     """
-    file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.py'
+    return _written(function, by, parts, {'sin': sin, 'cos': cos}, False)
+
+
+@cache
+def with_curvature(
+    function: Callable[..., tuple[Any, ...]], by: tuple[str, ...], **parts: Any
+) -> Callable[..., None]:
+    """
+    Return a function of the same arguments, `weights` and an array `result`, which it fills.
+
+    It holds what `with_slopes` returns, then the Hessian of the first values' sum with as many
+    `weights` as `parts` tells.
+    """
+    return _written(function, by, parts, {}, True)
+
+
+def _written(
+    function: Callable[..., Any],
+    by: tuple[str, ...],
+    parts: dict[str, Any],
+    named: dict[str, Any],
+    curved: bool,
+) -> Callable[..., Any]:
+    kind = 'curvature' if curved else 'slopes'
+    file = FOLDER / f'{function.__module__}.{function.__qualname__}.{".".join(by)}.{kind}.py'
     try:
         text = file.read_text()
     except OSError:
-        text = _text(function, by, parts)
+        text = _text(function, by, parts, curved)
         with suppress(OSError):  # another user has set the environment up
             part = file.with_suffix(f'.{os.getpid()}')
             part.write_text(text)
             part.replace(file)
-    made: dict[str, Any] = {'sin': sin, 'cos': cos}
+    made = {name: getattr(np, name) for name in ('sin', 'cos', 'sqrt', 'sign')} | named
     exec(compile(text, __file__, 'exec'), made)
-    written: Callable[..., tuple[Any, ...]] = made['with_slopes']
+    written: Callable[..., Any] = made['written']
     return written
 
 
-def _text(function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, Any]) -> str:
+def _text(
+    function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, Any], curved: bool
+) -> str:
     import casadi
 
     casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
@@ -95,18 +122,24 @@ def _text(function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, An
             count = kind if isinstance(kind, int) else len(kind._fields)
             symbols[name] = [casadi.SX.sym(f'{name}[{i}]') for i in range(count)]
             arguments[name] = symbols[name] if count == kind else kind(*symbols[name])
-    inputs = [symbol for several in symbols.values() for symbol in several]
     values = casadi.vertcat(*function(*arguments.values()))
-    slopes = casadi.jacobian(values, casadi.vertcat(*(part for n in by for part in symbols[n])))
-    results = casadi.cse(casadi.densify(casadi.veccat(values, slopes)))
+    varied = casadi.vertcat(*(part for name in by for part in symbols[name]))
+    results = [values, casadi.jacobian(values, varied)]
+    if curved:
+        weights = [casadi.SX.sym(f'weights[{i}]') for i in range(parts['weights'])]
+        weighted = casadi.dot(casadi.vertcat(*weights), values[: len(weights)])
+        results.append(casadi.hessian(weighted, varied)[0])
+        symbols['weights'], symbols['result'] = weights, []
+    inputs = [symbol for several in symbols.values() for symbol in several]
+    results = casadi.cse(casadi.densify(casadi.veccat(*results)))
     graph = casadi.Function('graph', inputs, [results])
     templates = {getattr(casadi, f'OP_{name}'): form for name, form in _OPERATIONS.items()}
-    lines = []
+    lines, place = [], 'result[{}]' if curved else 'r{}'
     for i in range(graph.n_instructions()):
         operation, to = graph.instruction_id(i), graph.instruction_output(i)
         operands = graph.instruction_input(i)
         if operation == casadi.OP_OUTPUT:
-            lines.append(f'r{to[1]} = w{operands[0]}')
+            lines.append(f'{place.format(to[1])} = w{operands[0]}')
         elif operation == casadi.OP_INPUT:
             lines.append(f'w{to[0]} = {inputs[operands[0]].name()}')
         elif operation == casadi.OP_CONST:
@@ -114,5 +147,6 @@ def _text(function: Callable[..., Any], by: tuple[str, ...], parts: dict[str, An
         else:
             terms = templates[operation].format(*(f'w{operand}' for operand in operands))
             lines.append(f'w{to[0]} = {terms}')
-    lines.append(f'return {", ".join(f"r{i}" for i in range(graph.numel_out(0)))}')
-    return '\n    '.join([f'def with_slopes({", ".join(arguments)}):', *lines]) + '\n'
+    if not curved:
+        lines.append(f'return {" ".join(f"r{i}," for i in range(graph.numel_out(0)))}')
+    return '\n    '.join([f'def written({", ".join(symbols)}):', *lines]) + '\n'

@@ -29,9 +29,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
+from tdm_planner.problems.robot_statement import acceleration as in_time
 from tdm_planner.problems.thrust_direction import ThrustDirection
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -68,11 +68,10 @@ def wanted(model: ReferenceMotion, motion: FormationMotion, robot: int) -> Wante
     count = min(_SAMPLES, max(8, int(duration / _SHORTEST_STEP)))
     times = to_nanoseconds(np.linspace(0.0, duration, count))
     s = model.arc_at(motion, times)[robot]
-    speed = reciprocal([model.speed_basis(s, d) @ motion.rates[robot] for d in range(2)])
-    path = [motion.position[robot] @ model.values(s, d).T for d in range(3)]
+    speed = [model.speed_basis(s, d) @ motion.rates[robot] for d in range(2)]
     turn = [motion.yaw[robot] @ model.yaw_values(s, d).T for d in range(3)]
-    acceleration = time_derivatives(path, speed)[2]
-    yaw_acceleration = time_derivatives(turn, speed)[2]
+    path = [motion.position[robot] @ model.values(s, d).T for d in (1, 2)]
+    acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn[1:])
     waiting = times < coast
     acceleration[:, waiting] = 0.0
     yaw_acceleration[waiting] = 0.0
@@ -88,9 +87,8 @@ def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Arr
     little thrust that the thruster can turn on the way.
     """
     task = model.task
-    rates = [(motion.rates @ by_rates)[:, None] for by_rates in model.departing]
-    path = [motion.position[..., d] for d in range(3)]
-    acceleration = time_derivatives(path, reciprocal(rates))[2]
+    mu, slope = ((motion.rates @ by_rates)[:, None] for by_rates in model.departing)
+    acceleration = in_time(mu, slope, motion.position[..., 1], motion.position[..., 2])
     heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
     away = heading - task.departure_yaw - task.alpha
     away = np.abs(np.angle(np.exp(1j * np.nan_to_num(away))))

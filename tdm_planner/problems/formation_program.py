@@ -16,7 +16,7 @@
 The nonlinear program of section 4.2: performance index (28) under the limits of (17)-(19).
 
 Varied parameters: of every robot the time (or speed factor) and the shapes of its reference
-functions, see `ReferenceMotion`; thrust, torque and gas by `InverseDynamics` at Chebyshev nodes.
+functions, see `ReferenceMotion`; thrust, torque and gas at Chebyshev nodes, see `robot_statement`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
     NonlinearProgram,
     Point,
 )
-from tdm_planner.problems.formation_compiled import terms_on
-from tdm_planner.problems.formation_terms import ACTIVE_THRUST, FormationValues, NodeGrid
+from tdm_planner.problems.formation_kernels import ACTIVE_THRUST, FormationValues
+from tdm_planner.problems.formation_terms import FormationTerms
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
@@ -47,7 +48,6 @@ class FormationPoint:
     """What is known at one Xi: values and margins, and those of the thruster's rate."""
 
     values: FormationValues
-    motion: FormationMotion | None
     hodograph: HodographValues | None
 
 
@@ -74,16 +74,12 @@ class FormationProgram(NonlinearProgram):
         shape = model.task.n, model.size
         self.held = np.full(shape, np.nan) if held is None else held
         self._kept = ~np.isnan(self.held[:, 0])
-        self.grid = NodeGrid(
-            model=model,
-            nodes=nodes or max(21, 5 * model.order - 14),
-            interval=1.5 * model.time_scale / common_instants,
-            segments=common_instants,
-        )
-        self.terms = terms_on(self.grid)
+        nodes = nodes or max(21, 5 * model.order - 14)
+        interval = 1.5 * model.time_scale / common_instants
+        self.terms = FormationTerms(model, nodes, interval, common_instants)
         self.thruster = None
         if limit_thruster_rate:
-            self.thruster = ThrusterRows(model, self.grid.quadrature[0])
+            self.thruster = ThrusterRows(model, chebyshev_nodes(nodes))
         self.groups = 2 if limit_thruster_rate else 1
         self.evaluations = 0
         self.scale = self._typical_cost()
@@ -146,17 +142,16 @@ class FormationProgram(NonlinearProgram):
         values = self.values(xi)
         terms = task.cost_terms(task.coast + values.durations, values.gas)
         violations = [max(0.0, -values.worst)]
-        motion = hodograph = None
+        hodograph = None
         if self.thruster is not None:
-            motion = self.motion(xi)
-            hodograph = self.thruster.values(motion)
+            hodograph = self.thruster.values(self.motion(xi), self.full(xi))
             hodograph.margins[self._kept] = _IRRELEVANT
             violations.append(max(0.0, -hodograph.margins.min()))
         return Point(
             np.asarray(xi),
             sum(terms.values()) / self.scale,
             np.array(violations),
-            FormationPoint(values, motion, hodograph),
+            FormationPoint(values, hodograph),
         )
 
     def values(self, xi: Array) -> FormationValues:
@@ -172,20 +167,19 @@ class FormationProgram(NonlinearProgram):
             margins[self._kept] = _IRRELEVANT
         values.circles.margins[self._kept[values.circles.robot]] = _IRRELEVANT
         if values.pairs.margins.size:
-            first, second = self.grid.pairs.robots(values.pairs)
+            first, second = self.terms.robots(values.pairs)
             values.pairs.margins[self._kept[first] & self._kept[second]] = _IRRELEVANT
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of gas and thrust rows, see the base class."""
         cache: FormationPoint = point.cache
         values, task, model = cache.values, self.model.task, self.model
-        gradient, hessian = self.terms.derivatives(
+        gradient, hessian, margins, rows = self.terms.linearise(
             values, task.weights[2] / self.scale, self._thrust_dual(multipliers)
         )
-        margins, rows = self.terms.rows(values)
         groups = np.zeros(margins.size, dtype=np.intp)
-        if self.thruster is not None and cache.hodograph is not None and cache.motion is not None:
-            rates, more = self.thruster.rows(cache.motion, cache.hodograph)
+        if self.thruster is not None and cache.hodograph is not None:
+            rates, more = self.thruster.rows(self.full(point.xi), cache.hodograph)
             margins = np.concatenate([margins, rates])
             rows = np.concatenate([rows, more.reshape(rates.size, rows.shape[1])])
             groups = np.concatenate([groups, np.ones(rates.size, dtype=np.intp)])
@@ -205,14 +199,13 @@ class FormationProgram(NonlinearProgram):
             tags=np.nonzero(values.thrust < ACTIVE_THRUST),
         )
 
-    def _thrust_dual(self, multipliers: Multipliers | None) -> Array | None:
+    def _thrust_dual(self, multipliers: Multipliers | None) -> Array:
         """Multipliers of the thrust rows at every node (n, K)."""
-        if multipliers is None:
-            return None
-        robots, nodes = multipliers.tags
-        dual = np.zeros((self.model.task.n, self.grid.nodes))
-        dual[robots, nodes] = multipliers.inequalities[: robots.size]
-        return dual if dual.any() else None
+        dual = np.zeros((self.model.task.n, self.terms.nodes))
+        if multipliers is not None:
+            robots, nodes = multipliers.tags
+            dual[robots, nodes] = multipliers.inequalities[: robots.size]
+        return dual
 
     def definite(self, blocks: Array) -> Array:
         """
@@ -245,7 +238,7 @@ class FormationProgram(NonlinearProgram):
             f'the distance of {worst(values.walls)} from the walls': values.walls.min(),
         }
         if values.pairs.margins.size:
-            first, second = self.grid.pairs.robots(values.pairs)
+            first, second = self.terms.robots(values.pairs)
             k = int(np.argmin(values.pairs.margins))
             label = f"arena.minimum_separation of '{names[first[k]]}' and '{names[second[k]]}'"
             found[label] = values.pairs.margins[k]

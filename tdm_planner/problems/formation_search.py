@@ -416,7 +416,7 @@ class FormationSearch(Search[Candidate]):
                 return candidate
             task = self.task.with_coast(spare * needed)
             program = FormationProgram(
-                model.with_task(task), candidate.program.grid.nodes, held=candidate.program.held
+                model.with_task(task), candidate.program.terms.nodes, held=candidate.program.held
             )
             again = program.reduce(candidate.program.full(candidate.point.xi))
             candidate, converged = self._minimise(program, again, _REFINING_RADIUS)
@@ -427,7 +427,7 @@ class FormationSearch(Search[Candidate]):
     def refined(self, candidate: Candidate) -> Candidate | None:
         """Minimise again with the thruster's rate limited in the program; None if infeasible."""
         model = candidate.program.model
-        nodes = candidate.program.grid.nodes
+        nodes = candidate.program.terms.nodes
         program = FormationProgram(
             model, nodes, limit_thruster_rate=True, held=candidate.program.held
         )

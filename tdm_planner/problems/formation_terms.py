@@ -12,198 +12,179 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Gas and margins of a formation as functions of the varied parameters, with derivatives.
-
-In numpy, for all forms of the reference functions; `formation_compiled` is faster with some.
-"""
+"""Gas and margins of a formation as functions of the varied parameters, with derivatives."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from functools import lru_cache
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.formation_cost import GasAndThrust
-from tdm_planner.problems.inverse_dynamics import clenshaw_curtis, InverseDynamics, NodeValues
-from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
-from tdm_planner.problems.separation import (
-    CircleApproaches,
-    CircleSeparation,
-    PairApproaches,
-    PairSeparation,
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
+from tdm_planner.problems.formation_kernels import (
+    evaluate,
+    FormationTables,
+    FormationValues,
+    linearise,
 )
+from tdm_planner.problems.reference_motion import (
+    end_derivatives,
+    LocalVariables,
+    MotionForm,
+    ReferenceMotion,
+)
+from tdm_planner.problems.separation import PairApproaches, SeparationTables
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-NEAR = 0.6  # approaches within this share beyond the clearance become rows
-ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
 
-
-@dataclass(frozen=True, eq=False)
-class FormationValues:
+class FormationTerms:
     """
-    What is known at one Xi; margins are relative to their limits, negative if violated.
+    The terms of all robots on `nodes` Chebyshev nodes, see `formation_kernels`.
 
-    `durations` (n,) s without coasting, `gas` (n,) m/s; `thrust`, `torque` (n, K) at the nodes,
-    `walls` (n, 2, 2, W) [robot, side, axis, arc]; `inner` is what derivatives are computed from.
+    Common instants of pairs are `interval` s apart, arcs are looked at near circles in `segments`.
     """
 
-    durations: Array
-    gas: Array
-    thrust: Array
-    torque: Array
-    walls: Array
-    pairs: PairApproaches
-    circles: CircleApproaches
-    inner: Any
-
-    @property
-    def worst(self) -> float:
-        """Return the smallest margin, 0 if all are kept."""
-        margins = (self.thrust, self.torque, self.walls, self.pairs.margins, self.circles.margins)
-        return min(float(margin.min(initial=0.0)) for margin in margins)
-
-
-class Terms(Protocol):
-    """Gas and margins at scaled varied parameters z (n, P), and their derivatives."""
-
-    def values(self, z: Array) -> FormationValues:
-        """Gas and margins at z."""
-
-    def derivatives(
-        self, values: FormationValues, weight: float, dual: Array | None
-    ) -> tuple[Array, Array]:
-        """
-        Gradient (n, P) of `weight` times the gas, and Hessian (n, P, P) of the Lagrangian.
-
-        `dual` (n, K), if given, holds the multipliers of the margins of thrust.
-        """
-
-    def rows(self, values: FormationValues) -> tuple[Array, Array]:
-        """Margins near active (r,) and their slopes (r, n P), those of thrust first."""
-
-
-@dataclass(frozen=True, eq=False)
-class NodeGrid:
-    """
-    Where the terms of a model are evaluated, and what does not change with Xi.
-
-    `nodes` Chebyshev nodes; common instants of pairs `interval` s apart; `segments` of arcs near
-    circles.
-    """
-
-    model: ReferenceMotion
-    nodes: int
-    interval: float
-    segments: int
-
-    @cached_property
-    def quadrature(self) -> tuple[Array, Array]:
-        """Nodes (K,) and weights (K,)."""
-        return clenshaw_curtis(self.nodes)
-
-    @cached_property
-    def wall_arcs(self) -> Array:
-        """Arcs at which walls are looked at (W,)."""
-        count = 2 * self.model.order - 1
-        return np.arange(1, count + 1) / (count + 1)
-
-    @cached_property
-    def dynamics(self) -> InverseDynamics:
-        """Inverse dynamics at the nodes."""
-        return InverseDynamics(self.model, self.quadrature[0])
-
-    @cached_property
-    def gas(self) -> GasAndThrust:
-        """Gas and limits of thrust at the nodes."""
-        return GasAndThrust(self.dynamics, self.quadrature[1])
-
-    @cached_property
-    def pairs(self) -> PairSeparation:
-        """Separations of all pairs that move."""
-        return PairSeparation(self.model, self.interval, NEAR)
-
-    @cached_property
-    def circles(self) -> CircleSeparation:
-        """Distances of robots that move from what stands still."""
-        return CircleSeparation(self.model, self.segments, NEAR)
-
-
-class ArrayTerms:
-    """The terms on a grid, in numpy; `inner` of their values holds motion and node values."""
-
-    def __init__(self, grid: NodeGrid) -> None:
-        self.grid, self.model = grid, grid.model
-        self.wall_basis = self.model.values(grid.wall_arcs)
-        self.wall_clearances = self.model.task.wall_clearances()
-
-    def values(self, z: Array) -> FormationValues:
-        """Gas and margins at z."""
-        grid, task, motion = self.grid, self.model.task, self.model.unpack(z)
-        nodes = grid.dynamics.at(motion)
-        places = motion.position @ self.wall_basis.T
-        low = places - self.wall_clearances[:, :, 0, None]
-        high = task.sides[:, None] - self.wall_clearances[:, :, 1, None] - places
-        return FormationValues(
-            durations=motion.durations,
-            gas=grid.gas.gas(nodes),
-            thrust=grid.gas.margins(nodes),
-            torque=1.0 - np.abs(nodes.y[:, 2]) / (task.torque * nodes.mu),
-            walls=np.stack([low, high], axis=1) / task.separation,
-            pairs=grid.pairs.nearest(motion),
-            circles=grid.circles.nearest(motion),
-            inner=(motion, nodes),
+    def __init__(self, model: ReferenceMotion, nodes: int, interval: float, segments: int) -> None:
+        self.nodes, self._scales = nodes, model.scales
+        grid = _grid(model.form, nodes, segments)
+        ends, path, angle = departures(model)
+        self._pushed = np.tensordot(ends, grid.push.ends, (1, 2))
+        self._turned = np.tensordot(ends, grid.turn.ends, (1, 2))
+        task, every = model.task, np.ones((model.task.n, 1))
+        self._tables = FormationTables(
+            push_varied=np.flatnonzero(grid.push.slopes.any(axis=(0, 2))),
+            push_slopes=grid.push.slopes.reshape(-1, model.size),
+            push_at=grid.push.at,
+            push_robots=np.concatenate([path, task.thrust * every], axis=1),
+            turn_slopes=grid.turn.slopes.reshape(-1, model.size),
+            turn_at=grid.turn.at,
+            turn_robots=np.concatenate([angle, task.torque * every], axis=1),
+            weights=grid.weights,
+            separation=_separation(model, grid, interval),
         )
 
-    def derivatives(
-        self, values: FormationValues, weight: float, dual: Array | None
-    ) -> tuple[Array, Array]:
-        """Gradient and Hessian, see `Terms`."""
-        motion, nodes = values.inner
-        slopes = self.grid.dynamics.slopes(motion, nodes)
-        return self.grid.gas.derivatives(nodes, slopes, weight, dual)
+    def values(self, z: Array) -> FormationValues:
+        """Gas and margins at the scaled varied parameters z (n, P)."""
+        xi, t = z * self._scales, self._tables
+        pushed = (xi @ t.push_slopes.T).reshape(self._pushed.shape) + self._pushed
+        turned = (xi @ t.turn_slopes.T).reshape(self._turned.shape) + self._turned
+        return evaluate(t, xi, pushed, turned)
 
-    def rows(self, values: FormationValues) -> tuple[Array, Array]:
-        """Margins near active and their slopes, see `Terms`."""
-        motion, nodes = values.inner
-        numbers, rows = self._rows(values, motion, nodes)
-        size = self.model.task.n * self.model.size
-        return np.concatenate(numbers), np.concatenate(rows).reshape(-1, size)
+    def linearise(
+        self, values: FormationValues, weight: float, dual: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """
+        Differentiate by z.
 
-    def _rows(
-        self, values: FormationValues, motion: FormationMotion, nodes: NodeValues
-    ) -> tuple[list[Array], list[Array]]:
-        grid, model, task = self.grid, self.model, self.model.task
-        y_slope = grid.dynamics.slopes(motion, nodes).y
-        numbers, rows = [], []
+        Gradient (n, P) of `weight` times the gas, Hessian (n, P, P) of that less `dual` (n, K)
+        times the margins of thrust, margins near active (r,) and their slopes (r, n P).
+        """
+        gradient, hessian, margins, rows = linearise(
+            self._tables, values, weight, dual, values.near
+        )
+        scales = self._scales
+        rows *= scales
+        return (
+            gradient * scales, hessian * (scales[:, None] * scales), margins,
+            rows.reshape(margins.size, gradient.size),
+        )  # fmt: skip
 
-        def add(robots: Indices, margins: Array, slopes: Array) -> None:
-            row = np.zeros((robots.size, task.n, model.size))
-            row[np.arange(robots.size), robots] = slopes
-            numbers.append(margins)
-            rows.append(row)
+    def robots(self, near: PairApproaches) -> tuple[Indices, Indices]:
+        """Return both robots of every approach."""
+        first, second = self._tables.separation.pairs[near.pair].T
+        return first, second
 
-        i, k = np.nonzero(values.thrust < ACTIVE_THRUST)
-        add(i, values.thrust[i, k], grid.gas.margin_rows(nodes, y_slope, i, k))
 
-        i, k = np.nonzero(values.torque < ACTIVE_TORQUE)
-        sign = np.sign(nodes.y[i, 2, k]) / (task.torque * nodes.mu[i, k])
-        share = (1.0 - values.torque[i, k]) / nodes.mu[i, k]
-        slopes = share[:, None] * grid.dynamics.mu_jacobian[k] - sign[:, None] * y_slope[i, 2, k]
-        add(i, values.torque[i, k], slopes)
+def departures(model: ReferenceMotion) -> tuple[Array, Array, Array]:
+    """
+    Return boundary values of the robots as the functions of `robot_statement` take them.
 
-        i, side, axis, k = np.nonzero(values.walls < ACTIVE_WALL)
-        sign = np.where(side == 0, 1.0, -1.0) / task.separation
-        _, places = model.points(motion, i, grid.wall_arcs[k], at_fixed_time=False)
-        add(i, values.walls[i, side, axis, k], sign[:, None] * places[np.arange(i.size), axis])
+    Departure and goal of x, y and yaw (n, 6); velocity and acceleration at the start of x and y
+    (n, 4), and of yaw (n, 2).
+    """
+    task = model.task
+    places = np.stack([task.departure, task.goal], axis=2).reshape(task.n, 4)
+    path = np.stack([task.velocity, task.acceleration], axis=2).reshape(task.n, 4)
+    angle = np.stack([task.yaw_rate, task.yaw_acceleration], axis=1)
+    return np.column_stack([places, task.departure_yaw, task.goal_yaw]), path, angle
 
-        numbers += [values.pairs.margins, values.circles.margins]
-        rows += [
-            grid.pairs.rows(motion, values.pairs),
-            grid.circles.rows(motion, values.circles),
-        ]
-        return numbers, rows
+
+def compile_terms(model: ReferenceMotion) -> None:
+    """Compile the kernels or load them from the disk."""
+    terms = FormationTerms(model, 9, model.time_scale, 4)
+    values = terms.values(np.ones((model.task.n, model.size)))
+    terms.linearise(values, 1.0, np.zeros(values.thrust.shape))
+
+
+class _Grid(NamedTuple):
+    """What depends on the form of the references and the nodes alone."""
+
+    weights: Array
+    push: LocalVariables
+    turn: LocalVariables
+    taylor: Array
+    passing: Array
+    wall_places: Array
+    circle_places: Array
+
+
+@lru_cache(maxsize=32)
+def _grid(form: MotionForm, nodes: int, segments: int) -> _Grid:
+    s = chebyshev_nodes(nodes)
+    basis, arcs = end_derivatives(form.order, form.vary_ends).basis, 2 * form.order - 1
+    return _Grid(
+        weights=quadrature_weights(s),
+        push=LocalVariables.of(form, s, speed=2, position=2),
+        turn=LocalVariables.of(form, s, speed=2, yaw=2),
+        taylor=np.stack([basis.about_start, basis.about_end]),
+        passing=_passing(form.degree),
+        wall_places=basis.values(np.arange(1, arcs + 1) / (arcs + 1)),
+        circle_places=basis.values(np.linspace(0.0, 1.0, segments + 1)),
+    )
+
+
+def _separation(model: ReferenceMotion, grid: _Grid, interval: float) -> SeparationTables:
+    task = model.task
+    moving = np.flatnonzero(~task.staying)
+    first, second = np.triu_indices(moving.size, 1)
+    pairs = np.stack([moving[first], moving[second]], axis=1)
+    centres, clearances = task.circles()
+    fixed = np.zeros((task.n, 2, model.order + 1))
+    fixed[..., 0], fixed[..., model.basis.goal] = task.departure, task.goal
+    return SeparationTables(
+        shapes=model.basis.free,
+        taylor=grid.taylor,
+        passing=grid.passing,
+        slope=model.departing[1],
+        wall_places=grid.wall_places,
+        circle_places=grid.circle_places,
+        fixed=fixed,
+        velocity=np.ascontiguousarray(task.velocity),
+        acceleration=np.ascontiguousarray(task.acceleration),
+        given=0.0 if model.vary_ends else 1.0,
+        coast=np.ascontiguousarray(task.coast),
+        wall_clearances=np.ascontiguousarray(task.wall_clearances()),
+        sides=task.sides,
+        separation=float(task.separation),
+        pairs=pairs,
+        pair_clearances=task.pair_clearances(pairs[:, 0], pairs[:, 1]),
+        moving=moving,
+        centres=np.ascontiguousarray(centres),
+        circle_clearances=np.ascontiguousarray(clearances),
+        interval=interval,
+    )
+
+
+def _passing(degree: int) -> Array:
+    """Powers of s (q + 1, q + 2) in the integrals of Bernstein's polynomials."""
+    powers = np.zeros((degree + 1, degree + 2))
+    for k in range(degree + 1):
+        for j in range(degree - k + 1):
+            power = k + j + 1
+            choices = math.comb(degree, k) * math.comb(degree - k, j)
+            powers[k, power] = (-1) ** j * choices / power
+    return powers

@@ -34,6 +34,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,8 @@ from tdm_planner.direct_method.speed_factor import invert_time
 from tdm_planner.problems.formation_task import FormationTask
 
 Array = NDArray[np.float64]
+
+_YAW_SCALE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,21 +80,77 @@ def end_derivatives(order: int, vary_curvature: bool) -> EndDerivatives:
     return EndDerivatives(basis, free)
 
 
+class MotionForm(NamedTuple):
+    """
+    The reference functions' form.
+
+    Orders of the polynomials of x and y, and of the attitude's; degree of mu; whether the
+    accelerations at the ends are varied, not given.
+    """
+
+    order: int
+    yaw_order: int
+    degree: int
+    vary_ends: bool
+
+
+class LocalVariables(NamedTuple):
+    """
+    What a robot's terms at A arcs depend on, see `robot_statement`: W numbers at each.
+
+    They are `slopes` (A, W, P) times the varied parameters and `ends` (A, W, 6) times departure
+    and goal of x, y and yaw; `at` (A, ...) is what velocity and acceleration at the start
+    contribute to every derivative of position, then of yaw.
+    """
+
+    slopes: Array
+    ends: Array
+    at: Array
+
+    @classmethod
+    def of(
+        cls, form: MotionForm, s: Array, speed: int = 0, position: int = 0, yaw: int = 0
+    ) -> LocalVariables:
+        """
+        Tabulate them at the arcs s (A,), with so many derivatives of each.
+
+        Those of mu come first, from mu on, and mu, mu_s at the start; then x_s, y_s and yaw_s on.
+        """
+        ends = end_derivatives(form.order, form.vary_ends)
+        turns = end_derivatives(form.yaw_order, False)
+        rates = [bernstein_basis(form.degree, s, d) for d in range(speed)]
+        rates += [np.broadcast_to(basis, rates[0].shape) for basis in departing(form.degree)]
+        paths = [ends.basis.values(s, d + 1) for d in range(position)]
+        angles = [turns.basis.values(s, d + 1) for d in range(yaw)]
+        nb, nf, ny = form.degree + 1, ends.free.shape[1], turns.free.shape[1]
+        shape = s.size, len(rates) + 2 * position + yaw
+        slopes, fixed = np.zeros((*shape, nb + 2 * nf + ny)), np.zeros((*shape, 6))
+        slopes[:, : len(rates), :nb] = np.stack(rates, axis=1)
+        row, column = len(rates), nb
+        for axis, (of, derivatives) in enumerate([(ends, paths), (ends, paths), (turns, angles)]):
+            last = column + of.free.shape[1]
+            for values in derivatives:
+                slopes[:, row, column:last] = values @ of.free
+                fixed[:, row, [2 * axis, 2 * axis + 1]] = values[:, [0, of.goal]]
+                row += 1
+            column = last
+        given = [1.0, 0.0 if form.vary_ends else 1.0]
+        at = [v[:, 1:3] * given for v in paths] + [v[:, 1:3] for v in angles]
+        return cls(slopes, fixed, np.concatenate(at, axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class FormationMotion:
     """
     The motions of all robots at one set of varied parameters.
 
     `rates` (n, q + 1): the coefficients b of mu [s]; `position` (n, 2, order + 1) and `yaw`
-    (n, yaw order + 1): end derivatives by s; `position_slope` (n, 2, q + 1, order + 1) and
-    `yaw_slope` (n, q + 1, yaw order + 1): their derivatives with respect to b.
+    (n, yaw order + 1): end derivatives by s.
     """
 
     rates: Array
     position: Array
     yaw: Array
-    position_slope: Array
-    yaw_slope: Array
 
     @property
     def durations(self) -> Array:
@@ -99,13 +158,19 @@ class FormationMotion:
         return np.asarray(self.rates.mean(axis=1))
 
 
+def departing(degree: int) -> list[Array]:
+    """Return mu and mu_s at the start by the coefficients b, (q + 1,) each."""
+    return [bernstein_basis(degree, 0.0, d) for d in range(2)]
+
+
 class ReferenceMotion:
     """
     Map from a robot's varied parameters (P,) to its motion, for all n robots at once.
 
-    The varied parameters of one robot are, scaled: b (q + 1), q of x (nf), of y (nf), of yaw (ny).
-    `order` of the polynomials of x and y, `yaw_order` of the attitude's, `speed_factor_order` the
-    degree of mu, `vary_ends`: the accelerations at the ends are varied, not given.
+    The varied parameters of one robot are b (q + 1), q of x (nf), of y (nf), of yaw (ny), in units
+    of `scales` (P,). `order` of the polynomials of x and y, `yaw_order` of the attitude's,
+    `speed_factor_order` the degree of mu, `vary_ends`: the accelerations at the ends are varied,
+    not given.
     """
 
     def __init__(
@@ -117,24 +182,22 @@ class ReferenceMotion:
         vary_ends: bool = True,
     ) -> None:
         self.task = task
-        self.order, self.yaw_order, self.degree = order, yaw_order, speed_factor_order
-        self.vary_ends = vary_ends
+        self.form = MotionForm(order, yaw_order, speed_factor_order, vary_ends)
+        self.order, self.degree, self.vary_ends = order, speed_factor_order, vary_ends
         self.basis = end_derivatives(order, vary_ends)
         self.yaw_basis = end_derivatives(yaw_order, False)
-        # mu and mu_s at the start, by the coefficients b.
-        self.departing = [bernstein_basis(self.degree, 0.0, d) for d in range(2)]
+        self.departing = departing(self.degree)
         self.nb, self.nf = self.degree + 1, self.basis.free.shape[1]
         self.ny = self.yaw_basis.free.shape[1]
         self.size = self.nb + 2 * self.nf + self.ny
         self.time_scale, self.length_scale = _scales(task)
-        self.yaw_scale = 10.0
-        self.moving_start = bool(
-            task.velocity.any() or (task.acceleration.any() and not vary_ends)
+        self.scales = np.repeat(
+            [self.time_scale, self.length_scale, _YAW_SCALE], [self.nb, 2 * self.nf, self.ny]
         )
 
     def with_task(self, task: FormationTask) -> ReferenceMotion:
         """Return the same reference functions for another manoeuvre."""
-        return ReferenceMotion(task, self.order, self.yaw_order, self.degree, self.vary_ends)
+        return ReferenceMotion(task, *self.form)
 
     def fit(self, b: Array, s: Array, weights: Array, wanted: Array) -> Array:
         """
@@ -161,39 +224,19 @@ class ReferenceMotion:
     def unpack(self, z: Array) -> FormationMotion:
         """Motions at the scaled varied parameters z (n, P)."""
         task, n = self.task, self.task.n
-        b = z[:, : self.nb] * self.time_scale
-        begin, end = self.nb, self.nb + 2 * self.nf
-        shape = z[:, begin:end].reshape(n, 2, self.nf)
-        position = (shape * self.length_scale) @ self.basis.free.T
+        last = self.nb + 2 * self.nf
+        b, shape, turned = np.split(z * self.scales, [self.nb, last], axis=1)
+        mu, slope = ((b @ basis)[:, None] for basis in self.departing)
+        position = shape.reshape(n, 2, self.nf) @ self.basis.free.T
         position[..., 0], position[..., self.basis.goal] = task.departure, task.goal
-        slope = np.zeros((n, 2, self.nb, self.order + 1))
-        if self.moving_start:
-            given = [task.velocity] if self.vary_ends else [task.velocity, task.acceleration]
-            self._depart(b, given, position, slope)
-        yaw = np.zeros((n, 1, self.yaw_order + 1))
-        if self.ny:
-            yaw[:, 0] = (z[:, end:] * self.yaw_scale) @ self.yaw_basis.free.T
-        yaw[:, 0, 0], yaw[:, 0, self.yaw_basis.goal] = task.departure_yaw, task.goal_yaw
-        yaw_slope = np.zeros((n, 1, self.nb, self.yaw_order + 1))
-        given = [task.yaw_rate[:, None], task.yaw_acceleration[:, None]]
-        self._depart(b, given, yaw, yaw_slope)
-        return FormationMotion(b, position, yaw[:, 0], slope, yaw_slope[:, 0])
-
-    def _depart(self, b: Array, given: list[Array], ends: Array, slope: Array) -> None:
-        """
-        Enter the initial velocity, and acceleration, (n, d) into end derivatives, and d/db.
-
-        As `arc_derivatives` does; written out here for the derivative by b.
-        """
-        mu, by_rates = (b @ self.departing[0])[:, None], self.departing
-        velocity = given[0]
-        ends[..., 1] = mu * velocity
-        slope[..., 1] = velocity[..., None] * by_rates[0]
-        if len(given) > 1:
-            acceleration = given[1]
-            ends[..., 2] = mu**2 * acceleration + (b @ by_rates[1])[:, None] * velocity
-            slope[..., 2] = (2 * mu * acceleration)[..., None] * by_rates[0]
-            slope[..., 2] += velocity[..., None] * by_rates[1]
+        position[..., 1] = mu * task.velocity
+        if not self.vary_ends:
+            position[..., 2] = mu**2 * task.acceleration + slope * task.velocity
+        yaw = turned @ self.yaw_basis.free.T
+        yaw[:, 0], yaw[:, self.yaw_basis.goal] = task.departure_yaw, task.goal_yaw
+        yaw[:, 1] = mu[:, 0] * task.yaw_rate
+        yaw[:, 2] = mu[:, 0] ** 2 * task.yaw_acceleration + slope[:, 0] * task.yaw_rate
+        return FormationMotion(b, position, yaw)
 
     def values(self, s: Array, derivative: int = 0) -> Array:
         """Polynomials of x and y by their end derivatives, at s (...), (..., order + 1)."""
@@ -204,24 +247,12 @@ class ReferenceMotion:
         return self.yaw_basis.basis.values(s, derivative)
 
     def speed_basis(self, s: Array, derivative: int) -> Array:
-        """Bernstein polynomials or a derivative of them at s (...); -1 is the integral from 0."""
-        if derivative < 0:
-            return bernstein_integral(self.degree, s)
+        """Bernstein polynomials or a derivative of them at s (...)."""
         return bernstein_basis(self.degree, s, derivative)
 
     def arc_at(self, motion: FormationMotion, t: Array) -> Array:
         """Arc s in [0, 1] of every robot at the common instants t (K,) s, (n, K)."""
-        since = t - self.task.coast[:, None]
-        return self._arcs(motion.rates[:, None], since)
-
-    def arcs(self, motion: FormationMotion, robots: NDArray[np.intp], t: Array) -> Array:
-        """Arcs s in [0, 1] of `robots` (r,) at the instants t (r,) s, (r,)."""
-        return self._arcs(motion.rates[robots], t - self.task.coast[robots])
-
-    def _arcs(self, rates: Array, since: Array) -> Array:
-        """Invert the time since the manoeuvre began (...) s, with rates (..., q + 1)."""
-        if self.degree == 0:
-            return np.asarray(np.clip(since / rates[..., 0], 0.0, 1.0))
+        rates, since = motion.rates[:, None], t - self.task.coast[:, None]
 
         def time(s: Array) -> Array:
             return np.asarray((bernstein_integral(self.degree, s) * rates).sum(axis=-1))
@@ -230,43 +261,6 @@ class ReferenceMotion:
             return np.asarray(1.0 / (bernstein_basis(self.degree, s) * rates).sum(axis=-1))
 
         return invert_time(time, speed, since, rates.mean(axis=-1))
-
-    def position_at(self, motion: FormationMotion, t: Array) -> Array:
-        """Positions at the common instants t (K,), coasting before and parked after, (n, 2, K)."""
-        values = self.values(self.arc_at(motion, t))
-        value: Array = motion.position @ np.swapaxes(values, 1, 2)
-        if self.task.coast.any():
-            early = np.minimum(t - self.task.coast[:, None], 0.0)
-            value = value + self.task.velocity[..., None] * early[:, None, :]
-        return value
-
-    def points(
-        self, motion: FormationMotion, robots: NDArray[np.intp], s: Array, at_fixed_time: bool
-    ) -> tuple[Array, Array]:
-        """
-        Positions (r, 2) of `robots` (r,) at the arcs s (r,), and d/dz (r, 2, P).
-
-        The derivative is taken at a fixed instant of time, or at a fixed arc.
-        """
-        values = self.values(s)
-        ends = motion.position[robots]
-        value = (ends @ values[..., None])[..., 0]
-        jacobian = np.zeros((s.size, 2, self.size))
-        shapes = values @ self.basis.free * self.length_scale
-        for axis in range(2):
-            first = self.nb + axis * self.nf
-            last = first + self.nf
-            jacobian[:, axis, first:last] = shapes
-        if self.moving_start:
-            slope = np.einsum('rdbm,rm->rdb', motion.position_slope[robots], values)
-            jacobian[:, :, : self.nb] = slope * self.time_scale
-        if at_fixed_time:
-            speed = (ends @ self.values(s, 1)[..., None])[..., 0]
-            mu = np.einsum('rb,rb->r', self.speed_basis(s, 0), motion.rates[robots])
-            under_way = (s > 0.0) & (s < 1.0)
-            shift = self.speed_basis(s, -1) * (under_way * self.time_scale / mu)[:, None]
-            jacobian[:, :, : self.nb] -= speed[..., None] * shift[:, None]
-        return value, jacobian
 
     def pack(self, b: Array, shape: Array) -> Array:
         """Scaled varied parameters of b (n, q + 1) s and q (n, 2, nf) m, yaw at rest: (n, P)."""

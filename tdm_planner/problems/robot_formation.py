@@ -36,7 +36,6 @@ from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.plants.robot_replay import compile_robot_replay
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_checks import check_task
-from tdm_planner.problems.formation_compiled import compile_terms
 from tdm_planner.problems.formation_parameters import (
     default_offset,
     default_start,
@@ -47,6 +46,7 @@ from tdm_planner.problems.formation_parameters import (
 )
 from tdm_planner.problems.formation_search import assessed, Form, FormationSearch, gas_used
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_terms import compile_terms
 from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.problems.search import Plan
 from tdm_planner.problems.thrust_direction import compile_following

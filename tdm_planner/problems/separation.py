@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Distances between the robots at equal times (19), and from what stands still in the arena.
+Compiled: distances between the robots at equal times (19), and from what stands still.
 
 Motions are sampled at common instants; between two instants the nearest approach is where the
 chords of the motions are nearest, and there the distance and its gradient are taken exactly.
@@ -21,17 +21,53 @@ chords of the motions are nearest, and there the distance and its gradient are t
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
+from tdm_planner.plants.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 _MOST_INSTANTS = 4000
+_NEWTON_STEPS, _MOST_STEPS = 12, 80  # of the inversion of time
+NEAR = 0.6  # approaches within this share beyond the clearance become rows
+
+
+class SeparationTables(NamedTuple):
+    """
+    What does not change from one Xi to another; m: end derivatives of one coordinate.
+
+    `shapes` (m, nf): end derivatives of the varied shapes; `taylor` (2, m, m): expansions about
+    s = 0 and 1; `passing` (q + 1, q + 2): powers of s in the time at s, by b; `slope` (q + 1,):
+    mu_s at the start, by b. `acceleration` (n, 2) is that given at the start; `given`: 1 where it
+    is, else 0. `wall_places` (W, m) and `circle_places` (S, m): values at the arcs for walls and
+    circles. Pairs are `pairs` (p, 2) of robots with clearances (p,); circles `centres` (c, 2) with
+    clearances (n, c) of the robots `moving` (r,). Common instants are `interval` s apart.
+    """
+
+    shapes: Array
+    taylor: Array
+    passing: Array
+    slope: Array
+    wall_places: Array
+    circle_places: Array
+    fixed: Array
+    velocity: Array
+    acceleration: Array
+    given: float
+    coast: Array
+    wall_clearances: Array
+    sides: Array
+    separation: float
+    pairs: Indices
+    pair_clearances: Array
+    moving: Indices
+    centres: Array
+    circle_clearances: Array
+    interval: float
 
 
 class PairApproaches(NamedTuple):
@@ -61,118 +97,296 @@ class CircleApproaches(NamedTuple):
     unit: Array
 
 
-class PairSeparation:
+class Paths(NamedTuple):
     """
-    Rows for all pairs of moving robots that come near one another.
+    Motions of all robots.
 
-    `interval` [s] between common instants; approaches nearer than (1 + `near`) clearances count.
+    `durations` (n,) s, end derivatives `ends` (n, 2, m), powers of s in the time since the
+    manoeuvre began `times` (n, q + 2), Taylor coefficients about both ends `expansions`
+    (n, 2, 2, m).
     """
 
-    def __init__(self, model: ReferenceMotion, interval: float, near: float) -> None:
-        self.model, self.interval, self.near = model, interval, near
-        moving = np.flatnonzero(~model.task.staying)
-        first, second = np.triu_indices(moving.size, 1)
-        self.first, self.second = moving[first], moving[second]
-        self.clearances = model.task.pair_clearances(self.first, self.second)
-
-    def nearest(self, motion: FormationMotion) -> PairApproaches:
-        """Find the near approaches."""
-        if not self.first.size:
-            return self.at(motion, np.zeros(0, dtype=np.intp), np.zeros(0))
-        last = float((motion.durations + self.model.task.coast).max())
-        # A motion far longer than this time scale keeps the number of instants, not the interval.
-        interval = max(self.interval, last / _MOST_INSTANTS)
-        t: Array = interval * np.arange(int(np.ceil(last / interval)) + 1.0)
-        position = self.model.position_at(motion, t)
-        share, distance = _nearest_on_chords(position[self.first] - position[self.second])
-        pair, k = np.nonzero(distance < (1.0 + self.near) * self.clearances[:, None])
-        return self.at(motion, pair, (k + share[pair, k]) * interval)
-
-    def at(self, motion: FormationMotion, pair: Indices, t: Array) -> PairApproaches:
-        """Distances of the pairs (r,) at the instants t (r,) s."""
-        both = np.concatenate([self.first[pair], self.second[pair]])
-        positions = self._positions(motion, both, np.tile(t, 2))
-        first, second = np.split(positions, [t.size])
-        apart = first - second
-        distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        margins = distance / self.clearances[pair] - 1.0
-        return PairApproaches(pair, t, margins, apart / distance[:, None])
-
-    def robots(self, near: PairApproaches) -> tuple[Indices, Indices]:
-        """Return both robots of every approach."""
-        return self.first[near.pair], self.second[near.pair]
-
-    def _positions(self, motion: FormationMotion, robots: Indices, t: Array) -> Array:
-        values = self.model.values(self.model.arcs(motion, robots, t))
-        value = (motion.position[robots] @ values[..., None])[..., 0]
-        early = np.minimum(t - self.model.task.coast[robots], 0.0)
-        return np.asarray(value + self.model.task.velocity[robots] * early[:, None])
-
-    def rows(self, motion: FormationMotion, near: PairApproaches) -> Array:
-        """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
-        count = np.arange(near.pair.size)
-        jacobian = np.zeros((near.pair.size, self.model.task.n, self.model.size))
-        direction = near.unit / self.clearances[near.pair, None]
-        robots = self.robots(near)
-        both = np.concatenate(robots)
-        s = self.model.arcs(motion, both, np.tile(near.time, 2))
-        _, slopes = self.model.points(motion, both, s, at_fixed_time=True)
-        first, second = np.split(slopes, [count.size])
-        jacobian[count, robots[0]] = np.einsum('rd,rdp->rp', direction, first)
-        jacobian[count, robots[1]] = -np.einsum('rd,rdp->rp', direction, second)
-        return jacobian
+    durations: Array
+    ends: Array
+    times: Array
+    expansions: Array
 
 
-class CircleSeparation:
-    """Rows for moving robots near circles that stand still: keep-out zones and staying robots."""
-
-    def __init__(self, model: ReferenceMotion, segments: int, near: float) -> None:
-        self.model, self.near = model, near
-        self.centres, self.clearances = model.task.circles()
-        self.moving = np.flatnonzero(~model.task.staying)
-        self.arcs = np.linspace(0.0, 1.0, segments + 1)
-        self.values = model.values(self.arcs)
-
-    def nearest(self, motion: FormationMotion) -> CircleApproaches:
-        """Find the near approaches."""
-        if not self.centres.size or not self.moving.size:
-            none = np.zeros(0, dtype=np.intp)
-            return CircleApproaches(none, none, np.zeros(0), np.zeros(0), np.zeros((0, 2)))
-        position = motion.position[self.moving] @ self.values.T
-        apart = position[:, None] - self.centres[None, :, :, None]
-        flat = apart.reshape(-1, 2, self.arcs.size)
-        share, distance = _nearest_on_chords(flat)
-        shape = (self.moving.size, len(self.centres), self.arcs.size - 1)
-        limit = (1.0 + self.near) * self.clearances[self.moving]
-        robot, circle, k = np.nonzero(distance.reshape(shape) < limit[..., None])
-        s = (k + share.reshape(shape)[robot, circle, k]) / (self.arcs.size - 1)
-        return self.at(motion, self.moving[robot], circle, s)
-
-    def at(
-        self, motion: FormationMotion, robot: Indices, circle: Indices, s: Array
-    ) -> CircleApproaches:
-        """Distances of robots (r,) from circles (r,) at the arcs s (r,)."""
-        position = (motion.position[robot] @ self.model.values(s)[..., None])[..., 0]
-        apart = position - self.centres[circle]
-        distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        margins = distance / self.clearances[robot, circle] - 1.0
-        return CircleApproaches(robot, circle, s, margins, apart / distance[:, None])
-
-    def rows(self, motion: FormationMotion, near: CircleApproaches) -> Array:
-        """Margins of the near approaches differentiated with respect to Z (r, n, P)."""
-        jacobian = np.zeros((near.robot.size, self.model.task.n, self.model.size))
-        direction = near.unit / self.clearances[near.robot, near.circle, None]
-        _, slope = self.model.points(motion, near.robot, near.arc, at_fixed_time=False)
-        jacobian[np.arange(near.robot.size), near.robot] = np.einsum(
-            'rd,rdp->rp', direction, slope
-        )
-        return jacobian
+@compiled
+def paths(t: SeparationTables, xi: Array) -> Paths:
+    """Paths at the varied parameters xi (n, P), not scaled."""
+    n, (m, nf), nb = xi.shape[0], t.shapes.shape, t.slope.size
+    ends = t.fixed.copy()
+    expansions = np.empty((n, 2, 2, m))
+    durations, times = np.zeros(n), np.zeros((n, nb + 1))
+    for i in range(n):
+        mu, slope = xi[i, 0], 0.0
+        for k in range(nb):
+            slope += t.slope[k] * xi[i, k]
+            for power in range(nb + 1):
+                times[i, power] += t.passing[k, power] * xi[i, k]
+            durations[i] += xi[i, k] / nb
+        for axis in range(2):
+            end, first = ends[i, axis], nb + axis * nf
+            v, a = t.velocity[i, axis], t.acceleration[i, axis]
+            end[1] += mu * v
+            end[2] += t.given * (mu**2 * a + slope * v)
+            for j in range(m):
+                for q in range(nf):
+                    end[j] += t.shapes[j, q] * xi[i, first + q]
+            for side in range(2):
+                for k in range(m):
+                    x = 0.0
+                    for j in range(m):
+                        x += t.taylor[side, k, j] * end[j]
+                    expansions[i, side, axis, k] = x
+    return Paths(durations, ends, times, expansions)
 
 
-def _nearest_on_chords(apart: Array) -> tuple[Array, Array]:
-    """Nearest points to the origin on the chords of `apart` (p, 2, K): shares and distances."""
-    begin, chord = apart[:, :, :-1], np.diff(apart, axis=2)
-    along = -(begin * chord).sum(axis=1)
-    share = np.clip(along / ((chord * chord).sum(axis=1) + 1e-12), 0.0, 1.0)
-    nearest = begin + share[:, None] * chord
-    return share, np.sqrt((nearest * nearest).sum(axis=1))
+@inlined
+def _value(coefficients: Array, u: float) -> float:
+    """Value at u of the polynomial with Taylor coefficients (m,)."""
+    value = 0.0
+    for k in range(coefficients.size - 1, -1, -1):
+        value = value * u + coefficients[k]
+    return value
+
+
+@compiled
+def _slope(coefficients: Array, u: float) -> float:
+    value = 0.0
+    for k in range(coefficients.size - 1, 0, -1):
+        value = value * u + k * coefficients[k]
+    return value
+
+
+@inlined
+def _arc(at: Paths, i: int, since: float) -> float:
+    """Return s in [0, 1] at an instant since the manoeuvre began [s]."""
+    if at.times.shape[1] == 2:
+        s: float = min(max(since / at.times[i, 1], 0.0), 1.0)
+        return s
+    return _inverse(at.times[i], at.durations[i], since)
+
+
+@compiled
+def _inverse(times: Array, duration: float, since: float) -> float:
+    """Invert a polynomial that rises on [0, 1] from 0: Newton's method in a bracket."""
+    if not 0.0 < since < duration:
+        return 0.0 if since < duration else 1.0
+    low, high, s = 0.0, 1.0, since / duration
+    for step in range(_MOST_STEPS):
+        error = _value(times, s) - since
+        if abs(error) <= 1e-15 * duration:
+            break
+        if error < 0.0:
+            low = s
+        else:
+            high = s
+        last, s = s, s - error / _slope(times, s)
+        if not low <= s <= high or (step >= _NEWTON_STEPS and step % 3 == 2):
+            s = 0.5 * (low + high)
+        if s == last:
+            break
+    return s
+
+
+@inlined
+def _place(at: Paths, velocity: Array, i: int, since: float) -> tuple[float, float]:
+    """Where a robot is: coasting, on its way, or parked."""
+    s = _arc(at, i, since)
+    side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
+    x, y = 0.0, 0.0
+    for k in range(at.expansions.shape[3] - 1, -1, -1):
+        x, y = x * u + at.expansions[i, side, 0, k], y * u + at.expansions[i, side, 1, k]
+    early = min(since, 0.0)
+    return x + velocity[i, 0] * early, y + velocity[i, 1] * early
+
+
+@compiled
+def walls(t: SeparationTables, ends: Array) -> Array:
+    """Margins [robot, side, axis, arc]."""
+    n, count = ends.shape[0], t.wall_places.shape[0]
+    found = np.empty((n, 2, 2, count))
+    for i in range(n):
+        for axis in range(2):
+            for k in range(count):
+                place = 0.0
+                for j in range(ends.shape[2]):
+                    place += t.wall_places[k, j] * ends[i, axis, j]
+                low = place - t.wall_clearances[i, axis, 0]
+                high = t.sides[axis] - t.wall_clearances[i, axis, 1] - place
+                found[i, 0, axis, k] = low / t.separation
+                found[i, 1, axis, k] = high / t.separation
+    return found
+
+
+@inlined
+def _nearest(begin_x: float, begin_y: float, end_x: float, end_y: float) -> tuple[float, float]:
+    """Share of the chord at which it is nearest to the origin, and the distance there."""
+    dx, dy = end_x - begin_x, end_y - begin_y
+    share = -(begin_x * dx + begin_y * dy) / (dx * dx + dy * dy + 1e-12)
+    share = min(max(share, 0.0), 1.0)
+    x, y = begin_x + share * dx, begin_y + share * dy
+    return share, math.sqrt(x * x + y * y)
+
+
+@compiled
+def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
+    """Find the near approaches of two robots."""
+    n, pairs, last = at.durations.size, t.pairs.shape[0], 0.0
+    for i in range(n):
+        last = max(last, at.durations[i] + t.coast[i])
+    # A motion far longer than its time scale keeps the number of instants, not the interval.
+    interval = max(t.interval, last / _MOST_INSTANTS)
+    count = math.ceil(last / interval) + 1
+    most = pairs * max(count - 1, 0)
+    pair, times = np.empty(most, dtype=np.intp), np.empty(most)
+    margins, units = np.empty(most), np.empty((most, 2))
+    found, places = 0, np.empty((n, 2, count))
+    for i in range(n if pairs else 0):
+        for k in range(count):
+            since = k * interval - t.coast[i]
+            x, y = _place(at, t.velocity, i, since)
+            places[i, 0, k], places[i, 1, k] = x, y
+    for p in range(pairs):
+        i, j = t.pairs[p, 0], t.pairs[p, 1]
+        within = (1.0 + NEAR) * t.pair_clearances[p]
+        x, y = places[i, 0, 0] - places[j, 0, 0], places[i, 1, 0] - places[j, 1, 0]
+        for k in range(1, count):
+            next_x, next_y = places[i, 0, k] - places[j, 0, k], places[i, 1, k] - places[j, 1, k]
+            share, distance = _nearest(x, y, next_x, next_y)
+            x, y = next_x, next_y
+            if not distance < within:
+                continue
+            time = (k - 1 + share) * interval
+            here = _place(at, t.velocity, i, time - t.coast[i])
+            there = _place(at, t.velocity, j, time - t.coast[j])
+            apart_x, apart_y = here[0] - there[0], here[1] - there[1]
+            distance = max(math.sqrt(apart_x * apart_x + apart_y * apart_y), 1e-9)
+            pair[found], times[found] = p, time
+            margins[found] = distance / t.pair_clearances[p] - 1.0
+            units[found, 0], units[found, 1] = apart_x / distance, apart_y / distance
+            found += 1
+    return PairApproaches(pair[:found], times[:found], margins[:found], units[:found])
+
+
+@compiled
+def near_circles(t: SeparationTables, at: Paths) -> CircleApproaches:
+    """Find the near approaches of moving robots to what stands still: zones, staying robots."""
+    count, circles, m = t.circle_places.shape[0], t.centres.shape[0], at.ends.shape[2]
+    most = t.moving.size * circles * (count - 1)
+    robot, circle = np.empty(most, dtype=np.intp), np.empty(most, dtype=np.intp)
+    arcs, margins, units = np.empty(most), np.empty(most), np.empty((most, 2))
+    found, places = 0, np.empty((2, count))
+    for i in t.moving if circles else t.moving[:0]:
+        for k in range(count):
+            for axis in range(2):
+                place = 0.0
+                for j in range(m):
+                    place += t.circle_places[k, j] * at.ends[i, axis, j]
+                places[axis, k] = place
+        for c in range(circles):
+            within = (1.0 + NEAR) * t.circle_clearances[i, c]
+            for k in range(count - 1):
+                share, distance = _nearest(
+                    places[0, k] - t.centres[c, 0], places[1, k] - t.centres[c, 1],
+                    places[0, k + 1] - t.centres[c, 0], places[1, k + 1] - t.centres[c, 1],
+                )  # fmt: skip
+                if not distance < within:
+                    continue
+                s = (k + share) / (count - 1)
+                side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
+                x = _value(at.expansions[i, side, 0], u) - t.centres[c, 0]
+                y = _value(at.expansions[i, side, 1], u) - t.centres[c, 1]
+                distance = max(math.sqrt(x * x + y * y), 1e-9)
+                robot[found], circle[found], arcs[found] = i, c, s
+                margins[found] = distance / t.circle_clearances[i, c] - 1.0
+                units[found, 0], units[found, 1] = x / distance, y / distance
+                found += 1
+    return CircleApproaches(
+        robot[:found], circle[:found], arcs[:found], margins[:found], units[:found]
+    )
+
+
+@compiled
+def separation_rows(
+    t: SeparationTables,
+    at: Paths,
+    near_walls: Array,
+    below: float,
+    pairs: PairApproaches,
+    circles: CircleApproaches,
+    margins: Array,
+    rows: Array,
+) -> None:
+    """Write margins (r,) of walls that are `below`, pairs and circles; their slopes (r, n, P)."""
+    r, m = 0, t.taylor.shape[1]
+    for i in range(near_walls.shape[0]):
+        for side in range(2):
+            sign = (1.0 if side == 0 else -1.0) / t.separation
+            for axis in range(2):
+                x, y = (sign, 0.0) if axis == 0 else (0.0, sign)
+                for k in range(t.wall_places.shape[0]):
+                    if near_walls[i, side, axis, k] < below:
+                        _add_slope(t, at, i, t.wall_places[k], x, y, rows[r, i])
+                        margins[r] = near_walls[i, side, axis, k]
+                        r += 1
+    values = np.empty(m)
+    for a in range(pairs.pair.size):
+        for end in range(2):
+            i = t.pairs[pairs.pair[a], end]
+            scale = (1.0 - 2.0 * end) / t.pair_clearances[pairs.pair[a]]
+            x, y = scale * pairs.unit[a, 0], scale * pairs.unit[a, 1]
+            s, row = _arc(at, i, pairs.time[a] - t.coast[i]), rows[r, i]
+            _add_slope(t, at, i, _values(t, s, values), x, y, row)
+            if 0.0 < s < 1.0:  # at a fixed instant the arc changes with the speed
+                _subtract_passing(t, at, i, s, x, y, row)
+        margins[r] = pairs.margins[a]
+        r += 1
+    for a in range(circles.robot.size):
+        i = circles.robot[a]
+        scale = 1.0 / t.circle_clearances[i, circles.circle[a]]
+        x, y = scale * circles.unit[a, 0], scale * circles.unit[a, 1]
+        _add_slope(t, at, i, _values(t, circles.arc[a], values), x, y, rows[r, i])
+        margins[r] = circles.margins[a]
+        r += 1
+
+
+@compiled
+def _values(t: SeparationTables, s: float, values: Array) -> Array:
+    """Fill in the polynomials by their end derivatives, at the arc s."""
+    side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
+    for j in range(values.size):
+        values[j] = _value(t.taylor[side, :, j], u)
+    return values
+
+
+@compiled
+def _add_slope(
+    t: SeparationTables, at: Paths, i: int, values: Array, x: float, y: float, row: Array
+) -> None:
+    """Add the slope, along (x, y), of robot i's place at a fixed arc to `row` (P,)."""
+    (m, nf), nb = t.shapes.shape, t.slope.size
+    for q in range(nf):
+        shape = 0.0
+        for j in range(m):
+            shape += values[j] * t.shapes[j, q]
+        row[nb + q] += x * shape
+        row[nb + nf + q] += y * shape
+    v = x * t.velocity[i, 0] + y * t.velocity[i, 1]
+    a = x * t.acceleration[i, 0] + y * t.acceleration[i, 1]
+    row[0] += values[1] * v + 2.0 * t.given * values[2] * at.times[i, 1] * a
+    for k in range(nb):
+        row[k] += t.given * values[2] * t.slope[k] * v
+
+
+@compiled
+def _subtract_passing(
+    t: SeparationTables, at: Paths, i: int, s: float, x: float, y: float, row: Array
+) -> None:
+    side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
+    speed = x * _slope(at.expansions[i, side, 0], u) + y * _slope(at.expansions[i, side, 1], u)
+    speed /= _slope(at.times[i], s)
+    for k in range(t.slope.size):
+        row[k] -= speed * _value(t.passing[k], s)

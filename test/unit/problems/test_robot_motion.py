@@ -20,7 +20,6 @@ import pytest
 from tdm_planner.direct_method import time_derivatives, TimeFactor
 from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.inverse_dynamics import InverseDynamics
 from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
 from tdm_planner.problems.reference_motion import end_derivatives, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
@@ -84,18 +83,7 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     expect(1.0, 2, *rest, given_axes)
 
 
-@pytest.mark.parametrize('form', FORMS)
-def test_inverse_dynamics_are_those_of_the_virtual_domain(form):
-    model = ReferenceMotion(moving_task(13), *form)
-    motion = model.unpack(random_parameters(model, 13))
-    nodes = np.linspace(0.0, 1.0, 7)
-    values = InverseDynamics(model, nodes).at(motion)
-    expected = [in_time(model, motion, s, 2) for s in nodes]
-    found = values.y / values.mu[:, None]
-    assert found == pytest.approx(np.moveaxis(np.array(expected), 0, -1))
-
-
-def test_time_along_the_arc_is_that_of_a_time_factor_and_robots_coast_and_are_parked():
+def test_time_along_the_arc_is_that_of_a_time_factor():
     task = moving_task(17)
     model = ReferenceMotion(task, 7, 5, 2)
     motion = model.unpack(random_parameters(model, 17))
@@ -103,12 +91,6 @@ def test_time_along_the_arc_is_that_of_a_time_factor_and_robots_coast_and_are_pa
     arcs = zip(motion.rates, task.coast, strict=True)
     expected = np.array([TimeFactor(rates, 1.0).arc_at(t - coast) for rates, coast in arcs])
     assert model.arc_at(motion, t) == pytest.approx(expected, abs=1e-12)
-    robots = np.arange(t.size) % 3
-    chosen = expected[robots, np.arange(t.size)]
-    assert model.arcs(motion, robots, t) == pytest.approx(chosen, abs=1e-12)
-    places = model.position_at(motion, np.array([0.0, 1e4]))
-    assert places[:, :, 0] == pytest.approx(task.start)
-    assert places[:, :, 1] == pytest.approx(task.goal)
 
 
 @pytest.mark.parametrize('order', [7, 9, 11])
@@ -119,28 +101,6 @@ def test_free_shapes_are_orthonormal_in_their_curvature(order, vary):
     curvature = polynomials.basis.values((nodes + 1) / 2, 2) @ polynomials.free
     gram = curvature.T @ (weights[:, None] / 2 * curvature)
     assert gram == pytest.approx(np.eye(len(gram)), abs=1e-8)
-
-
-@pytest.mark.parametrize('form', FORMS)
-@pytest.mark.parametrize('at_fixed_time', [True, False])
-def test_derivatives_of_points(form, at_fixed_time):
-    model = ReferenceMotion(moving_task(7), *form)
-    z = random_parameters(model, 7)
-    robots = np.array([0, 1, 2])
-    t = model.unpack(z).durations * [0.3, 0.5, 0.8] + model.task.coast
-    arcs = np.diagonal(model.arc_at(model.unpack(z), t)).copy()
-
-    def places(z):
-        motion = model.unpack(z)
-        s = np.diagonal(model.arc_at(motion, t)).copy() if at_fixed_time else arcs
-        return model.points(motion, robots, s, at_fixed_time)[0]
-
-    _, jacobian = model.points(model.unpack(z), robots, arcs, at_fixed_time)
-    for column in range(model.size):
-        step = np.zeros_like(z)
-        step[:, column] = 1e-6
-        numeric = (places(z + step) - places(z - step)) / 2e-6
-        assert jacobian[:, :, column] == pytest.approx(numeric, abs=1e-5)
 
 
 TIMES = np.linspace(0.0, 20.0, 401)

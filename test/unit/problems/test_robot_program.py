@@ -14,15 +14,17 @@ import itertools
 
 import numpy as np
 import pytest
+from tdm_planner.direct_method import time_derivatives
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.direct_method.virtual_domain import reciprocal
+from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_compiled import CompiledTerms
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
-from tdm_planner.problems.formation_terms import ArrayTerms
-from tdm_planner.problems.inverse_dynamics import clenshaw_curtis
 from tdm_planner.problems.reference_motion import ReferenceMotion
+from tdm_planner.problems.robot_statement import push
 
 FORMS = {
     'default': (7, 5, 0, True),
@@ -32,9 +34,17 @@ FORMS = {
 }
 
 
-@pytest.fixture(params=[(form, moving) for form in FORMS for moving in (False, True)], ids=str)
+@pytest.fixture(
+    params=[(form, case) for form in FORMS for case in ('rest', 'moving', 'stays')], ids=str
+)
 def made(request):
-    return program_and_point(*request.param)
+    form, case = request.param
+    task = crowded_task(case != 'rest')
+    if case == 'stays':
+        still = np.concatenate([np.zeros((1, 2)), task.velocity[1:]])
+        goal = np.concatenate([task.start[:1], task.goal[1:]])
+        task = replace(task, goal=goal, velocity=still)
+    return program_and_point(form, task=task)
 
 
 def crowded_task(moving):
@@ -92,28 +102,80 @@ def test_gradient_and_rows_against_differences(made):
     assert at.inequality_jacobian[:count] == pytest.approx(central(margins, xi), abs=1e-5)
 
 
-def test_separations_and_thruster_rows_against_differences(made):
+def places(program, xi, t):
+    """Positions (n, 2, K) at common instants, coasting before and parked after."""
+    model, motion = program.model, program.motion(xi)
+    early = np.minimum(t - model.task.coast[:, None], 0.0)
+    found = motion.position @ np.swapaxes(model.values(model.arc_at(motion, t)), 1, 2)
+    return found + model.task.velocity[..., None] * early[:, None]
+
+
+def test_separations_against_differences(made):
     """At fixed instants, and at fixed arcs."""
     program, xi = made
-    pairs, circles, thruster = program.grid.pairs, program.grid.circles, program.thruster
-    pair, t = np.array([0, 1, 2, 0]), np.array([4.0, 7.0, 10.0, 60.0])
-    robot, circle, s = np.array([0, 1, 2]), np.zeros(3, dtype=int), np.array([0.3, 0.5, 0.6])
-    motion = program.motion(xi)
-    slopes = pairs.rows(motion, pairs.at(motion, pair, t))
-    assert slopes[:3].any(axis=(1, 2)).all()
-    assert slopes[3] == pytest.approx(0.0, abs=1e-9), 'both have arrived'
-    numeric = central(lambda x: pairs.at(program.motion(x), pair, t).margins, xi)
-    assert slopes.reshape(4, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
-    slopes = circles.rows(motion, circles.at(motion, robot, circle, s))
-    numeric = central(lambda x: circles.at(program.motion(x), robot, circle, s).margins, xi)
-    assert slopes.reshape(3, -1)[:, program.free] == pytest.approx(numeric, abs=1e-5)
+    values, task = program.values(xi), program.model.task
+    pairs, circles = values.pairs, values.circles
+    first, second = program.terms.robots(pairs)
+    centres, clearances = task.circles()
 
+    def of_pairs(x):
+        at = places(program, x, pairs.time)
+        every = np.arange(pairs.time.size)
+        distance = np.linalg.norm(at[first, :, every] - at[second, :, every], axis=1)
+        return distance / task.pair_clearances(first, second) - 1.0
+
+    def of_circles(x):
+        ends = program.motion(x).position[circles.robot]
+        at = np.einsum('rdm,rm->rd', ends, program.model.values(circles.arc))
+        distance = np.linalg.norm(at - centres[circles.circle], axis=1)
+        return distance / clearances[circles.robot, circles.circle] - 1.0
+
+    at = program.linearise(program.evaluate(xi), None)
+    rows = at.inequality_jacobian[at.inequality_groups == 0]
+    assert circles.margins.size > 0
+    for near, function, count in (
+        (pairs, of_pairs, circles.margins.size),
+        (circles, of_circles, 0),
+    ):
+        first_row, last_row = len(rows) - count - near.margins.size, len(rows) - count
+        found = rows[first_row:last_row]
+        assert near.margins == pytest.approx(function(xi), abs=1e-9)
+        assert found == pytest.approx(central(function, xi), abs=1e-5)
+
+
+def test_thruster_rows_against_differences(made):
+    """The rate is that at which the acceleration turns, by differences; so are the slopes."""
+    program, xi = made
+    model, thruster = program.model, program.thruster
     robots, arcs = np.array([0, 0, 1, 2]), np.array([0.1, 0.4, 0.7, 0.95])
-    jacobian = np.zeros((2, 4, 3, program.model.size))
-    jacobian[:, np.arange(4), robots] = thruster.margins(motion, robots, arcs, linearise=True)[1]
-    numeric = central(
-        lambda x: thruster.margins(program.motion(x), robots, arcs, linearise=False)[0].ravel(), xi
-    )
+    margins, slopes = thruster.margins(program.full(xi), robots, arcs)
+    motion, rate = program.motion(xi), 0.96 * model.task.thruster_rate
+
+    def thrust(s):
+        """Acceleration of the robots, their yaw, and mu."""
+        rates = motion.rates[robots]
+        mu, slope = (
+            np.einsum('rb,rb->r', rates, model.speed_basis(s, d))[:, None] for d in (0, 1)
+        )
+        first, second = (
+            np.einsum('rdm,rm->rd', motion.position[robots], model.values(s, d)) for d in (1, 2)
+        )
+        yaw = np.einsum('rm,rm->r', motion.yaw[robots], model.yaw_values(s))
+        return (second / mu**2 - first * slope / mu**3), yaw, mu[:, 0]
+
+    (after, yaw_after, _), (before, yaw_before, _) = thrust(arcs + 1e-6), thrust(arcs - 1e-6)
+    here, _, mu = thrust(arcs)
+    moving = ~model.task.staying[robots]
+    cross = after[:, 1] * before[:, 0] - after[:, 0] * before[:, 1]
+    square = (here**2).sum(axis=1) + (~moving)
+    delta = (cross / square - (yaw_after - yaw_before)) / 2e-6 / mu
+    counted = square / (square + (0.02 * model.task.thrust) ** 2)
+    expected = np.stack([1.0 + delta / rate, 1.0 - delta / rate]) * counted
+    assert margins[:, moving] == pytest.approx(expected[:, moving], rel=1e-5, abs=1e-5)
+
+    jacobian = np.zeros((2, 4, 3, model.size))
+    jacobian[:, np.arange(4), robots] = slopes
+    numeric = central(lambda x: thruster.margins(program.full(x), robots, arcs)[0].ravel(), xi)
     assert jacobian.reshape(8, -1)[:, program.free] == pytest.approx(
         numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max()
     )
@@ -122,12 +184,12 @@ def test_separations_and_thruster_rows_against_differences(made):
 @pytest.mark.parametrize('form', FORMS)
 def test_nearest_approaches_are_those_of_a_dense_sampling(form):
     program, xi = program_and_point(form)
-    motion = program.motion(xi)
-    near = program.grid.pairs.nearest(motion)
-    dense = program.model.position_at(motion, np.linspace(0.0, 60.0, 6001))
-    for k, (i, j) in enumerate(itertools.combinations(range(3), 2)):
-        distance = np.linalg.norm(dense[i] - dense[j], axis=0).min()
-        margin = distance / program.grid.pairs.clearances[k] - 1.0
+    near = program.values(xi).pairs
+    dense = places(program, xi, np.linspace(0.0, 60.0, 6001))
+    i, j = np.triu_indices(3, 1)
+    distances = np.linalg.norm(dense[i] - dense[j], axis=1).min(axis=1)
+    margins = distances / program.model.task.pair_clearances(i, j) - 1.0
+    for k, margin in enumerate(margins):
         if margin < 0.5:
             assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
 
@@ -147,25 +209,21 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
     """Against differences of the gradient of the Lagrangian, its eigenvalues lifted alike."""
     program, xi = made
     at = program.linearise(program.evaluate(xi), None)
-    robots, nodes = at.tags
-    dual = np.zeros(at.inequalities.size)
+    tags, values = at.tags, program.values(xi)
+    dual = np.zeros(values.thrust.shape)
     if with_multipliers:
-        dual[: robots.size] = np.random.default_rng(0).uniform(0, 1, robots.size)
+        dual = np.random.default_rng(0).uniform(0, 1, dual.shape) * (values.thrust < 0.34)
+    inequalities = np.zeros(at.inequalities.size)
+    inequalities[: tags[0].size] = dual[tags]
     hessian = program.linearise(
-        program.evaluate(xi), Multipliers(np.zeros(0), dual, at.tags)
+        program.evaluate(xi), Multipliers(np.zeros(0), inequalities, tags)
     ).hessian
     size = program.model.size
 
     def gradient(x):
         """Of the smooth part of J less the multipliers times the thrust rows."""
-        motion = program.motion(x)
-        values = program.grid.dynamics.at(motion)
-        slopes = program.grid.dynamics.slopes(motion, values)
-        rows = np.zeros((robots.size, 3, size))
-        own = program.grid.gas.margin_rows(values, slopes.y, robots, nodes)
-        rows[np.arange(robots.size), robots] = own
-        rows = rows.reshape(robots.size, -1)[:, program.free]
-        return program.linearise(program.evaluate(x), None).gradient - dual[: robots.size] @ rows
+        here = program.linearise(program.evaluate(x), None)
+        return here.gradient - dual[here.tags] @ here.inequality_jacobian[: here.tags[0].size]
 
     numeric = central(gradient, xi, 1e-5)
     blocks = np.zeros((3 * size,) * 2)
@@ -176,38 +234,48 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
     assert hessian == pytest.approx(expected, rel=1e-3, abs=2e-4 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize('stays', [False, True])
-@pytest.mark.parametrize('moving', [False, True])
-@pytest.mark.parametrize('form', ['default', 'paper'])
-def test_compiled_terms_are_those_of_the_arrays(form, moving, stays):
-    task = crowded_task(moving)
-    if stays:
-        still = np.concatenate([np.zeros((1, 2)), task.velocity[1:]])
-        goal = np.concatenate([task.start[:1], task.goal[1:]])
-        task = replace(task, goal=goal, velocity=still)
-    program, xi = program_and_point(form, task=task)
-    arrays, compiled = ArrayTerms(program.grid), CompiledTerms(program.grid)
-    here, there = (terms.values(program.full(xi)) for terms in (arrays, compiled))
-    for name in ('durations', 'gas', 'thrust', 'torque', 'walls'):
-        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-9, abs=1e-9)
-    for one, other in ((here.pairs, there.pairs), (here.circles, there.circles)):
-        assert one.margins.size > 0
-        for expected, found in zip(one, other, strict=True):
-            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    dual = np.random.default_rng(0).uniform(0, 1, here.thrust.shape) * (here.thrust < 0.3)
-    for multipliers in (None, dual):
-        one = arrays.derivatives(here, 0.7, multipliers)
-        other = compiled.derivatives(there, 0.7, multipliers)
-        for expected, found in zip(one, other, strict=True):
-            assert found == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
-    for expected, found in zip(arrays.rows(here), compiled.rows(there), strict=True):
-        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
+    program, xi = made
+    model, task, motion = program.model, program.model.task, program.motion(xi)
+    s = chebyshev_nodes(program.terms.nodes)
+    weights = quadrature_weights(s)
+    mu = motion.rates @ model.speed_basis(s, 0).T
+    speed = reciprocal([mu[:, None], (motion.rates @ model.speed_basis(s, 1).T)[:, None]])
+    path = [motion.position @ model.values(s, d).T for d in range(3)]
+    turn = [(motion.yaw @ model.yaw_values(s, d).T)[:, None] for d in range(3)]
+    force = np.linalg.norm(time_derivatives(path, speed)[2], axis=1)
+    torque = np.abs(time_derivatives(turn, speed)[2][:, 0])
+    values = program.terms.values(program.full(xi))
+    assert values.thrust == pytest.approx(1.0 - force / (0.99 * task.thrust), abs=2e-6)
+    assert values.torque == pytest.approx(1.0 - torque / task.torque)
+    gas = (mu * np.hypot(force, 0.03 * task.thrust)) @ weights
+    assert values.gas == pytest.approx(gas)
+    assert values.durations == pytest.approx(mu @ weights)
 
 
-def test_quadrature_is_exact_for_polynomials_and_gas_that_of_a_dense_sum():
-    nodes, weights = clenshaw_curtis(9)
-    for power in range(9):
-        assert weights @ nodes**power == pytest.approx(1 / (power + 1))
+def test_slopes_and_curvature_of_a_push_are_those_of_differences():
+    parts = {'local': 8, 'at': 4, 'robot': 5}
+    curved = with_curvature(push, ('local',), weights=2, **parts)
+    rng = np.random.default_rng(2)
+    local = np.array([12.0, 2.0, 11.0, 1.0, *rng.normal(0, 1, 4)])
+    others = rng.normal(0, 1, 4), np.array([0.1, 0.01, -0.05, 0.02, 0.03])
+    weights = np.array([0.7, -1.3])
+
+    def slopes(x):
+        return np.array(with_slopes(push, ('local',), **parts)(x, *others))[2:].reshape(8, 2).T
+
+    found = np.empty(2 + 16 + 64)
+    curved(local, *others, weights, found)
+    assert found[:2] == pytest.approx(push(local, *others))
+    by_local = found[2:18].reshape(8, 2).T
+    assert by_local == pytest.approx(slopes(local))
+    numeric = central(lambda x: np.array(push(x, *others)), local)
+    assert by_local == pytest.approx(numeric, rel=1e-6, abs=1e-8)
+    numeric = central(lambda x: weights @ slopes(x), local)
+    assert found[18:].reshape(8, 8) == pytest.approx(numeric, rel=1e-6, abs=1e-8)
+
+
+def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
     dense = FormationProgram(program.model, nodes=401)
     gas, exact = (p.values(xi).gas for p in (program, dense))
@@ -234,9 +302,9 @@ def test_staying_robots_have_only_their_times_varied():
     model = ReferenceMotion(task)
     program = FormationProgram(model)
     assert program.free.size == 1 + 2 * model.size
-    motion = program.motion(program.reduce(next(iter(BowSeeds(model, np.random.default_rng(0))))))
-    places = model.position_at(motion, np.linspace(0, 30, 50))
-    assert places[0] == pytest.approx(np.tile(task.start[0][:, None], (1, 50)))
+    xi = program.reduce(next(iter(BowSeeds(model, np.random.default_rng(0)))))
+    found = places(program, xi, np.linspace(0, 30, 50))
+    assert found[0] == pytest.approx(np.tile(task.start[0][:, None], (1, 50)))
 
 
 def test_names_the_constraint_that_is_violated_most():
@@ -268,5 +336,5 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     held[0] = guess[0]  # two kept robots leave the third all the room there is
     program = FormationProgram(model, held=held)
     values = program.values(program.reduce(guess))
-    first, second = program.grid.pairs.robots(values.pairs)
+    first, second = program.terms.robots(values.pairs)
     assert (values.pairs.margins[(first < 2) & (second < 2)] > 1.0).all()
