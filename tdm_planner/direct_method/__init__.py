@@ -34,20 +34,14 @@ from tdm_planner.direct_method.shapes import (
     SineSeries,
     symmetric_powers,
 )
-from tdm_planner.direct_method.speed_factor import ArcTime, SpeedFactor, TimeFactor
 from tdm_planner.direct_method.taranenko import TaranenkoBasis, TaranenkoReference
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.direct_method.virtual_domain import (
-    arc_derivatives,
-    path_speed,
-    time_derivatives,
-)
+from tdm_planner.direct_method.virtual_domain import arc_derivatives, time_derivatives
 
 if TYPE_CHECKING:
     from tdm_planner.direct_method.transcription import Transcription
 
 __all__ = [
-    'ArcTime',
     'Budget',
     'CombinedShapes',
     'Duration',
@@ -66,15 +60,12 @@ __all__ = [
     'ReferenceFunction',
     'Shapes',
     'SineSeries',
-    'SpeedFactor',
     'TaranenkoBasis',
     'TaranenkoReference',
-    'TimeFactor',
     'Transcription',
     'TrustRegionOptions',
     'arc_derivatives',
     'minimise',
-    'path_speed',
     'power_products',
     'symmetric_powers',
     'time_derivatives',

@@ -30,10 +30,7 @@ class ReferenceFunction(Protocol):
     A function x(tau) on the virtual arc [tau_0, tau_f] that meets its boundary conditions.
 
     It is linear in its parameters (m of them), so that `jacobian` is exact and does not depend on
-    their values; only of a `TimeFactor` it does, which is linear in 1/lambda.
-
-    Polynomials, powers and sines go on beyond the ends of the arc, and are evaluated there if
-    asked; a speed factor, which must be positive, ends with the arc and refuses.
+    their values. It goes on beyond the ends of the arc, and is evaluated there if asked.
     """
 
     tau_0: float

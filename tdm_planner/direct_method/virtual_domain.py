@@ -97,21 +97,6 @@ def reciprocal(jet: Sequence[Any]) -> list[Any]:
     return found
 
 
-def path_speed(derivatives: Sequence[ArrayLike], speed_factor: ArrayLike) -> Values:
-    """
-    Return V = lambda |x'|, (5), from the x'_i of all coordinates.
-
-    Raises
-    ------
-    InvalidProblem
-        If the speed factor is not positive, or shapes do not match.
-
-    """
-    slopes, (factor,) = _jets(derivatives, [speed_factor], 1)
-    total: Any = sum(slope**2 for slope in slopes)
-    return np.asarray(factor * np.sqrt(total))
-
-
 def _jets(
     derivatives: Sequence[ArrayLike], speed: Sequence[ArrayLike], size: int | None = None
 ) -> tuple[list[Values], list[Values]]:

@@ -15,14 +15,15 @@ import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
 from tdm_planner.direct_method import (
+    arc_derivatives,
     Output,
     PolynomialReference,
     power_products,
     ReferenceFunction,
     SineSeries,
-    SpeedFactor,
     symmetric_powers,
     TaranenkoReference,
+    time_derivatives,
 )
 from tdm_planner.direct_method.output_basis import output_basis
 
@@ -123,7 +124,6 @@ FUNCTIONS: dict[str, ReferenceFunction] = {
     'products': TaranenkoReference(
         power_products([(1, 2), (2, 1), (2, 2)]), START, END, 3.0, 1.0, [0.5]
     ),
-    'speed factor': SpeedFactor([1.0, 2.0, 0.5, 1.5], 3.0, 1.0),
 }
 
 
@@ -201,3 +201,15 @@ def test_conditions_with_a_gap():
     assert basis.start == (0, 2)
     np.testing.assert_allclose(basis.varied(0.0, 2), 0.0, atol=1e-12)
     assert abs(basis.varied(0.0, 1)).max() > 0.1
+
+
+@given(
+    st.lists(st.floats(-10, 10), min_size=5, max_size=5),
+    st.floats(0.1, 10),
+    st.lists(st.floats(-3, 3), min_size=3, max_size=3),
+)
+@settings(max_examples=100)
+def test_conversions_round_trip(values, speed, slopes):
+    factor = [speed, *slopes]
+    there = arc_derivatives(values, factor)
+    np.testing.assert_allclose(time_derivatives(there, factor), values, rtol=1e-9, atol=1e-6)

@@ -24,16 +24,13 @@ from tdm_planner.direct_method import (
     Duration,
     Integrated,
     Output,
-    path_speed,
     PolynomialReference,
     power_products,
     PowerProducts,
     SineSeries,
-    SpeedFactor,
     symmetric_powers,
     TaranenkoReference,
     time_derivatives,
-    TimeFactor,
 )
 from tdm_planner.direct_method.output_basis import output_basis
 from tdm_planner.exceptions import InvalidProblem
@@ -82,7 +79,6 @@ def sines(start=(0.0, 1.0), end=(2.0, 0.0), **arc):
 
 
 FUNCTIONS = pytest.mark.parametrize('function', [polynomial, series, sines])
-FACTORS = pytest.mark.parametrize('factor', [SpeedFactor, TimeFactor])
 
 
 @FUNCTIONS
@@ -99,29 +95,12 @@ def test_reference_functions(function, value):
         assert 'tau' in refused(lambda call=call: call(value))
 
 
-@FACTORS
-@pytest.mark.parametrize('value', [*BAD.values(), [], 0.0, -1.0])
-def test_speed_factors_that_are_not_positive(factor, value):
-    assert 'speed factor' in refused(lambda: factor([1.0, value], 2.0))
-    assert 'speed factor' in refused(lambda: factor(value, 2.0))
-    assert 'tau_f = ' in refused(lambda: factor([1.0], value or '0'))
-
-
-@FACTORS
-@pytest.mark.parametrize('value', BAD.values(), ids=BAD)
-def test_arguments_of_speed_factors(factor, value):
-    made = factor([1.0, 2.0], 2.0)
-    for call in (made, made.time, made.arc_at):
-        refused(lambda call=call: call(value))
-
-
 WHOLE = [
     *(
         (call, 'order of a derivative')
-        for made in (polynomial(), series(), sines(), SpeedFactor([1.0, 2.0], 2.0))
+        for made in (polynomial(), series(), sines())
         for call in (lambda v, f=made: f(0.5, v), lambda v, f=made: f.jacobian(0.5, v))
     ),
-    (lambda v: TimeFactor([1.0, 2.0], 2.0)(1.0, v), 'order of a derivative'),
     (lambda v: SineSeries(v), 'must be an integer from 1 to 100'),
     (lambda v: symmetric_powers(v), 'must be an integer from 1 to 100'),
     (lambda v: power_products([(v, 1)]), 'must be an integer from 1 to 100'),
@@ -218,17 +197,6 @@ CASES = [
         's^2 (s - 1)^2',
     ),
     (lambda: CombinedShapes((TWO, symmetric_powers(4) + TWO)), 'more than one'),
-    # Speed factors, conversions.
-    (lambda: SpeedFactor([1.0, 0.0], 1.0), 'coefficient 1 of the speed factor is 0'),
-    (lambda: TimeFactor([-1.0, 2.0], 1.0), 'coefficient 0 of the speed factor is -1'),
-    (lambda: SpeedFactor([1.0], 0.0), 'must end after it starts'),
-    (lambda: SpeedFactor([[1.0]], 1.0), 'shape'),
-    (lambda: SpeedFactor([], 1.0), 'shape'),
-    (lambda: SpeedFactor([1e-300, 1e300], 1.0).duration, 'orders of magnitude apart'),
-    *(
-        (lambda speed=speed: path_speed([np.ones(3), np.ones(3)], speed), 'speed')
-        for speed in (0.0, -1.0, np.nan, None, 'fast', np.ones(2))
-    ),
     # Outputs, durations, integrated states.
     *((lambda v=v: Output(scale=v), 'must be a positive number') for v in (0.0, -1.0)),
     *((lambda v=v: Integrated(0.0, scale=v), 'must be a positive number') for v in (0.0, -1.0)),
@@ -276,7 +244,6 @@ def test_numbers_of_any_kind_are_numbers():
     assert Output(start=(np.float32(1), 2, Decimal(3))).conditions('start') == {0: 1, 1: 2, 2: 3}
     assert PolynomialReference({np.int64(0): 1}, {0: np.float32(2)}, 1)(1) == 2.0
     assert PolynomialReference({0: 1}, {0: 2}, 1)(0.5, np.int32(1)) == 1.0
-    assert float(SpeedFactor(np.array(2), 4).duration) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize('tau_f', [1e99, 1e-99])

@@ -19,11 +19,10 @@ from scipy.integrate import trapezoid
 from tdm_planner.direct_method import (
     PowerProducts,
     SineSeries,
-    SpeedFactor,
     symmetric_powers,
     TaranenkoReference,
-    TimeFactor,
 )
+from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation_verification import penalty
@@ -48,13 +47,12 @@ def test_taranenkos_functions_are_those_of_equation_1(shapes, phi):
     assert x(3.0 + 2.0 * S) == pytest.approx(expected)
 
 
-def test_both_speed_factors():
-    c, span = np.array([0.5, 2.0, 1.0]), 4.0
-    bernstein = sum(c[i] * math.comb(2, i) * S**i * (1 - S) ** (2 - i) for i in range(3))
-    assert SpeedFactor(c, span)(span * S) == pytest.approx(bernstein)
-    factor = TimeFactor(c, span)
-    assert factor(span * S) == pytest.approx(span / bernstein)
-    assert factor.duration == pytest.approx(c.sum() / 3)
+def test_the_speed_factor_and_time_along_the_arc():
+    """Time is the integral of mu, which is positive where its coefficients are."""
+    b = np.array([0.5, 2.0, 1.0])
+    expected = sum(b[i] * math.comb(2, i) * S**i * (1 - S) ** (2 - i) for i in range(3))
+    assert bernstein_basis(2, S) @ b == pytest.approx(expected)
+    assert bernstein_integral(2, 1.0) @ b == pytest.approx(b.sum() / 3)
 
 
 PENDULUM = RotaryPendulum()

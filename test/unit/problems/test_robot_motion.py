@@ -17,7 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method import time_derivatives, TimeFactor
+from tdm_planner.direct_method import time_derivatives
+from tdm_planner.direct_method.bernstein import bernstein_integral
 from tdm_planner.direct_method.virtual_domain import reciprocal
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
@@ -83,14 +84,15 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     expect(1.0, 2, *rest, given_axes)
 
 
-def test_time_along_the_arc_is_that_of_a_time_factor():
+def test_time_along_the_arc_is_inverted():
     task = moving_task(17)
     model = ReferenceMotion(task, 7, 5, 2)
     motion = model.unpack(random_parameters(model, 17))
     t = np.linspace(0.0, 40.0, 41)
-    arcs = zip(motion.rates, task.coast, strict=True)
-    expected = np.array([TimeFactor(rates, 1.0).arc_at(t - coast) for rates, coast in arcs])
-    assert model.arc_at(motion, t) == pytest.approx(expected, abs=1e-12)
+    for s, rates, coast in zip(model.arc_at(motion, t), motion.rates, task.coast, strict=True):
+        times = bernstein_integral(rates.size - 1, s) @ rates
+        last = bernstein_integral(rates.size - 1, 1.0) @ rates
+        assert times == pytest.approx(np.clip(t - coast, 0.0, last), abs=1e-9)
 
 
 @pytest.mark.parametrize('order', [7, 9, 11])
