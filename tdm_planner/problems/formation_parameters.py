@@ -189,6 +189,12 @@ class FormationParameters(Validated):
         allowed=NON_NEGATIVE,
     )
     weights: FormationWeights = group(FormationWeights)
+    method: str = parameter(
+        'polynomials',
+        'form of the motions: polynomials, whose thrust runs smoothly, or thrust_arcs, which burn '
+        'at full thrust and coast between, as least gas wants it',
+        choices=('polynomials', 'thrust_arcs'),
+    )
     polynomial_order: int = parameter(
         7,
         'order of the reference polynomials of x and y: odd; 5 is what the boundary conditions '
