@@ -146,29 +146,33 @@ def evaluate(
     reach: float,
     burns: Array,
     slopes: Array,
-    gas: Array,
     margins: Array,
     found: Array,
-) -> int:
+) -> tuple[int, float, float]:
     """
-    Burns, gas rounded off at zero, own margins and approaches at the varied parameters x (n, v).
+    Burns, own margins and approaches at the varied parameters x (n, v).
+
+    Returns the number of approaches, all gas, rounded off at zero, and the least margin.
 
     `start`, `velocity` (N, 2) and `burns` (N, m, 4) hold what stands still after the robots.
     Burns of robots whose motion is not varied are left as they are.
     """
     n, m = len(x), burns.shape[1]
-    last = 0.0
+    last, gas, worst = 0.0, 0.0, 1.0
     for i in range(n):
         last = max(last, x[i, x.shape[1] - 1])
         if not fleet.varied[i]:
             continue
         round_off(x[i], fleet, i, burns[i], slopes[i])
-        gas[i] = 0.0
         for k in range(m):
             e = smoothing(fleet, i, k, m)
-            gas[i] += math.sqrt(burns[i, k, 0] ** 2 + burns[i, k, 1] ** 2 + e * e) - e
+            gas += math.sqrt(burns[i, k, 0] ** 2 + burns[i, k, 1] ** 2 + e * e) - e
         own_margins(x[i], fleet, i, burns[i], margins[i])
-    return approaches(start, velocity, burns, clearances, last, interval, reach, found)
+        worst = min(worst, margins[i].min())
+    count = approaches(start, velocity, burns, clearances, last, interval, reach, found)
+    for r in range(count):
+        worst = min(worst, found[r, CLOSENESS])
+    return count, gas, worst
 
 
 @compiled

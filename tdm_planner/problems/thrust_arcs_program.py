@@ -152,6 +152,7 @@ class ArcProgram(NonlinearProgram):
         way = np.linalg.norm(task.goal - task.start, axis=1).sum()
         typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
         self.scale = float(max(time * self.first + gas * typical, 1e-9))
+        self.weights = task.weights / self.scale
         corner = [self.fleet.length, self.fleet.length, self.fleet.time]
         units = [self.fleet.time, *(corner * (self.count - 2)), self.fleet.time]
         self.units = np.tile(units, (task.n, 1))
@@ -210,33 +211,36 @@ class ArcProgram(NonlinearProgram):
         self.evaluations += 1
         x, burns = self.full(xi), self._burns.copy()
         slopes = np.zeros((n, self.count, 4, self.size))
-        gas, margins = np.zeros(n), np.ones((n, self.count + 2))
+        margins = np.ones((n, self.count + 2))
         found = np.zeros((16 + n * len(burns), COLUMNS))
-        count = evaluate(
+        count, gas, worst = evaluate(
             x, self.fleet, self._start, self._velocity, self.clearances,
-            self.first / _INSTANTS, _REACH, burns, slopes, gas, margins, found,
+            self.first / _INSTANTS, _REACH, burns, slopes, margins, found,
         )  # fmt: skip
         values = ArcPoint(x, burns, slopes, margins, found[:count])
-        worst = min(margins.min(), values.closeness.min(initial=1.0))
+        first, late = self._arrivals(x)
+        time, sequence, gas_weight = self.weights
+        cost = time * first + sequence * np.abs(late).sum() + gas_weight * gas
+        return Point(xi, float(cost), np.array([max(0.0, -worst)]), values)
+
+    def _arrivals(self, x: Array) -> tuple[float, Array]:
+        """Return when the first robot arrives, and by how much the others are off (n-1,)."""
         arrivals = x[:, -1] - self.task.arrived
-        late = np.abs(np.diff(arrivals) - self.task.interval).sum()
-        time, sequence, gas_weight = self.task.weights
-        cost = time * arrivals[0] + sequence * late + gas_weight * gas.sum()
-        return Point(xi, float(cost) / self.scale, np.array([max(0.0, -worst)]), values)
+        return float(arrivals[0]), arrivals[1:] - arrivals[:-1] - self.task.interval
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of the gas, made positive definite."""
-        task, n, v = self.task, self.task.n, self.size
+        n, v = self.task.n, self.size
         values: ArcPoint = point.cache
         most = len(values.approaches) + values.margins.size
         gradient, hessian = np.zeros((n, v)), np.zeros((n, v, n, v))
         rows, margins = np.zeros((most, n, v)), np.zeros(most)
         count = derivatives(
             values.x, self.fleet, values.burns, values.slopes, values.margins, values.approaches,
-            self.clearances, self.units, _NEAR, task.weights[2] / self.scale, _FLOOR,
+            self.clearances, self.units, _NEAR, self.weights[2], _FLOOR,
             gradient, hessian, rows, margins, np.zeros((most, 2), dtype=np.intp),
         )  # fmt: skip
-        gradient[0, -1] += task.weights[0] / self.scale * self.fleet.time
+        gradient[0, -1] += self.weights[0] * self.fleet.time
         curvature, jacobian = hessian.reshape(n * v, n * v), rows[:count].reshape(count, n * v)
         if not self.all_free:
             curvature = curvature[np.ix_(self.free, self.free)]
@@ -249,7 +253,7 @@ class ArcProgram(NonlinearProgram):
             inequalities=margins[:count],
             inequality_jacobian=jacobian,
             inequality_groups=np.zeros(count, dtype=np.intp),
-            terms=np.diff(values.x[:, -1] - task.arrived) - task.interval,
+            terms=self._arrivals(values.x)[1],
             terms_jacobian=self._intervals,
-            term_weights=np.full(n - 1, task.weights[1] / self.scale),
+            term_weights=np.full(n - 1, self.weights[1]),
         )

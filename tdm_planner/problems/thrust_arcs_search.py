@@ -40,8 +40,7 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
-_RANDOM = 1.0  # random guesses, in screened ones
-_DESPERATE = 12  # random guesses more, as long as nothing is found
+_DESPERATE = 12  # random guesses, as long as nothing is found
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is given up
 _PROMISING = 1.01  # times the best cost: minima that are polished
 _POLISHED = 2  # of them at most
@@ -155,7 +154,7 @@ class ArcSearch(Search[Candidate]):
                 found.append(candidate)
             alone = candidate is not None and not candidate.crowded
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
-            enough = found and k + 1 >= (1.0 + _RANDOM) * self.starts
+            enough = found and k + 1 >= self.starts
             if self.budget.spent or alone or enough or (late and found):
                 break
         found.sort(key=lambda each: each.cost)
@@ -167,7 +166,7 @@ class ArcSearch(Search[Candidate]):
     def _guesses(self, program: ArcProgram) -> Iterator[Array]:
         seeds = ArcSeeds(program, self.rng)
         yield from itertools.islice(seeds.screened(), self.starts)
-        for _ in range(self.starts + _DESPERATE):
+        for _ in range(_DESPERATE):
             yield seeds.random()
 
     def _minimise(

@@ -160,7 +160,7 @@ class ArcSeeds:
             passed[:, q] = sides[i, j][combined[:, i], combined[:, j]]
         seen = set()
         for index in np.argsort(total, kind='stable'):
-            key = passed[index].tobytes()
+            key = passed[index].tobytes() + np.sign(every[combined[index], 1]).tobytes()
             if key not in seen:
                 seen.add(key)
                 chosen = combined[index]
