@@ -31,6 +31,7 @@ from tdm_planner.problems.formation_search import assessed
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve
 from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.thrust_arcs_fit import fitted, split
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
 from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
 from tdm_planner.problems.thrust_arcs_program import ArcProgram
@@ -133,13 +134,17 @@ class ArcSearch(Search[Candidate]):
 
     def candidates(self) -> Iterator[Candidate]:
         """Minima, cheapest first; in the last round the plan by polynomials."""
-        if self._round < _ROUNDS:
+        if self._round < _ROUNDS and self.task.n <= FEW:
             yield from self.minima()
             return
+        self._round = _ROUNDS
         try:
-            yield self._polynomials(self.budget)
+            plan = self._polynomials(self.budget)
         except Infeasible as error:
             self._last = error
+            return
+        yield from self._improved(plan)
+        yield plan
 
     def minima(self) -> list[ArcCandidate]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
@@ -168,6 +173,18 @@ class ArcSearch(Search[Candidate]):
         yield from itertools.islice(seeds.screened(), self.starts)
         for _ in range(_DESPERATE):
             yield seeds.random()
+
+    def _improved(self, plan: Plan) -> list[ArcCandidate]:
+        """Minima near a plan of polynomials: with three burns a robot, then with four."""
+        program = ArcProgram(self.task)
+        xi = program.reduce(fitted(program, plan.trajectories))
+        first = self._minimise(program, xi, _POLISHING_RADIUS)
+        if first is None or self.budget.spent:
+            return []
+        richer = ArcProgram(self.task, 4)
+        xi = richer.reduce(split(program, first.point.cache))
+        second = self._minimise(richer, xi, _POLISHING_RADIUS)
+        return [first] if second is None else [second, first]
 
     def _minimise(
         self,

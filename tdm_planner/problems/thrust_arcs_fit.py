@@ -1,0 +1,118 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+First guesses of rounded polylines from plans made before: fitted, split, or what is left of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.thrust_arcs_approaches import positions
+from tdm_planner.problems.thrust_arcs_kernels import add_slope, round_off
+from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_INSTANTS = 40
+_EVALUATIONS = 8
+_SPREAD = 0.05  # of a typical duration: half of what lies between the corners one is split into
+_LEG = 0.3  # of a leg, at most
+
+
+@compiled
+def _path_slopes(times: Array, burns: Array, slopes: Array) -> Array:
+    """Slopes (K, 2, v) of the positions at `times` (K,)."""
+    found, along = np.zeros((times.size, 2, slopes.shape[2])), np.zeros(2)
+    for a in range(2):
+        along[a], along[1 - a] = 1.0, 0.0
+        for k in range(times.size):
+            add_slope(times[k], burns, slopes, along, found[k, a])
+    return found
+
+
+def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
+    """Parameters (n, v) whose motions are nearest to planned ones at equal times, as long."""
+    task, size = program.task, program.size
+    lower, upper = program.full(program.lower), program.full(program.upper)
+    found = np.zeros((task.n, size))
+    for i, name in enumerate(task.names):
+        plan = plans[name]
+        found[i, -1] = duration = float(np.clip(plan.duration, lower[i, -1], upper[i, -1]))
+        if not program.varied[i]:
+            continue
+        corners = np.arange(1, size - 1, 3)
+        share = np.arange(1, corners.size + 1) / (corners.size + 1)
+        low, high = lower[i, :-1].copy(), upper[i, :-1].copy()
+        high[0] = 0.2 * duration
+        low[corners + 2] = (share - 0.65 / (corners.size + 1)) * duration
+        high[corners + 2] = (share + 0.65 / (corners.size + 1)) * duration
+        start = plan.sample(share * plan.duration).state
+        first = np.zeros(size - 1)
+        first[corners], first[corners + 1] = start[:, 0], start[:, 1]
+        first[corners + 2] = share * duration
+        found[i, :-1] = _nearest(program, i, plan, duration, first, low, high)
+    return found
+
+
+def _nearest(
+    program: ArcProgram,
+    i: int,
+    plan: Trajectory,
+    duration: float,
+    first: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    """Parameters (v - 1,) of robot i but for the arrival, within bounds, that fit its plan."""
+    times = np.linspace(0.0, duration, _INSTANTS)
+    wanted = plan.sample(times).state[:, :2]
+    burns, slopes = np.zeros((1, program.count, 4)), np.zeros((program.count, 4, program.size))
+    both = slice(i, i + 1)
+
+    def missed(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns[0], slopes)
+        path = positions(times, program.fleet.start[both], program.fleet.velocity[both], burns)
+        return np.asarray((path[0] - wanted).ravel())
+
+    def by(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns[0], slopes)
+        return np.asarray(_path_slopes(times, burns[0], slopes).reshape(wanted.size, -1)[:, :-1])
+
+    room = 1e-6 * (high - low)
+    first = np.clip(first, low + room, high - room)
+    return np.asarray(
+        least_squares(missed, first, by, bounds=(low, high), max_nfev=_EVALUATIONS).x
+    )
+
+
+def split(program: ArcProgram, point: ArcPoint) -> Array:
+    """Parameters (n, 8) with every corner of a program with three burns cut: two instead of it."""
+    x = point.x
+    found = np.zeros((len(x), 8))
+    for i in range(len(x)):
+        burns = point.burns[i]
+        legs = x[i, 3] - burns[0, 2], burns[2, 2] - x[i, 3]
+        spread = max(min(_SPREAD * program.first, _LEG * min(legs)), 0.0)
+        before = program.task.velocity[i] + burns[0, :2]
+        found[i, 0], found[i, 7] = x[i, 0], x[i, 4]
+        found[i, 1:3], found[i, 3] = x[i, 1:3] - spread * before, x[i, 3] - spread
+        found[i, 4:6], found[i, 6] = x[i, 1:3] - spread * burns[2, :2], x[i, 3] + spread
+    return found
