@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-First guesses of rounded polylines from plans made before: fitted, split, or what is left of them.
+First guesses of rounded polylines from plans made before: fitted to them, or what is left.
 """
 
 from __future__ import annotations
@@ -26,15 +26,13 @@ from scipy.optimize import least_squares
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.thrust_arcs_approaches import positions
 from tdm_planner.problems.thrust_arcs_kernels import add_slope, round_off
-from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
+from tdm_planner.problems.thrust_arcs_program import ArcProgram
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 _INSTANTS = 40
 _EVALUATIONS = 8
-_SPREAD = 0.05  # of a typical duration: half of what lies between the corners one is split into
-_LEG = 0.3  # of a leg, at most
 
 
 @compiled
@@ -101,18 +99,3 @@ def _nearest(
     return np.asarray(
         least_squares(missed, first, by, bounds=(low, high), max_nfev=_EVALUATIONS).x
     )
-
-
-def split(program: ArcProgram, point: ArcPoint) -> Array:
-    """Parameters (n, 8) with every corner of a program with three burns cut: two instead of it."""
-    x = point.x
-    found = np.zeros((len(x), 8))
-    for i in range(len(x)):
-        burns = point.burns[i]
-        legs = x[i, 3] - burns[0, 2], burns[2, 2] - x[i, 3]
-        spread = max(min(_SPREAD * program.first, _LEG * min(legs)), 0.0)
-        before = program.task.velocity[i] + burns[0, :2]
-        found[i, 0], found[i, 7] = x[i, 0], x[i, 4]
-        found[i, 1:3], found[i, 3] = x[i, 1:3] - spread * before, x[i, 3] - spread
-        found[i, 4:6], found[i, 6] = x[i, 1:3] - spread * burns[2, :2], x[i, 3] + spread
-    return found

@@ -31,7 +31,7 @@ from tdm_planner.problems.formation_search import assessed
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve
 from tdm_planner.problems.search import Plan, Search
-from tdm_planner.problems.thrust_arcs_fit import fitted, split
+from tdm_planner.problems.thrust_arcs_fit import fitted
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
 from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
 from tdm_planner.problems.thrust_arcs_program import ArcProgram
@@ -174,17 +174,13 @@ class ArcSearch(Search[Candidate]):
         for _ in range(_DESPERATE):
             yield seeds.random()
 
-    def _improved(self, plan: Plan) -> list[ArcCandidate]:
-        """Minima near a plan of polynomials: with three burns a robot, then with four."""
-        program = ArcProgram(self.task)
+    def _improved(self, plan: Plan) -> Iterator[ArcCandidate]:
+        """Yield the minimum with four burns a robot near a plan of polynomials, if there is."""
+        program = ArcProgram(self.task, 4)
         xi = program.reduce(fitted(program, plan.trajectories))
-        first = self._minimise(program, xi, _POLISHING_RADIUS)
-        if first is None or self.budget.spent:
-            return []
-        richer = ArcProgram(self.task, 4)
-        xi = richer.reduce(split(program, first.point.cache))
-        second = self._minimise(richer, xi, _POLISHING_RADIUS)
-        return [first] if second is None else [second, first]
+        candidate = self._minimise(program, xi, _POLISHING_RADIUS)
+        if candidate is not None:
+            yield candidate
 
     def _minimise(
         self,
