@@ -56,8 +56,6 @@ from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
 
-_GUESSES = 2  # starts of a plan by polynomials that is a guess only
-
 
 @lru_cache(maxsize=1)
 def _compile() -> None:
@@ -239,25 +237,25 @@ class RobotFormation(FormationParameters, Problem):
     ) -> FormationSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the first guess."""
 
-        def polynomials(allowed: Budget, starts: int) -> FormationSearch:
+        def polynomials(allowed: Budget) -> FormationSearch:
             return FormationSearch(
                 self.task,
                 self.form,
                 rng,
                 allowed,
-                starts=starts,
+                starts=self.solver.starts,
                 penalty_weights=np.array(self.weights.penalty),
                 tolerance=self.solver.tolerance,
                 previous=previous,
             )
 
         if self.method == 'polynomials':
-            return polynomials(budget, self.solver.starts)
+            return polynomials(budget)
         return ArcSearch(
             self.task,
             rng,
             budget,
-            lambda allowed: polynomials(allowed, _GUESSES).run(),
+            lambda allowed: polynomials(allowed).run(),
             starts=self.solver.starts,
             penalty_weights=np.array(self.weights.penalty),
             tolerance=self.solver.tolerance,

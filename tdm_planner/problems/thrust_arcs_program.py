@@ -119,7 +119,7 @@ class ArcProgram(NonlinearProgram):
         intervals = np.zeros((task.n - 1, task.n, self.size))
         for k in range(task.n - 1):
             intervals[k, k, -1], intervals[k, k + 1, -1] = -self.fleet.time, self.fleet.time
-        self._intervals = intervals.reshape(task.n - 1, -1)[:, self.free]
+        self._intervals = intervals.reshape(task.n - 1, task.n * self.size)[:, self.free]
 
     def _set_fleet(self) -> None:
         task = self.task
