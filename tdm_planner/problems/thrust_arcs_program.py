@@ -46,6 +46,7 @@ _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked fo
 _FLOOR = 2e-3  # smallest eigenvalue of a robot's Hessian
 _SPEED = 0.02  # of a typical speed, by which |p| is rounded off
 _PAUSE = 1e-3  # of a typical duration: the shortest coast
+_FREELY = 20.0  # times the unit of other arrivals, that of robots that stay
 _THERE = 0.01  # of a typical duration, in which robots that stay are at their goals
 
 
@@ -118,7 +119,7 @@ class ArcProgram(NonlinearProgram):
         self._set_bounds(kept)
         intervals = np.zeros((task.n - 1, task.n, self.size))
         for k in range(task.n - 1):
-            intervals[k, k, -1], intervals[k, k + 1, -1] = -self.fleet.time, self.fleet.time
+            intervals[k, k : k + 2, -1] = np.array([-1.0, 1.0]) * self.units[k : k + 2, -1]
         self._intervals = intervals.reshape(task.n - 1, task.n * self.size)[:, self.free]
 
     def _set_fleet(self) -> None:
@@ -156,6 +157,7 @@ class ArcProgram(NonlinearProgram):
         corner = [self.fleet.length, self.fleet.length, self.fleet.time]
         units = [self.fleet.time, *(corner * (self.count - 2)), self.fleet.time]
         self.units = np.tile(units, (task.n, 1))
+        self.units[task.staying, -1] *= _FREELY  # nothing bends along with these
 
     def _set_surroundings(self) -> None:
         """Put what stands still after the robots, and the clearances of all from one another."""
@@ -240,7 +242,7 @@ class ArcProgram(NonlinearProgram):
             self.clearances, self.units, _NEAR, self.weights[2], _FLOOR,
             gradient, hessian, rows, margins, np.zeros((most, 2), dtype=np.intp),
         )  # fmt: skip
-        gradient[0, -1] += self.weights[0] * self.fleet.time
+        gradient[0, -1] += self.weights[0] * self.units[0, -1]
         curvature, jacobian = hessian.reshape(n * v, n * v), rows[:count].reshape(count, n * v)
         if not self.all_free:
             curvature = curvature[np.ix_(self.free, self.free)]

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.thrust_arcs_approaches import positions
-from tdm_planner.problems.thrust_arcs_kernels import Fleet, round_off
+from tdm_planner.problems.thrust_arcs_kernels import CENTRE, Fleet, HALF, own_margins, round_off
 from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ _OVERLAP, _RICH_OVERLAP = 0.35, 1.15  # price of coming too near by a unit of le
 _SPARE = 1.02  # of a clearance, wanted of a guess
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
 _INSTANTS = 60
+_STRETCHES = 8  # times that a guess may be given more time
 _TRIES = 30
 _TOUCHING = 1.01  # clearances within which robots touch
 _STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
@@ -92,6 +93,27 @@ def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
             sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
 
 
+@compiled
+def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
+    """Have robots wait for their thrusters, and take longer, as long as they could not fly so."""
+    burns, slopes, margins = np.zeros((3, 4)), np.zeros((3, 4, 5)), np.zeros(5)
+    for i in range(len(x)):
+        for _ in range(_STRETCHES):
+            if not fleet.varied[i]:
+                break
+            round_off(x[i], fleet, i, burns, slopes)
+            own_margins(x[i], fleet, i, burns, margins)
+            coast = np.inf
+            for k in range(1, 3):
+                half = burns[k - 1, HALF] + burns[k, HALF]
+                coast = min(coast, burns[k, CENTRE] - burns[k - 1, CENTRE] - half)
+            if margins[0] >= 0.0 and coast >= fleet.pause:
+                break
+            x[i, 0] += max(0.0, -0.6 * margins[0] * fleet.time)
+            x[i, 4] = max(x[i, 4] * (1.2 if coast < fleet.pause else 1.0), 1.5 * x[i, 0])
+            x[i, 3] = x[i, 0] + share[i] * (x[i, 4] - x[i, 0])
+
+
 class ArcSeeds:
     """First guesses x (n, 5) for a program with three burns a robot."""
 
@@ -115,10 +137,10 @@ class ArcSeeds:
         corner = np.clip(corner, fleet.low, fleet.high)
         first = np.linalg.norm(corner - self.task.start, axis=1)
         last = np.linalg.norm(self.task.goal - corner, axis=1)
-        passed = wait + (1.0 - wait) * first / np.maximum(first + last, 1e-9)
-        x[:, 0] = wait * self.durations
-        x[:, 1:3] = corner
-        x[:, 3], x[:, 4] = passed * self.durations, self.durations
+        share = first / np.maximum(first + last, 1e-9)
+        x[:, 0], x[:, 1:3], x[:, 4] = wait * self.durations, corner, self.durations
+        x[:, 3] = x[:, 0] + share * (x[:, 4] - x[:, 0])
+        _give_time(x, share, fleet)
         return x
 
     def random(self) -> Array:
@@ -160,7 +182,8 @@ class ArcSeeds:
             passed[:, q] = sides[i, j][combined[:, i], combined[:, j]]
         seen = set()
         for index in np.argsort(total, kind='stable'):
-            key = passed[index].tobytes() + np.sign(every[combined[index], 1]).tobytes()
+            bows = np.sign(every[combined[index], 1])[program.varied]
+            key = passed[index].tobytes() + bows.tobytes()
             if key not in seen:
                 seen.add(key)
                 chosen = combined[index]
