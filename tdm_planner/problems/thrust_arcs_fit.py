@@ -18,12 +18,14 @@ First guesses of rounded polylines from plans made before: fitted to them, or wh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.thrust_arcs_approaches import positions
 from tdm_planner.problems.thrust_arcs_kernels import add_slope, round_off
 from tdm_planner.problems.thrust_arcs_program import ArcProgram
@@ -67,6 +69,53 @@ def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
         first[corners], first[corners + 1] = start[:, 0], start[:, 1]
         first[corners + 2] = share * duration
         found[i, :-1] = _nearest(program, i, plan, duration, first, low, high)
+    return found
+
+
+def remaining(plan: Trajectory) -> Array:
+    """Burns (k, 4) of a plan whose thrust is on or off, as `thrust_arcs_kernels` has them."""
+    on = plan.control('thrust')[:-1] > 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]])))
+    begin, end = plan.times[edges[::2]], plan.times[edges[1::2]]
+    velocity = np.stack([plan.state('u'), plan.state('v')], axis=1)
+    change = velocity[edges[1::2]] - velocity[edges[::2]]
+    return np.column_stack([change, 0.5 * (begin + end), 0.5 * (end - begin)])
+
+
+def resumed(task: FormationTask, plans: Mapping[str, Trajectory], held: Collection[str]) -> Array:
+    """
+    Parameters (n, v) that go on with the rest of plans, with as many burns as they have.
+
+    Goals are reached from where the rest of a plan turns last; the start may be off it. Robots
+    whose motion is `held` need none.
+    """
+    leg = math.pi / task.thruster_rate
+    rests = {
+        i: remaining(plans[name])
+        for i, name in enumerate(task.names)
+        if not task.staying[i] and name not in held
+    }
+    corners = max([1, *(len(rest) - 2 for rest in rests.values())])
+    found = np.zeros((task.n, 3 * corners + 2))
+    for i, name in enumerate(task.names):
+        found[i, -1] = plans[name].duration
+        if i not in rests or not len(rests[i]):
+            continue
+        rest = rests[i]
+        begin, end = rest[:, 2] - rest[:, 3], rest[:, 2] + rest[:, 3]
+        turns = rest[1:-1, 2].tolist()
+        found[i, 0], after = begin[0], end[0]
+        if len(rest) == 1:
+            found[i, 0] = after = min(leg, 0.45 * begin[0])
+        elif begin[0] > 2.0 * leg and len(turns) < corners:  # time to correct before
+            found[i, 0] = after = leg
+            turns.insert(0, rest[0, 2])
+        while len(turns) < corners:
+            turns.append(0.5 * ((turns[-1] if turns else after) + begin[-1]))
+        for k, instant in enumerate(turns):
+            left = np.maximum(rest[:, 2] - instant, 0.0)
+            w = 1 + 3 * k
+            found[i, w : w + 2], found[i, w + 2] = task.goal[i] + left @ rest[:, :2], instant
     return found
 
 

@@ -117,7 +117,7 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     )
     flown = plant.replay(draft, times)
     assert flown is not None
-    return replace(draft, states=flown)
+    return replace(draft, states=flown).with_rates(plant.derivative)
 
 
 def _thruster_path(

@@ -30,12 +30,14 @@ from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_search import assessed
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve
+from tdm_planner.problems.kept_motion import kept_motions, LATE
 from tdm_planner.problems.search import Plan, Search
-from tdm_planner.problems.thrust_arcs_fit import fitted
+from tdm_planner.problems.thrust_arcs_fit import fitted, remaining, resumed
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
 from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
-from tdm_planner.problems.thrust_arcs_program import ArcProgram
+from tdm_planner.problems.thrust_arcs_program import ArcProgram, HeldMotion
 from tdm_planner.problems.thrust_arcs_seeds import ArcSeeds, MANY, reseated
+from tdm_planner.problems.warm_start import elapsed_on
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -102,13 +104,32 @@ def compile_arcs(task: FormationTask) -> None:
     ArcCandidate(program, point).motions(task)
 
 
+def rest_of(task: FormationTask, previous: Solution) -> dict[str, Trajectory]:
+    """Return what is left of a plan with thrust arcs for the same robots; nothing of others."""
+    plans = previous.trajectories
+    if set(plans) != set(task.names):
+        return {}
+    if any(plan.interpolation != 'zero_order_hold' for plan in plans.values()):
+        return {}
+    state = np.concatenate([task.start, task.velocity], axis=1)
+    now = elapsed_on([plans[name] for name in task.names], state)
+    least = 1e-3
+    return {
+        name: plans[name].after(max(min(now, plans[name].duration - least), 0.0))
+        if now > 0.0
+        else plans[name]
+        for name in task.names
+    }
+
+
 class ArcSearch(Search[Candidate]):
     """
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
     `polynomials` returns a plan by the other method, or raises Infeasible: the guess where robots
     are many, and the last resort. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of
-    (10).
+    (10). Of a `previous` plan with thrust arcs the rest is the first guess; robots about to arrive
+    keep theirs.
     """
 
     def __init__(
@@ -130,10 +151,19 @@ class ArcSearch(Search[Candidate]):
         self._polynomials = polynomials
         self._penalty_weights, self._tolerance = penalty_weights, tolerance
         self._round = 1
+        self._kept: dict[str, Trajectory] = {}
+        self._rest: dict[str, Trajectory] = {}
+        if previous is not None:
+            self._rest = rest_of(task, previous)
+            self._round = 0 if self._rest else 1
         self._last: Infeasible | None = None
 
     def candidates(self) -> Iterator[Candidate]:
         """Minima, cheapest first; in the last round the plan by polynomials."""
+        if self._round < 1:
+            yield from self._resumed()
+            return
+        self._kept = {}
         if self._round < _ROUNDS and self.task.n <= FEW:
             yield from self.minima()
             return
@@ -173,6 +203,28 @@ class ArcSearch(Search[Candidate]):
         yield from itertools.islice(seeds.screened(), self.starts)
         for _ in range(_DESPERATE):
             yield seeds.random()
+
+    def _resumed(self) -> Iterator[ArcCandidate]:
+        """Yield the minimum that the rest of the plan before leads to."""
+        task = self.task
+        self._kept = {}
+        for half_turns in (1.0, LATE):
+            fewer, self._kept = self._kept, kept_motions(task, self._rest, half_turns)
+            if half_turns > 1.0 and len(self._kept) == len(fewer):
+                break
+            x = resumed(task, self._rest, self._kept)
+            held = {
+                task.names.index(name): HeldMotion(remaining(motion), motion.duration)
+                for name, motion in self._kept.items()
+            }
+            count = max([(x.shape[1] + 4) // 3, *(len(each.burns) for each in held.values())])
+            if count > (x.shape[1] + 4) // 3:
+                break
+            program = ArcProgram(task, count, held)
+            xi = np.clip(program.reduce(x), program.lower, program.upper)
+            candidate = self._minimise(program, xi, _POLISHING_RADIUS)
+            if candidate is not None:
+                yield candidate
 
     def _improved(self, plan: Plan) -> Iterator[ArcCandidate]:
         """Yield the minimum with four burns a robot near a plan of polynomials, if there is."""
@@ -230,6 +282,8 @@ class ArcSearch(Search[Candidate]):
             yield candidate
             return
         motions = candidate.motions(self._required)
+        motions |= {name: self._kept[name] for name in self._required.names if name not in motions}
+        motions = {name: motions[name] for name in self._required.names}
         yield assessed(
             self._required, motions, self._penalty_weights, self._tolerance, candidate.point.xi
         )
@@ -245,6 +299,8 @@ class ArcSearch(Search[Candidate]):
     def widen(self) -> bool:
         """Keep more distance, where plans failed the check; at last use polynomials."""
         self._round += 1
+        if self._round == 1:
+            return True
         if self._round == _ROUNDS - 1 and not self.rejected:
             self._round = _ROUNDS
         margin = self.task.margin + _MORE_MARGIN * self.task.separation

@@ -15,7 +15,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 from tdm_planner.direct_method import (
     PowerProducts,
     SineSeries,
@@ -111,7 +110,7 @@ def test_performance_index_is_equation_28(formation):
     arrivals = sorted(plan.duration for plan in solution.trajectories.values())
     intervals = np.abs(np.diff(arrivals) - problem.arrival_interval).sum()
     gas = sum(
-        trapezoid(plan.control('thrust'), plan.times) for plan in solution.trajectories.values()
+        plan.control_integral(plan.duration)[0] for plan in solution.trajectories.values()
     )
     w = problem.weights
     j = w.time * arrivals[0] + w.sequence * intervals + w.gas * gas / problem.plant.mass
