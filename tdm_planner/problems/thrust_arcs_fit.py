@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 _INSTANTS = 40
 _EVALUATIONS = 8
+_CORRECTED = 0.6  # half-turns of the thruster before a burn that leave time for another one
 
 
 @compiled
@@ -107,8 +108,8 @@ def resumed(task: FormationTask, plans: Mapping[str, Trajectory], held: Collecti
         found[i, 0], after = begin[0], end[0]
         if len(rest) == 1:
             found[i, 0] = after = min(leg, 0.45 * begin[0])
-        elif begin[0] > 2.0 * leg and len(turns) < corners:  # time to correct before
-            found[i, 0] = after = leg
+        elif begin[0] > _CORRECTED * leg and len(turns) < corners:  # time to correct before
+            found[i, 0] = after = min(leg, 0.45 * begin[0])
             turns.insert(0, rest[0, 2])
         while len(turns) < corners:
             turns.append(0.5 * ((turns[-1] if turns else after) + begin[-1]))

@@ -147,8 +147,9 @@ def _thruster_path(
             speed = max(_GENTLE * task.thruster_rate, turn / (begin - now))
             times.append(now + turn / speed)
             angles.append(held[0])
-        times.extend(instants)
-        angles.extend(held)
+        known = 1 if times and begin <= times[-1] else 0  # burning from the start
+        times.extend(instants[known:])
+        angles.extend(held[known:])
         now, angle = end, held[-1]
     if not times:
         times, angles = [0.0], [0.0]
