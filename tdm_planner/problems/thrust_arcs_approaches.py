@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 # Columns of approaches: both indices, instant, distance / clearance - 1, way between them.
 FIRST, SECOND, TIME, CLOSENESS, WAY = 0, 1, 2, 3, 4
 COLUMNS = 6
-_NEWTON_STEPS = 8
+_NEWTON_STEPS = 24
 
 
 @compiled

@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-First guesses of rounded polylines from plans made before: fitted to them, or what is left.
-"""
+"""First guesses of rounded polylines from earlier plans: fitted to them, or what is left."""
 
 from __future__ import annotations
 
@@ -115,8 +113,8 @@ def resumed(task: FormationTask, plans: Mapping[str, Trajectory], held: Collecti
             turns.append(0.5 * ((turns[-1] if turns else after) + begin[-1]))
         for k, instant in enumerate(turns):
             left = np.maximum(rest[:, 2] - instant, 0.0)
-            w = 1 + 3 * k
-            found[i, w : w + 2], found[i, w + 2] = task.goal[i] + left @ rest[:, :2], instant
+            place = task.goal[i] + left @ rest[:, :2]
+            found[i, np.arange(3) + 1 + 3 * k] = [*place, instant]
     return found
 
 

@@ -251,7 +251,8 @@ def _coast(burn: Array, sigma: float, beside: float, fleet: Fleet) -> float:
     """
     size = math.hypot(burn[X], burn[Y])
     square = sigma * sigma - 2.0 * size * (sigma - burn[HALF]) / fleet.thrust
-    return (square - beside * beside) / max(sigma, fleet.pause)
+    coast: float = (square - beside * beside) / max(sigma, fleet.pause)
+    return coast
 
 
 @compiled

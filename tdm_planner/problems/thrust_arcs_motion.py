@@ -83,7 +83,7 @@ def cleaned(
 
 
 def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: float) -> Trajectory:
-    """Return the held controls of burns (k, 4) of a robot, and the states that follow from them."""
+    """Return the held controls of a robot's burns (k, 4), and the states that follow."""
     plant = task.plant
     yaw, rate, goal = task.yaw[robot], task.yaw_rate[robot], task.goal_yaw[robot]
     a, switch = turning(duration, goal - yaw, rate)

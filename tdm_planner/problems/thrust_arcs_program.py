@@ -119,7 +119,8 @@ class ArcProgram(NonlinearProgram):
         self._set_bounds(kept)
         intervals = np.zeros((task.n - 1, task.n, self.size))
         for k in range(task.n - 1):
-            intervals[k, k : k + 2, -1] = np.array([-1.0, 1.0]) * self.units[k : k + 2, -1]
+            intervals[k, k, -1] = -self.units[k, -1]
+            intervals[k, k + 1, -1] = self.units[k + 1, -1]
         self._intervals = intervals.reshape(task.n - 1, task.n * self.size)[:, self.free]
 
     def _set_fleet(self) -> None:
@@ -185,7 +186,7 @@ class ArcProgram(NonlinearProgram):
             self.fixed[robot, -1] = motion.duration
         lower, upper = np.zeros(shape), np.full(shape, task.longest)
         for w in range(1, self.size - 1, 3):
-            lower[:, w : w + 2], upper[:, w : w + 2] = fleet.low, fleet.high
+            lower[:, [w, w + 1]], upper[:, [w, w + 1]] = fleet.low, fleet.high
         least = np.maximum(least_arrivals(task), _THERE * self.first)
         lower[:, -1] = least
         waiting = task.staying & (task.arrived > 0.0)

@@ -215,7 +215,8 @@ class ArcSeeds:
         n, c = single.shape
         found = []
         for attempt in range(_TRIES):
-            choice = self.rng.integers(0, c, n) if attempt else np.zeros(n, dtype=np.intp)
+            first = np.zeros(n, dtype=np.intp)
+            choice: Indices = self.rng.integers(0, c, n) if attempt else first
             for _ in range(6):
                 before = choice.copy()
                 for i in self.rng.permutation(n):

@@ -109,9 +109,7 @@ def test_performance_index_is_equation_28(formation):
     problem, solution = formation
     arrivals = sorted(plan.duration for plan in solution.trajectories.values())
     intervals = np.abs(np.diff(arrivals) - problem.arrival_interval).sum()
-    gas = sum(
-        plan.control_integral(plan.duration)[0] for plan in solution.trajectories.values()
-    )
+    gas = sum(plan.control_integral(plan.duration)[0] for plan in solution.trajectories.values())
     w = problem.weights
     j = w.time * arrivals[0] + w.sequence * intervals + w.gas * gas / problem.plant.mass
     assert solution.cost == pytest.approx(j, rel=5e-3)
