@@ -257,6 +257,7 @@ class RobotFormation(FormationParameters, Problem):
             budget,
             lambda allowed: polynomials(allowed).run(),
             starts=self.solver.starts,
+            reserve=self.thrust_reserve,
             penalty_weights=np.array(self.weights.penalty),
             tolerance=self.solver.tolerance,
             previous=previous,

@@ -39,6 +39,7 @@ _FULL = 0.9999  # of the thruster's rate
 _SAME = 5e-9  # s: samples nearer than that are one
 _MISSED = 1e-11  # m, m/s: what is left of an error of the end
 _CORRECTIONS = 8
+_DIGITS = 11  # of a rate [rad/s]: less is rounding, and no switch
 
 
 def cleaned(
@@ -101,7 +102,7 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     burning = ((middle[:, None] > on[:, 0]) & (middle[:, None] < on[:, 1])).any(axis=1)
     controls = np.zeros((times.size, 3))
     controls[:-1, 0] = plant.mass * task.thrust * burning
-    controls[:-1, 1] = np.diff(alpha) / np.diff(times)
+    controls[:-1, 1] = np.round(np.diff(alpha) / np.diff(times), _DIGITS)
     controls[:-1, 2] = plant.inertia * np.where(middle < switch, a, -a)
     states = np.zeros((times.size, 7))
     states[0] = [*task.start[robot], *task.velocity[robot], yaw, rate, alpha[0]]

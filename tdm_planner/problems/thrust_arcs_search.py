@@ -127,7 +127,8 @@ class ArcSearch(Search[Candidate]):
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
     `polynomials` returns a plan by the other method, or raises Infeasible: the guess where robots
-    are many, and the last resort. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of
+    are many, and the last resort. `reserve` is the share of the thrust that burns leave to the
+    feedback. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps of
     (10). Of a `previous` plan with thrust arcs the rest is the first guess; robots about to arrive
     keep theirs.
     """
@@ -140,12 +141,14 @@ class ArcSearch(Search[Candidate]):
         polynomials: Callable[[Budget], Plan],
         *,
         starts: int,
+        reserve: float,
         penalty_weights: Array,
         tolerance: float,
         previous: Solution | None = None,
     ) -> None:
         super().__init__(budget)
-        self.task, self.starts, self.rng = task, starts, rng
+        self.task = replace(task, thrust=(1.0 - reserve) * task.thrust)
+        self.starts, self.rng = starts, rng
         self.tried = 0
         self._required = task
         self._polynomials = polynomials
@@ -281,7 +284,7 @@ class ArcSearch(Search[Candidate]):
         if isinstance(candidate, Plan):
             yield candidate
             return
-        motions = candidate.motions(self._required)
+        motions = candidate.motions(self.task)
         motions |= {name: self._kept[name] for name in self._required.names if name not in motions}
         motions = {name: motions[name] for name in self._required.names}
         yield assessed(

@@ -215,8 +215,9 @@ class ArcSeeds:
         n, c = single.shape
         found = []
         for attempt in range(_TRIES):
-            first = np.zeros(n, dtype=np.intp)
-            choice: Indices = self.rng.integers(0, c, n) if attempt else first
+            choice: Indices = np.zeros(n, dtype=np.intp)
+            if attempt:
+                choice = self.rng.integers(0, c, n, dtype=np.intp)
             for _ in range(6):
                 before = choice.copy()
                 for i in self.rng.permutation(n):
