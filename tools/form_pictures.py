@@ -52,7 +52,7 @@ def draw_ways(axes: Any, solution: Solution) -> None:
         axes.plot(x, y, color=colour, linewidth=1.0)
         axes.scatter(x, y, s=24.0 * share, color=colour, linewidths=0)
         axes.add_patch(Circle((x[0], y[0]), 0.1, fill=False, edgecolor=colour))
-        axes.add_patch(Circle((x[-1], y[-1]), 0.1, color=colour))
+        axes.add_patch(Circle((x[-1], y[-1]), 0.1, color=colour, alpha=0.3))
     axes.set_xlabel('x [m]')
     axes.set_ylabel('y [m]')
     axes.set_aspect('equal', adjustable='datalim')
@@ -74,7 +74,7 @@ def draw_thrust(axes: Any, solution: Solution) -> None:
     axes.set_xlabel('time [s]')
     axes.set_ylabel('thrust [N]')
     axes.set_xlim(0.0, 45.0)
-    axes.set_ylim(-0.01, 0.34)
+    axes.set_ylim(-0.01, 0.4)
 
 
 def picture() -> Figure:

@@ -107,7 +107,7 @@ def approaches(
     Pairs with clearance zero do not count. `found` (r, 6) has a row for each; returns how many.
     """
     n = burns.shape[0]
-    steps = max(int(math.ceil(last / interval)), 2)
+    steps = max(math.ceil(last / interval), 2)
     step = last / steps
     path = positions(step * np.arange(steps + 1.0), start, velocity, burns)
     squares = np.zeros(steps + 1)

@@ -217,7 +217,7 @@ class ArcSeeds:
         for attempt in range(_TRIES):
             choice: Indices = np.zeros(n, dtype=np.intp)
             if attempt:
-                choice = self.rng.integers(0, c, n, dtype=np.intp)
+                choice = np.asarray(self.rng.integers(0, c, size=n), dtype=np.intp)
             for _ in range(6):
                 before = choice.copy()
                 for i in self.rng.permutation(n):

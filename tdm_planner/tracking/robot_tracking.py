@@ -18,9 +18,9 @@ Tracking of a floating robot whose one thruster turns slowly, and station-keepin
 The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
 thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
 projection of the wanted acceleration on the direction held, and none while that direction is off
-by more than a set angle. The yaw is independent: planned torque plus feedback. Along a plan that burns
-and coasts the thruster is aligned when a burn begins, and a coast is left alone as long as little
-thrust would correct it.
+by more than a set angle. The yaw is independent: planned torque plus feedback. Along a plan that
+burns and coasts the thruster is aligned when a burn begins, and a coast is left alone as long as
+little thrust would correct it.
 
 How well the thruster and the wheel work (true over assumed acceleration) is estimated on the way,
 and the commands are divided by it.
