@@ -211,10 +211,13 @@ def robot_trajectory(
     motion: Any,
     controls: Any,
     robot: str | None = None,
-    interpolation: Interpolation = 'linear',
+    interpolation: Interpolation | None = None,
 ) -> Trajectory:
     """
     Read a robot's plan from its two messages; yaw is unwrapped from the first sample on.
+
+    Unless `interpolation` says how controls run between samples, thrust and torque that stay equal
+    over most intervals are held, others run linearly.
 
     Raises
     ------
@@ -231,6 +234,10 @@ def robot_trajectory(
     poses = _poses(motion)
     index = joint_indices(controls.joint_names, ROBOT_JOINTS)
     actuators = np.array([_actuators(p, index, k) for k, p in enumerate(controls.points)])
+    if interpolation is None:
+        changes = np.count_nonzero(np.diff(actuators[:-1, [1, 3]], axis=0), axis=0)
+        held = (changes <= (times.size - 2) / 2).all()
+        interpolation = 'zero_order_hold' if held else 'linear'
     return Trajectory(
         times=times,
         states=np.concatenate([poses, actuators[:, :1]], axis=1),

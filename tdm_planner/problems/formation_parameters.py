@@ -189,6 +189,17 @@ class FormationParameters(Validated):
         allowed=NON_NEGATIVE,
     )
     weights: FormationWeights = group(FormationWeights)
+    method: str = parameter(
+        'polynomials',
+        'form of the motions: polynomials, whose thrust runs smoothly, or thrust_arcs, which burn '
+        'at full thrust and coast between, as least gas wants it',
+        choices=('polynomials', 'thrust_arcs'),
+    )
+    thrust_reserve: float = parameter(
+        0.1,
+        'share of limits.thrust that the burns of thrust_arcs leave to the feedback',
+        allowed=Range(0.0, 0.9),
+    )
     polynomial_order: int = parameter(
         7,
         'order of the reference polynomials of x and y: odd; 5 is what the boundary conditions '

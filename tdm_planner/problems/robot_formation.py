@@ -49,6 +49,7 @@ from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_terms import compile_terms
 from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.problems.search import Plan
+from tdm_planner.problems.thrust_arcs_search import ArcSearch, compile_arcs
 from tdm_planner.problems.thrust_direction import compile_following
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
@@ -62,6 +63,7 @@ def _compile() -> None:
     compile_terms(Form().model(RobotFormation().task))
     compile_following()
     compile_robot_replay()
+    compile_arcs(RobotFormation().task)
 
 
 @dataclass(frozen=True)
@@ -232,14 +234,30 @@ class RobotFormation(FormationParameters, Problem):
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
-    ) -> FormationSearch:
+    ) -> FormationSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the first guess."""
-        return FormationSearch(
+
+        def polynomials(allowed: Budget) -> FormationSearch:
+            return FormationSearch(
+                self.task,
+                self.form,
+                rng,
+                allowed,
+                starts=self.solver.starts,
+                penalty_weights=np.array(self.weights.penalty),
+                tolerance=self.solver.tolerance,
+                previous=previous,
+            )
+
+        if self.method == 'polynomials':
+            return polynomials(budget)
+        return ArcSearch(
             self.task,
-            self.form,
             rng,
             budget,
+            lambda allowed: polynomials(allowed).run(),
             starts=self.solver.starts,
+            reserve=self.thrust_reserve,
             penalty_weights=np.array(self.weights.penalty),
             tolerance=self.solver.tolerance,
             previous=previous,

@@ -40,7 +40,7 @@ def warm_parameters(model: ReferenceMotion, seeds: BowSeeds, solution: Solution)
     if set(solution.trajectories) != set(task.names):
         return None
     plans = [solution.trajectories[name] for name in task.names]
-    now = _elapsed(plans, np.concatenate([task.start, task.velocity], axis=1))
+    now = elapsed_on(plans, np.concatenate([task.start, task.velocity], axis=1))
     b = np.repeat(seeds.durations[:, None], model.nb, axis=1)
     shape = np.zeros((task.n, 2, model.nf))
     for i, plan in enumerate(plans):
@@ -52,7 +52,7 @@ def warm_parameters(model: ReferenceMotion, seeds: BowSeeds, solution: Solution)
     return model.pack(b, shape)
 
 
-def _elapsed(plans: list[Trajectory], now: Array) -> float:
+def elapsed_on(plans: list[Trajectory], now: Array) -> float:
     """Instant of the plans nearest to positions and velocities `now` (n, 4)."""
     last = max(plan.duration for plan in plans)
     times = np.linspace(0.0, last, 400)

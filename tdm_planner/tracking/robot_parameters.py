@@ -61,6 +61,11 @@ class RobotFeedback(Validated):
         'keeping station not fired',
         allowed=Range(0.0, 0.5),
     )
+    coasting: float = parameter(
+        0.1,
+        'share of limits.thrust below which a plan that burns and coasts is left to coast',
+        allowed=Range(0.0, 1.0),
+    )
     misalignment: float = parameter(
         1.0,
         'angle between wanted acceleration and thruster beyond which there is no thrust',

@@ -18,7 +18,9 @@ Tracking of a floating robot whose one thruster turns slowly, and station-keepin
 The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
 thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
 projection of the wanted acceleration on the direction held, and none while that direction is off
-by more than a set angle. The yaw is independent: planned torque plus feedback.
+by more than a set angle. The yaw is independent: planned torque plus feedback. Along a plan that
+burns and coasts the thruster is aligned when a burn begins, and a coast is left alone as long as
+little thrust would correct it.
 
 How well the thruster and the wheel work (true over assumed acceleration) is estimated on the way,
 and the commands are divided by it.
@@ -50,6 +52,7 @@ Array = NDArray[np.float64]
 _YAW, _OMEGA, _ALPHA = 4, 5, 6
 _SERVO_SHARE = 0.25  # of the error of the thruster's angle that one command takes away
 _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a direction to serve
+_BURN_LATERAL = 0.05  # the same at a burn of a plan that burns and coasts
 _ANY_DIRECTION = 50.0  # rad
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
@@ -143,7 +146,8 @@ class RobotTracker(TrajectoryTracker):
         t = _REACH_STEP * np.arange(steps + 1)
         sample = trajectory.sample(trajectory.times[0] + t)
         alpha, thrust = sample.state[:, _ALPHA], sample.control[:, 0]
-        lateral = _LATERAL * self.parameters.limits.thrust
+        share = _BURN_LATERAL if trajectory.interpolation == 'zero_order_hold' else _LATERAL
+        lateral = share * self.parameters.limits.thrust
         allowed = np.minimum(lateral / np.maximum(thrust, 1e-9), _ANY_DIRECTION)
         turned = self.parameters.limits.thruster_rate * t
         upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
@@ -191,7 +195,9 @@ class RobotTracker(TrajectoryTracker):
             alpha=float(middle[_ALPHA]) + near,
             reach=Reach(reach.lower + near, reach.upper + near),
         )
-        control = self._drive(state, wish, deadband=0.0)
+        coasting = motion.trajectory.interpolation == 'zero_order_hold' and thrust == 0.0
+        deadband = self.parameters.feedback.coasting if coasting else 0.0
+        control = self._drive(state, wish, deadband)
         return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
@@ -242,7 +248,7 @@ class RobotTracker(TrajectoryTracker):
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
         off = math.atan2(wish.acceleration[1], wish.acceleration[0]) - heading
         off = float(wrapped(np.asarray(off)))
-        quiet = self.parameters.feedback.deadband * self._largest
+        quiet = max(self.parameters.feedback.deadband, deadband) * self._largest
         target = wish.alpha if wanted < quiet else alpha + off
         if wish.reach.lower <= wish.reach.upper:
             target = min(max(target, wish.reach.lower), wish.reach.upper)

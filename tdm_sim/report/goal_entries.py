@@ -21,7 +21,6 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from scipy.integrate import trapezoid
 from tdm_sim.report.entries import Entry
 from tdm_sim.report.margins import Limits
 from tdm_sim.report.mission import Mission, Signals, Vehicle
@@ -158,14 +157,19 @@ def _achieved_terms(
 
 
 def _gas(robot: Vehicle, duration: float) -> float | None:
-    """Return the integral of the thrust [N s] from the first plan's start on for `duration` s."""
+    """
+    Return the integral of the thrust [N s] from the first plan's start on for `duration` s.
+
+    A command holds until the next one.
+    """
     if robot.controls is None or 'thrust' not in robot.controls:
         return None
     start = robot.plans[0].start
     during = robot.controls.between(start, start + duration)
     thrust = during.column('thrust')
     known = np.isfinite(thrust)
-    return float(trapezoid(thrust[known], during.times[known])) if known.any() else None
+    held = np.diff(during.times[known], append=start + duration)
+    return float(thrust[known] @ held) if known.any() else None
 
 
 def landing_entries(mission: Mission) -> Iterator[Entry]:

@@ -140,7 +140,7 @@ def _read(plant: Plant, motion: Any, controls: Any, told: PlannedVehicle) -> Tra
     if plant == 'robot':
         if controls is None:
             return robot_motion(motion)
-        return robot_trajectory(motion, controls, interpolation=told.interpolation or 'linear')
+        return robot_trajectory(motion, controls, interpolation=told.interpolation)
     return _named_trajectory(motion, controls, told)
 
 

@@ -1,0 +1,359 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A robot's motion as a rounded polyline, compiled: burns, their slopes, what the thruster needs.
+
+Gas is an L1 cost, whose optimum is burn - coast - burn: straight legs, and corners rounded by full
+thrust. Burn k changes the velocity by p_k about the instant tau_k, from tau_k - h_k to
+tau_k + h_k, h_k = |p_k| / (2 F). The position is S + v_0 t + sum_k p_k r(t - tau_k; h_k) with
+r = 0 before the burn, (u + h)^2 / (4 h) in it and u after it; gas is sum_k |p_k|, exactly.
+
+Varied parameters of a robot with m burns: the start c of the first, the corners W_k and their
+instants tau_k (k = 2 ... m-1), the arrival T. The ends hold exactly: with D the way of the first
+(last) leg, sigma its time and s = sqrt(sigma^2 - 2 |D| / F) the burn's h is (sigma - s) / 2 and
+its |p| is |D| / g, g = (sigma + s) / 2.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.plants.compilation import compiled
+
+Array = NDArray[np.float64]
+
+X, Y, CENTRE, HALF = 0, 1, 2, 3  # columns of burns: p [m/s], tau, h [s]
+ALIGNED: Final = 0.01  # rad by which the thruster may turn on while it burns
+WEAKEST: Final = 0.3  # of `speed`: burns that change the velocity less need no direction
+_ROUNDED: Final = 0.88  # of a pause: shorter legs are continued with their slope
+_TINY: Final = 1e-12
+_STEP: Final = 1e-6  # of a unit, in which slopes are differenced
+
+
+class Fleet(NamedTuple):
+    """
+    The robots, as the kernels take them.
+
+    `start`, `velocity`, `goal` (n, 2); `alpha` (n,) NaN where free, `yaw`, `yaw_rate`, `goal_yaw`
+    (n,); `varied` (n,) those whose motion is varied; `low`, `high` (n, 2) where corners may be.
+    `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is the shortest coast, `speed`
+    [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the units of the parameters.
+    """
+
+    start: Array
+    velocity: Array
+    goal: Array
+    alpha: Array
+    yaw: Array
+    yaw_rate: Array
+    goal_yaw: Array
+    varied: NDArray[np.bool_]
+    low: Array
+    high: Array
+    thrust: float
+    rate: float
+    pause: float
+    speed: float
+    length: float
+    time: float
+
+
+@compiled
+def turning(duration: float, way: float, rate: float) -> tuple[float, float]:
+    """Angular acceleration a until an instant, -a after it: the least that turns by `way`."""
+    short = duration * rate - 2.0 * way
+    both = math.hypot(short, duration * rate)
+    a = -(short + math.copysign(both, short)) / (duration * duration)
+    return a, 0.5 * duration if a == 0.0 else 0.5 * (duration - rate / a)
+
+
+@compiled
+def attitude(
+    t: float, duration: float, a: float, switch: float, yaw: float, rate: float, goal: float
+) -> float:
+    """Yaw at `t` of the turn that `turning` gives."""
+    if t <= switch:
+        return yaw + t * (rate + 0.5 * a * t)
+    left = max(duration - t, 0.0)
+    return goal - 0.5 * a * left * left
+
+
+@compiled
+def _end_leg(
+    way: Array,
+    sigma: float,
+    way_slopes: Array,
+    sigma_slopes: Array,
+    thrust: float,
+    pause: float,
+    leg: Array,
+    leg_slopes: Array,
+    half_slopes: Array,
+) -> float:
+    """
+    Velocity of a leg whose one end is a burn from (to) rest; return that burn's half-length.
+
+    `way` (2,) and `sigma` have slopes (4, 2) and (4,) by four parameters; those of the `leg` (2,)
+    and of the half-length are filled in, (2, 4) and (4,).
+    """
+    length = math.sqrt(way[0] * way[0] + way[1] * way[1] + _TINY)
+    least = _ROUNDED * pause
+    square = sigma * sigma - 2.0 * length / thrust
+    if square > least * least:
+        s = math.sqrt(square)
+        ds = 0.5 / s
+    else:
+        s = 0.5 * (least + square / least)
+        ds = 0.5 / least
+    g = max(0.5 * (sigma + s), 2.5 * pause)
+    for a in range(2):
+        leg[a] = way[a] / g
+    for q in range(4):
+        by = (way[0] * way_slopes[q, 0] + way[1] * way_slopes[q, 1]) / length
+        s_slope = 2.0 * ds * (sigma * sigma_slopes[q] - by / thrust)
+        half_slopes[q] = 0.5 * (sigma_slopes[q] - s_slope)
+        g_slope = 0.5 * (sigma_slopes[q] + s_slope)
+        for a in range(2):
+            leg_slopes[a, q] = (way_slopes[q, a] - leg[a] * g_slope) / g
+    return 0.5 * (sigma - s)
+
+
+@compiled
+def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> None:
+    """Burns (m, 4) of robot i and their slopes (m, 4, v) by its varied parameters x (v,)."""
+    m, v = burns.shape[0], x.size
+    start, velocity, goal = fleet.start[i], fleet.velocity[i], fleet.goal[i]
+    legs, by = np.zeros((m + 1, 2)), np.zeros((m + 1, 2, v))
+    way, way_slopes, sigma_slopes = np.zeros(2), np.zeros((4, 2)), np.zeros(4)
+    leg, leg_slopes, half_slopes = np.zeros(2), np.zeros((2, 4)), np.zeros(4)
+    burns[:] = 0.0
+    slopes[:] = 0.0
+    # The first leg: parameters c, W, tau are x[0:4].
+    for a in range(2):
+        way[a] = x[1 + a] - start[a] - velocity[a] * x[3]
+        way_slopes[1 + a, a] = 1.0
+        way_slopes[3, a] = -velocity[a]
+        legs[0, a] = velocity[a]
+    sigma_slopes[0], sigma_slopes[3] = -1.0, 1.0
+    half = _end_leg(
+        way, x[3] - x[0], way_slopes, sigma_slopes, fleet.thrust, fleet.pause,
+        leg, leg_slopes, half_slopes,
+    )  # fmt: skip
+    burns[0, CENTRE], burns[0, HALF] = x[0] + half, half
+    slopes[0, CENTRE, 0] = 1.0
+    for q in range(4):
+        slopes[0, CENTRE, q] += half_slopes[q]
+        slopes[0, HALF, q] = half_slopes[q]
+        for a in range(2):
+            by[1, a, q] = leg_slopes[a, q]
+    for a in range(2):
+        legs[1, a] = velocity[a] + leg[a]
+    # Legs between two corners.
+    for k in range(2, m - 1):
+        w = 3 * k - 5
+        time = max(x[w + 5] - x[w + 2], 1.25 * fleet.pause)
+        for a in range(2):
+            legs[k, a] = (x[w + 3 + a] - x[w + a]) / time
+            by[k, a, w + 3 + a], by[k, a, w + a] = 1.0 / time, -1.0 / time
+            by[k, a, w + 5], by[k, a, w + 2] = -legs[k, a] / time, legs[k, a] / time
+    # The last leg: parameters W, tau, T are the last four.
+    w = v - 4
+    way_slopes[:] = 0.0
+    sigma_slopes[:] = 0.0
+    for a in range(2):
+        way[a] = goal[a] - x[w + a]
+        way_slopes[a, a] = -1.0
+    sigma_slopes[2], sigma_slopes[3] = -1.0, 1.0
+    half = _end_leg(
+        way, x[w + 3] - x[w + 2], way_slopes, sigma_slopes, fleet.thrust, fleet.pause,
+        leg, leg_slopes, half_slopes,
+    )  # fmt: skip
+    burns[m - 1, CENTRE], burns[m - 1, HALF] = x[w + 3] - half, half
+    slopes[m - 1, CENTRE, w + 3] = 1.0
+    for q in range(4):
+        slopes[m - 1, CENTRE, w + q] -= half_slopes[q]
+        slopes[m - 1, HALF, w + q] = half_slopes[q]
+        for a in range(2):
+            by[m - 1, a, w + q] = leg_slopes[a, q]
+    for a in range(2):
+        legs[m - 1, a] = leg[a]
+    for k in range(m):
+        for a in range(2):
+            burns[k, a] = legs[k + 1, a] - legs[k, a]
+            for q in range(v):
+                slopes[k, a, q] = by[k + 1, a, q] - by[k, a, q]
+    for k in range(1, m - 1):
+        size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + _TINY)
+        burns[k, CENTRE], burns[k, HALF] = x[3 * k], 0.5 * size / fleet.thrust
+        slopes[k, CENTRE, 3 * k] = 1.0
+        for q in range(v):
+            along = burns[k, X] * slopes[k, X, q] + burns[k, Y] * slopes[k, Y, q]
+            slopes[k, HALF, q] = 0.5 * along / (size * fleet.thrust)
+
+
+@compiled
+def place(t: float, start: Array, velocity: Array, burns: Array, found: Array) -> None:
+    """Fill in position, velocity and acceleration at `t`, (6,)."""
+    for a in range(2):
+        found[a], found[2 + a], found[4 + a] = start[a] + velocity[a] * t, velocity[a], 0.0
+    for k in range(burns.shape[0]):
+        u, h = t - burns[k, CENTRE], burns[k, HALF]
+        if u <= -h:
+            continue
+        if u >= h:
+            r, rate, bend = u, 1.0, 0.0
+        else:
+            r, rate, bend = (u + h) ** 2 / (4.0 * h), (u + h) / (2.0 * h), 0.5 / h
+        for a in range(2):
+            found[a] += burns[k, a] * r
+            found[2 + a] += burns[k, a] * rate
+            found[4 + a] += burns[k, a] * bend
+
+
+@compiled
+def add_slope(t: float, burns: Array, slopes: Array, along: Array, row: Array) -> None:
+    """Add to `row` (v,) the slopes of `along` (2,) times the position at `t`."""
+    for k in range(burns.shape[0]):
+        u, h = t - burns[k, CENTRE], burns[k, HALF]
+        if u <= -h:
+            continue
+        r, rate, by_half = u, 1.0, 0.0
+        if u < h:
+            r, rate = (u + h) ** 2 / (4.0 * h), (u + h) / (2.0 * h)
+            by_half = (h * h - u * u) / (4.0 * h * h)
+        p = along[0] * burns[k, X] + along[1] * burns[k, Y]
+        for q in range(row.size):
+            row[q] += (along[0] * slopes[k, X, q] + along[1] * slopes[k, Y, q]) * r
+            row[q] += p * (by_half * slopes[k, HALF, q] - rate * slopes[k, CENTRE, q])
+
+
+@compiled
+def _coast(burn: Array, sigma: float, beside: float, fleet: Fleet) -> float:
+    """
+    Coast between an end's `burn` and what is `beside` the other end of its leg of `sigma` s.
+
+    As a difference of squares: where no time is left to coast, the coast itself changes steeply.
+    """
+    size = math.hypot(burn[X], burn[Y])
+    square = sigma * sigma - 2.0 * size * (sigma - burn[HALF]) / fleet.thrust
+    coast: float = (square - beside * beside) / max(sigma, fleet.pause)
+    return coast
+
+
+@compiled
+def own_margins(x: Array, fleet: Fleet, i: int, burns: Array, margins: Array) -> None:
+    """
+    Margins of robot i that concern no other (m + 2,).
+
+    First the coast before every burn, less what the thruster needs to turn; then, by axis, how far
+    a robot on the move may go on before its first burn turns it back from a wall.
+    """
+    m, duration = burns.shape[0], x[x.size - 1]
+    a, switch = turning(duration, fleet.goal_yaw[i] - fleet.yaw[i], fleet.yaw_rate[i])
+    angle, since = fleet.alpha[i], 0.0  # of the thruster, and since when it may turn
+    end, pause = 0.0, 0.0
+    for k in range(m):
+        half = burns[k, HALF]
+        begin = burns[k, CENTRE] - half
+        gap = begin - end - pause
+        if k == 1:
+            gap = _coast(burns[0], x[3] - x[0], burns[1, HALF] + pause, fleet)
+        elif k == m - 1:
+            sigma = x[x.size - 1] - x[x.size - 2]
+            gap = _coast(burns[k], sigma, burns[k - 1, HALF] + pause, fleet)
+        if math.hypot(burns[k, X], burns[k, Y]) > WEAKEST * fleet.speed or k == m - 1:
+            heading = math.atan2(burns[k, Y], burns[k, X])
+            yaw = fleet.yaw[i], fleet.yaw_rate[i], fleet.goal_yaw[i]
+            if not math.isnan(angle):
+                away = heading - attitude(begin, duration, a, switch, *yaw) - angle
+                away -= 2.0 * math.pi * math.floor((away + math.pi) / (2.0 * math.pi))
+                gap = min(gap, begin - since - (abs(away) - ALIGNED) / fleet.rate)
+            since = begin + 2.0 * half
+            angle = heading - attitude(since, duration, a, switch, *yaw)
+        margins[k] = 2.0 * gap / fleet.time
+        if half < 0.0:
+            margins[k] = min(margins[k], 2.0 * (half - fleet.pause) / fleet.time)
+        end, pause = begin + 2.0 * half, fleet.pause
+    for axis in range(2):
+        margins[m + axis] = 1.0
+        speed = abs(fleet.velocity[i, axis])
+        outward = fleet.velocity[i, axis] > 0.0
+        braking = -burns[0, axis] if outward else burns[0, axis]
+        if speed > 0.0 and braking > speed:
+            wall = fleet.high[i, axis] if outward else fleet.low[i, axis]
+            reach = speed * (x[0] + burns[0, HALF] * speed / braking)
+            margins[m + axis] = (abs(wall - fleet.start[i, axis]) - reach) / fleet.length
+
+
+@compiled
+def smoothing(fleet: Fleet, i: int, k: int, m: int) -> float:
+    """Return what rounds |p_k| off: nothing for burns that cannot vanish."""
+    moving = fleet.velocity[i, 0] != 0.0 or fleet.velocity[i, 1] != 0.0
+    return fleet.speed if 0 < k < m - 1 or (k == 0 and moving) else 1e-6 * fleet.speed
+
+
+@compiled
+def _gas_slopes(fleet: Fleet, i: int, burns: Array, slopes: Array, gradient: Array) -> None:
+    m = burns.shape[0]
+    gradient[:] = 0.0
+    for k in range(m):
+        e = smoothing(fleet, i, k, m)
+        size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + e * e)
+        for q in range(gradient.size):
+            along = burns[k, X] * slopes[k, X, q] + burns[k, Y] * slopes[k, Y, q]
+            gradient[q] += along / size
+
+
+@compiled
+def own_slopes(
+    x: Array,
+    fleet: Fleet,
+    i: int,
+    slopes: Array,
+    burns: Array,
+    gradient: Array,
+    hessian: Array,
+    margin_slopes: Array,
+) -> None:
+    """
+    Slopes of robot i's gas, (v,) and (v, v), and of its own margins (m + 2, v).
+
+    The Hessian differences the exact gradient, and so are the margins.
+    """
+    v, m = x.size, burns.shape[0]
+    other, other_slopes = np.zeros((m, 4)), np.zeros((m, 4, v))
+    first, second = np.zeros((2, v)), np.zeros((2, m + 2))
+    _gas_slopes(fleet, i, burns, slopes, gradient)
+    at = x.copy()
+    for q in range(v):
+        position = q % 3 != 0 and q < v - 1
+        step = _STEP * (fleet.length if position else fleet.time)
+        for side in range(2):
+            at[q] = x[q] + (step if side else -step)
+            round_off(at, fleet, i, other, other_slopes)
+            _gas_slopes(fleet, i, other, other_slopes, first[side])
+            own_margins(at, fleet, i, other, second[side])
+        at[q] = x[q]
+        for r in range(v):
+            hessian[r, q] = 0.5 * (first[1, r] - first[0, r]) / step
+        for r in range(m + 2):
+            margin_slopes[r, q] = 0.5 * (second[1, r] - second[0, r]) / step
+    for r in range(v):
+        for q in range(r):
+            mean = 0.5 * (hessian[r, q] + hessian[q, r])
+            hessian[r, q] = hessian[q, r] = mean
