@@ -54,6 +54,7 @@ def starts(
     With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
     arcs leave no room.
     """
+    most = min(most, _MOST_RANDOM_ARCS)
     durations, arcs = random_durations(task, rng, count, most)
     if task.drive < 1.0:
         pumped = slice(0, count, 2)
@@ -74,7 +75,7 @@ def random_durations(
     w0 = task.plant.natural_frequency
     quickest = max(task.quickest, 1e-3 / w0)
     shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
-    arcs = FEWEST_ARCS + np.arange(count) % (min(most, _MOST_RANDOM_ARCS) - FEWEST_ARCS + 1)
+    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
     shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
     totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
     return shares * (totals / shares.sum(axis=1))[:, None], arcs

@@ -261,7 +261,17 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     disk_slopes = np.zeros((arcs * steps + 1, arcs, LANES))
     peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     roll_lanes(
-        k, start, durations, torques, arcs, steps, state, derivatives, disk_slopes, peaks, nodes
+        k,
+        np.repeat(start, LANES),
+        durations,
+        torques,
+        arcs,
+        steps,
+        state,
+        derivatives,
+        disk_slopes,
+        peaks,
+        nodes,
     )
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
