@@ -50,7 +50,7 @@ from tdm_planner.problems.switching_seeds import starts
 Array = NDArray[np.float64]
 
 _ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
-_POLISHED, _POLISHED_PUMPED = 10, 4  # candidates
+_POLISHED, _POLISHED_PUMPED = 10, 3  # candidates
 _PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
@@ -59,7 +59,8 @@ _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
-_FINER = 4, 16  # times the steps where the check still finds the integration inaccurate
+_LOST = 1e-2  # violation after the fine polish of what is not worth a check
+_FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -108,6 +109,9 @@ class SwitchingMethod(Search[Candidate]):
             if self.budget.spent:
                 return
             fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
+        if not violation < _LOST:
+            self.rejected = 'integrated finely none ends upright any more'
+            return
         yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
         for more in _FINER:
             if self.budget.spent or violation > 1e-6:
@@ -232,6 +236,8 @@ class SwitchingMethod(Search[Candidate]):
         states = roll_states(
             task.plant, task.start, closest.durations, closest.torques, COARSE_STEPS
         )
+        if not np.isfinite(states).all():
+            return search
         w0 = task.plant.natural_frequency
         error = np.abs(states[-1] - task.goal_nearest(states[-1]))
         scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]

@@ -37,9 +37,9 @@ from tdm_planner.problems.switching_seeds import FEWEST_ARCS
 Array = NDArray[np.float64]
 Late = Callable[[], bool]
 
-VARIANTS, _AT_ONCE = 256, 32  # simulated, and so many of them between two looks at the clock
+VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many of them between two looks at the clock
 _LONGEST = 400.0  # of 1/w0: what a pump may take
-_LANDED, _ENOUGH = 64, 8  # variants, the most promising, that are landed; arrivals that do
+_LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 3.0  # times that weight: at most, and where variants are compared
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive

@@ -36,8 +36,9 @@ Array = NDArray[np.float64]
 
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-_HEAD_STEPS, _WATCHED = 384, 24  # and along arcs that stay as they are, and instants
+_HEAD_STEPS, _WATCHED = 192, 24  # and along arcs that stay as they are, and instants
 # of such an arc at which the disk is looked at
+_INSIDE = 0.995  # of the disk's limit, as between those instants it is not
 # What is spent on landing: turns of so many iterations, after which those are given up whose sum
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
@@ -153,7 +154,7 @@ def _inside(task: SwingUpTask, candidate: Candidate) -> bool:
     parts = np.repeat(durations / _WATCHED, _WATCHED)
     torques = np.repeat(torques, _WATCHED)
     disk = roll_states(task.plant, task.start, parts, torques, 2)[:, 1]
-    return bool(np.abs(disk).max() <= task.planned_disk_angle)
+    return bool(np.abs(disk).max() <= max(_INSIDE * task.disk_angle, abs(task.start[1])))
 
 
 def after_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
@@ -210,7 +211,13 @@ def polish(
 
 
 def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
-    """Return a polished candidate, integrated in more steps; and its largest violation."""
+    """
+    Return a polished candidate, integrated in more steps; and its largest violation.
+
+    What is fixed switches at whole nanoseconds, as trajectories do: many swings magnify the rest.
+    """
+    switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
+    candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
     w0, program = task.plant.natural_frequency, _program(task, candidate, steps)
     xi, violation = candidate.tail[0] * w0, math.inf
     for _ in range(_CORRECTIONS):
@@ -228,7 +235,7 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
 
 def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    start = after_fixed(task, candidate, task.steps(_HEAD_STEPS))
+    start = after_fixed(task, candidate, max(task.steps(_HEAD_STEPS), 4 * steps))
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle
     return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 
@@ -272,7 +279,8 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
         times.append(inside)
         torques.append(np.full(count, torque))
     instants, held = np.concatenate(times), np.concatenate(torques)
-    states = roll_states(task.plant, task.start, np.diff(instants), held, _SUBSTEPS)
+    substeps = task.steps(_SUBSTEPS)
+    states = roll_states(task.plant, task.start, np.diff(instants), held, substeps)
     controls = np.append(held, held[-1])[:, None]
     return task.trajectory(instants, states, controls)
 
