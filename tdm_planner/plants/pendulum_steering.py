@@ -280,9 +280,8 @@ def steer_arcs(
         if busy == 0:
             return rollouts
         rollouts += busy
-        roll_lanes(
-            k, begins, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes
-        )
+        state[:] = begins
+        roll_lanes(k, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes)
         for lane in range(LANES):
             b = in_lane[lane]
             if b < 0:

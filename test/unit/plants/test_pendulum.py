@@ -261,7 +261,7 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     steps, k = 24, PLANT.coefficients
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
-    state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
+    state, derivatives = np.repeat(start, LANES), np.empty((arcs, 4 * LANES))
     disk_slopes = np.zeros((arcs * steps + 1, arcs, LANES))
     peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     roll_lanes(
