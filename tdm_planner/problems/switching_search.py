@@ -30,7 +30,7 @@ from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import arc_program, ArcProgram, evaluate_arcs
 from tdm_planner.problems.switching_seeds import FEWEST_ARCS
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -287,5 +287,5 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
 
 def _arcs(switches: Array, torques: Array) -> Iterator[tuple[float, float, float]]:
     for start, end, torque in zip(switches[:-1], switches[1:], torques, strict=True):
-        if end > start:
+        if end - start > 1.5 * NANOSECOND:  # the rest of a plan could not tell its ends apart
             yield float(start), float(end), float(torque)

@@ -266,7 +266,6 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     roll_lanes(
         k,
-        np.repeat(start, LANES),
         durations,
         torques,
         arcs,
