@@ -31,7 +31,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import dormand_prince, replay_steps, roll_arcs
-from tdm_planner.plants.pendulum_steering import steer_arcs
+from tdm_planner.plants.pendulum_steering import steer_arcs, THOROUGH
 from tdm_planner.plants.rotary_pendulum import Coefficients
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.switching_seeds import starts
@@ -90,8 +90,8 @@ def arrivals(made: PendulumSwingUp, rng: np.random.Generator) -> list[Arcs]:
         batch = starts(n.task, rng, _ROUND, made.switching_arcs)
         durations, torques, arcs, costs = batch.durations, batch.torques, batch.arcs, batch.costs
         steer_arcs(
-            n.k, n.start, durations, arcs, torques, batch.turns, n.psi_max, n.w0, STEERED, 25,
-            1e-20, costs,
+            n.k, np.tile(n.start, (arcs.size, 1)), durations, arcs, torques, batch.turns,
+            n.psi_max, n.w0, STEERED, THOROUGH, costs,
         )  # fmt: skip
         for i in np.flatnonzero(costs < 1e-12):
             d, u = durations[i, : arcs[i]].copy(), torques[i, : arcs[i]].copy()

@@ -77,6 +77,17 @@ _SECTIONS = (
         300.0,
     ),
     Section(
+        'rigs',
+        'Rigs',
+        'Swing-ups of {rigs} rigs of random constants, default settings, 1 s, by their drive, the '
+        "pendulum's acceleration by the torque over that by gravity: com distance .06-2 m, arm "
+        '.2-2 times that, .01-10 kg, inertias of pendulum and disk .01-30 m l^2, torque '
+        '.05-5 m g l, disk limits .8-4 rad. Replans start half-way, .02 rad and .02 w0 off.',
+        {'rigs': 200},
+        {'rigs': 3},
+        900.0,
+    ),
+    Section(
         'robots',
         'Robots',
         'Random crossings of robots: {scenarios} of three, up to 50 of other teams, 30 of every '

@@ -25,9 +25,10 @@ saturated, is held, as a tracker does with a plan, to look ahead to the plan's e
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ Array = NDArray[np.float64]
 _STAGES = 12
 _LONGEST = 0.05  # of 1/w0: no step of a replay is longer
 _FASTEST = 0.3  # rad, that no angle turns by in one of them
+_MOST_PARTS = 20  # of a step that is too long
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 
 inlined(stated.mechanics)
@@ -86,11 +88,12 @@ def _cosine(angle: float) -> float:
     return sine_and_cosine(angle)[1]
 
 
-accelerations_with_slopes = inlined(
-    with_slopes(
-        stated.accelerations, ('theta', 'theta_dot', 'psi_dot'), _sine, _cosine, k=Coefficients
-    )
-)
+def _written(*by: str) -> Callable[..., Any]:
+    return inlined(with_slopes(stated.accelerations, by, _sine, _cosine, k=Coefficients))
+
+
+quick_accelerations = _written()
+accelerations_with_slopes = _written('theta', 'theta_dot', 'psi_dot')
 
 
 @compiled
@@ -203,15 +206,21 @@ def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array)
     States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
 
     None where that would be inaccurate: where a held control jumps between two `times`, or where
-    they are too far apart.
+    they are much too far apart.
     """
     if times.size < 2 or abs(times[0] - trajectory.times[0]) > 1e-12:
         return None
     steps = np.diff(times)
     fastest = float(np.abs(trajectory.states[:, 2:]).max())
     longest = min(_LONGEST / plant.natural_frequency, _FASTEST / max(fastest, 1e-9))
-    if steps.max() > longest:
+    parts = math.ceil(min(steps.max() / longest, 1e9))
+    if parts > _MOST_PARTS:
         return None
+    if parts > 1:
+        shares = np.arange(parts) / parts
+        finer = np.append((times[:-1, None] + steps[:, None] * shares).ravel(), times[-1])
+        states = replay_pendulum(plant, trajectory, finer)
+        return None if states is None else states[::parts]
     formula = dormand_prince()
     if trajectory.interpolation == 'zero_order_hold':
         if not np.isin(_switches(trajectory), times).all():

@@ -116,7 +116,6 @@ def _remember_peaks(state: Array, node: float, peaks: Array, nodes: Array) -> No
 @compiled
 def roll_lanes(
     k: Coefficients,
-    start: Array,
     durations: Array,
     torques: Array,
     arcs: int,
@@ -128,10 +127,10 @@ def roll_lanes(
     nodes: Array,
 ) -> None:
     """
-    Integrate `LANES` motions from `start` (4,) over `arcs` arcs of `steps` RK4 steps.
+    Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs of `steps` RK4 steps.
 
-    `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. Filled are the final
-    `state` (4 LANES,) and its `derivatives` (K, 4 LANES) by the durations; the psi of every
+    `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. `state` becomes the final
+    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every
     arc that is largest in size, `peaks` (K, LANES), the nodes where they are, `nodes` (K, LANES),
     and the derivatives of psi by the durations at every node, `disk_slopes` (K steps + 1, K,
     LANES).
@@ -141,9 +140,6 @@ def roll_lanes(
     """
     stages, slopes, h = np.empty((4, STATE)), np.empty((4, _SLOPES)), np.empty(LANES)
     nothing, flat = np.zeros(STATE), slopes.ravel()
-    for m in range(4):
-        for i in range(LANES):
-            state[m * LANES + i] = start[m]
     first, second, third, fourth = stages[0], stages[1], stages[2], stages[3]
     node = 0
     for arc in range(arcs):

@@ -23,9 +23,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 import os
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,18 +41,32 @@ Integers = NDArray[np.intp]
 # Sum of squares at which a start has arrived, and the effort spent on one.
 ARRIVED = 1e-12
 _TARGET = 1e-20
-_ITERATIONS = 25
 _CHUNK = 50  # starts between two looks at the clock
-# Starts whose sum of squares is still this large after so many iterations hardly ever arrive.
-EARLY, EARLY_COST = 9, 0.3
-LATE, LATE_COST = 16, 1e-2
+EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squares
 TRIES = 6  # ever more damped steps tried from one point
+
+
+class Effort(NamedTuple):
+    """
+    What is spent on a start: `iterations`, none of which changes an arc by more than `reach` / w0.
+
+    Starts whose sum of squares is still larger than `early_cost` after 9 iterations, or than
+    `late_cost` after 16, hardly ever arrive and are given up.
+    """
+
+    iterations: int = 25
+    early_cost: float = 0.3
+    late_cost: float = 1e-2
+    reach: float = math.inf
+
+
+THOROUGH = Effort()
 
 
 @dataclass(frozen=True)
 class ArcBatch:
     """
-    Many sequences of arcs from one start state.
+    Many sequences of arcs.
 
     `durations` (B, K) [s], zero from `arcs` (B,) on; `torques` (B, K) [N m]; `turns` (B,) the
     number of turns of the goal, NaN for the nearest; `costs` (B,) the sum of squared distances
@@ -59,10 +74,14 @@ class ArcBatch:
     """
 
     durations: Array
-    arcs: NDArray[np.intp]
+    arcs: Integers
     torques: Array
     turns: Array
     costs: Array
+
+    def rows(self, chosen: slice | Integers) -> ArcBatch:
+        """Return some of the sequences: of a slice views, of indices copies."""
+        return ArcBatch(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 @compiled
@@ -211,7 +230,7 @@ def _propose(
 @compiled
 def steer_arcs(
     k: Coefficients,
-    start: Array,
+    starts: Array,
     durations: Array,
     arcs: Integers,
     torques: Array,
@@ -219,24 +238,23 @@ def steer_arcs(
     psi_max: float,
     w0: float,
     steps: int,
-    iterations: int,
-    target: float,
+    effort: Effort,
     costs: Array,
 ) -> int:
     """
     Vary the durations of many starts until each ends upright at rest within +-psi_max.
 
     Every row of `durations` (B, K) [s], of which the first `arcs` (B,) count, is changed in place
-    under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns, NaN for the nearest
-    one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi, theta'/w0, psi'/w0,
-    excess of |psi| in every arc); below `target` a start has arrived. Returns the number of
-    integrations. What becomes of a start does not depend on the others.
+    from `starts` (B, 4) under `torques` (B, K) [N m]; `turns` (B,) is the goal's number of turns,
+    NaN for the nearest one. `costs` (B,) receives the sum of squares of (theta - 2 pi n, psi,
+    theta'/w0, psi'/w0, excess of |psi| in every arc). Returns the number of integrations. What
+    becomes of a start does not depend on the others.
     """
     batch, most = durations.shape
     state, derivatives = np.empty(STATE), np.empty((most, STATE))
     disk_slopes = np.empty((most * steps + 1, most, LANES))
     peaks, nodes = np.empty((most, LANES)), np.empty((most, LANES))
-    trials, held = np.zeros((most, LANES)), np.zeros((most, LANES))
+    trials, held, begins = np.zeros((most, LANES)), np.zeros((most, LANES)), np.zeros(STATE)
     normal, gradient = np.empty((LANES, most, most)), np.empty((LANES, most))
     damping, longest, floor = np.empty(LANES), np.empty(LANES), 1e-3 * w0 * w0
     accepted, refused = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
@@ -253,17 +271,17 @@ def steer_arcs(
                 taken += 1
                 in_lane[lane], costs[b] = b, np.inf
                 damping[lane], accepted[lane], refused[lane] = 1e-3, -1, 0
-                longest[lane] = 0.2 * durations[b].sum() + 0.2 / w0
+                longest[lane] = min(0.2 * durations[b].sum() + 0.2 / w0, effort.reach / w0)
                 trials[:, lane], held[:, lane] = durations[b], torques[b]
+                begins[lane::LANES] = starts[b]
             if in_lane[lane] >= 0:
                 busy += 1
                 rolled = max(rolled, arcs[in_lane[lane]])
         if busy == 0:
             return rollouts
         rollouts += busy
-        roll_lanes(
-            k, start, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes
-        )
+        state[:] = begins
+        roll_lanes(k, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes)
         for lane in range(LANES):
             b = in_lane[lane]
             if b < 0:
@@ -286,8 +304,11 @@ def steer_arcs(
                 refused[lane] += 1
                 damping[lane] *= 6.0
             best, done = costs[b], accepted[lane]
-            hopeless = (done >= EARLY and best > EARLY_COST) or (done >= LATE and best > LATE_COST)
-            if hopeless or done >= iterations - 1 or best < target or not best < 1e12:
+            hopeless = (done >= EARLY and best > effort.early_cost) or (
+                done >= LATE and best > effort.late_cost
+            )
+            enough = done >= effort.iterations - 1 or best < _TARGET
+            if hopeless or enough or not best < 1e12:
                 in_lane[lane] = -1
                 continue
             damping[lane], refused[lane] = _propose(
@@ -307,18 +328,21 @@ def steer(
     psi_max: float,
     steps: int,
     stop: Callable[[], bool],
+    effort: Effort = THOROUGH,
 ) -> int:
     """
     Vary all durations until the motions end upright at rest; the batch changes in place.
 
     Levenberg-Marquardt on (theta - 2 pi n, psi, theta'/w0, psi'/w0, excess of |psi|) for every
-    start on its own. One core is left to the control loop: chunks of starts are shared out evenly
-    among threads on the others. `stop` is asked between chunks and ends it early. Returns the
-    number of integrations. The result does not depend on the number of cores.
+    sequence on its own, from `start` (4,), or (B, 4) where each has its own. One core is left to
+    the control loop: chunks of sequences are shared out evenly among threads on the others. `stop`
+    is asked between chunks and ends it early. Returns the number of integrations. The result does
+    not depend on the number of cores.
     """
     chunks = range(0, batch.arcs.size, _CHUNK)
     workers = max(1, min(_cores() - 1, len(chunks)))
-    constants, w0 = plant.coefficients, plant.natural_frequency
+    starts = np.empty((batch.arcs.size, 4))
+    starts[:] = start
 
     def work(worker: int) -> int:
         rollouts = 0
@@ -326,19 +350,19 @@ def steer(
             if stop():
                 break
             rows = slice(first, first + _CHUNK)
+            part = batch.rows(rows)
             rollouts += steer_arcs(
-                constants,
-                start,
-                batch.durations[rows],
-                batch.arcs[rows],
-                batch.torques[rows],
-                batch.turns[rows],
+                plant.coefficients,
+                starts[rows],
+                part.durations,
+                part.arcs,
+                part.torques,
+                part.turns,
                 psi_max,
-                w0,
+                plant.natural_frequency,
                 steps,
-                _ITERATIONS,
-                _TARGET,
-                batch.costs[rows],
+                effort,
+                part.costs,
             )
         return rollouts
 

@@ -34,6 +34,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import compile_feedback, compile_replay
+from tdm_planner.plants.pendulum_peaks import compile_least_peak
+from tdm_planner.plants.pendulum_pumping import compile_pump
 from tdm_planner.plants.pendulum_steering import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
@@ -112,7 +114,9 @@ class PendulumSwingUp(Problem, Validated):
         choices=('switching', 'smooth', 'virtual_arc'),
     )
     switching_arcs: int = parameter(
-        8, 'most arcs of constant torque in a plan', allowed=Range(4, 32)
+        256,
+        'most arcs of constant torque in a plan; how many it takes is found out',
+        allowed=Range(4, 1024),
     )
     solver: SolverParameters = group(SolverParameters)
 
@@ -143,6 +147,8 @@ class PendulumSwingUp(Problem, Validated):
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
         compile_kernels(self.plant)
+        compile_pump(self.plant)
+        compile_least_peak(self.plant)
         compile_replay(self.plant)
         compile_minimiser(self.plant)
         compile_feedback(self.plant)

@@ -21,7 +21,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_peaks import least_peak
+from tdm_planner.plants.pendulum_pumping import slowness
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -32,7 +33,8 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
-_RESOLUTION = 1e-3  # s, of the check
+_AT_FIRST = 4.0  # of 1/w0, in which the disk may leave its range whatever the torque does
+_RESOLUTION, _INSTANTS = 1e-3, 20_000  # s, of the check; in so many instants where it is longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,15 @@ class SwingUpTask:
         """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
         k = self.plant.coefficients
         return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+
+    def steps(self, usual: int) -> int:
+        """Return the RK4 steps an arc: more than usual where a light disk makes swings quick."""
+        return math.ceil(usual / min(1.0, 2.0 * slowness(self.plant.coefficients)))
+
+    def fine_time(self, share: float) -> float:
+        """Return that share of the time scale of the quickest swings [s]."""
+        slow = slowness(self.plant.coefficients)
+        return share / self.plant.natural_frequency * min(1.0, 2.0 * slow)
 
     @property
     def disk_acceleration(self) -> float:
@@ -101,30 +112,15 @@ class SwingUpTask:
         error = np.abs(self.start - self.goal_nearest(self.start))
         return min(1.0, float((error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]).max()))
 
-    def braking_peak(self) -> float:
+    def least_peak(self) -> float:
         """
-        Largest |psi| [rad] if the torque brakes the disk fully until it stands.
+        Least |psi| [rad] found that some torque does not exceed at first, see `pendulum_peaks`.
 
-        A disk that the pendulum drives on is followed for four times as long as the torque alone
-        needs. Infinite if the motion leaves the range of numbers.
+        Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """
-        speed = float(self.start[3])
-        if speed == 0.0:
-            return abs(float(self.start[1]))
-        acceleration, longest = self.disk_acceleration, 1e6
-        if acceleration * longest > 4.0 * abs(speed):
-            longest = 4.0 * abs(speed) / acceleration
-        steps = 400
-        torques = np.full(steps, -math.copysign(self.torque, speed))
-        with np.errstate(all='ignore'):
-            states = roll_states(
-                self.plant, self.start, np.full(steps, longest / steps), torques, 4
-            )
-        standing = np.flatnonzero(~(states[:, 3] * speed > 0.0))
-        last = standing[0] if standing.size else steps
-        if not np.isfinite(states[last]).all():
-            return math.inf
-        return float(np.abs(states[: last + 1, 1]).max())
+        w0, limit = self.plant.natural_frequency, self.disk_angle
+        horizon = min(_AT_FIRST / w0, 4.0 * math.sqrt(limit / self.disk_acceleration))
+        return least_peak(self.plant.coefficients, self.start, self.torque, horizon, w0, limit)
 
     def turns_nearest(self, state: Array) -> int:
         """
@@ -168,7 +164,7 @@ class SwingUpTask:
             goal,
             TERMINAL_TOLERANCE,
             self.constraints,
-            resolution=_RESOLUTION,
+            resolution=max(_RESOLUTION, trajectory.duration / _INSTANTS),
             start=self.start,
         )
 

@@ -15,8 +15,9 @@
 """
 Method `switching`: the quickest verified swing-up with the torque at its extremes.
 
-Rounds of random starts are steered upright, the quickest arrivals are polished coarsely, then in
-order of their time finely, until one passes the verification.
+Rounds of first guesses, random ones and those that pump, are steered upright, the quickest
+arrivals are polished coarsely, then in order of their time finely, until one passes the
+verification.
 """
 
 from __future__ import annotations
@@ -32,9 +33,11 @@ from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_pump import pumped, VARIANTS
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
+    corrected,
     distinct,
     FINE_STEPS,
     polish,
@@ -46,7 +49,9 @@ from tdm_planner.problems.switching_seeds import starts
 
 Array = NDArray[np.float64]
 
-_ROUNDS, _POLISHED = (100, 100, 100), 10  # starts of the first rounds, candidates polished
+_ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
+_POLISHED, _POLISHED_PUMPED = 10, 3  # candidates
+_PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
@@ -54,6 +59,8 @@ _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
+_LOST = 1e-2  # violation after the fine polish of what is not worth a check
+_FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
 
@@ -79,25 +86,38 @@ class SwitchingMethod(Search[Candidate]):
         self._rng = rng
         self._arcs = arcs
         self._tolerance = tolerance
-        self._steps = COARSE_STEPS
-        self._starts = 0
+        self._steps = task.steps(COARSE_STEPS)
+        self._pumping = task.drive < _PUMPED_FIRST
+        self._rounds = self._starts = 0
         self._closest: tuple[float, Candidate] | None = None
         self._arrived = 0
 
     def candidates(self) -> Iterable[Candidate]:
-        """Steer rounds of starts upright and minimise the times of the quickest arrivals."""
-        return self._polished(self._arrivals())[:_CHECKED]
+        """Steer first guesses upright and minimise the times of the quickest arrivals."""
+        arrivals = self._pumped() if self._pumping else self._arrivals()
+        return self._polished(arrivals)[:_CHECKED]
 
     def plans(self, candidate: Candidate) -> Iterator[Plan]:
         """Yield the motion under the finely polished arcs, without those too short to matter."""
         shorter = without_short_arcs(self._task, candidate)
+        fine, violation = shorter, math.inf
+        if self._pumping:  # of so many arcs the last digits of the time do not matter
+            fine, violation = corrected(self._task, shorter, self._task.steps(FINE_STEPS))
         for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
-            if self.budget.spent:
-                return
-            fine, violation = self._finely(arcs, FINE_STEPS)
             if violation < 1e-6:
                 break
+            if self.budget.spent:
+                return
+            fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
+        if not violation < _LOST:
+            self.rejected = 'integrated finely none ends upright any more'
+            return
         yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
+        for more in _FINER:
+            if self.budget.spent or violation > 1e-6:
+                return
+            fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
+            yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
 
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""
@@ -107,10 +127,16 @@ class SwitchingMethod(Search[Candidate]):
         return found
 
     def widen(self) -> bool:
-        """Integrate more finely: the coarse integration may have found what does not exist."""
+        """
+        Pump after random starts, and the other way round.
+
+        After a rejection integrate more finely: the coarse integration may have found what does
+        not exist.
+        """
         if self.rejected:
-            self._steps = min(2 * self._steps, FINE_STEPS)
-        return True
+            self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
+        self._pumping = not self._pumping
+        return self.budget.elapsed < _STEERED * self.budget.seconds
 
     def failure(self) -> Infeasible:
         """Return what was found and why it does not do, or how near the search came."""
@@ -119,36 +145,43 @@ class SwitchingMethod(Search[Candidate]):
                 f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
                 f'the check: {self.rejected}'
             )
-        peak = self._task.braking_peak()
-        if not self._arrived and peak > self._task.disk_angle:
-            reached = f'to {peak:.3g} rad, beyond' if math.isfinite(peak) else 'far beyond'
+        peak, limit = 0.0 if self._arrived else self._task.least_peak(), self._task.disk_angle
+        if peak > limit:
+            found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
             return Infeasible(
-                f"the disk's speed start.psi_dot = {self._task.start[3]:g} rad/s is too high: "
-                f'even braked fully it turns {reached} limits.disk_angle = '
-                f'{self._task.disk_angle:g} rad'
+                f'no torque within {self._task.torque:.3g} N m (limits.torque less '
+                f'torque_reserve) keeps the disk inside limits.disk_angle = {limit:g} rad from '
+                f'start.psi_dot = {self._task.start[3]:g} rad/s on{found}'
             )
         return DeadlineExceeded(self._reason())
 
+    def _pumped(self) -> list[Candidate]:
+        """Pump and land; all distinct arrivals, quickest first."""
+        until = _STEERED * self.budget.seconds
+        found = pumped(self._task, self._rng, self._arcs, self.budget, until)
+        self._starts += VARIANTS
+        self._arrived += len(found)
+        return distinct(found)[:_POLISHED_PUMPED]
+
     def _arrivals(self) -> list[Candidate]:
         """
-        Steer rounds of starts; all distinct arrivals, quickest first.
+        Steer rounds of random starts; all distinct arrivals, quickest first.
 
         Polishing makes up for steering with fewer steps, which most starts are not worth.
         """
         budget, found = self.budget, list[Candidate]()
-        rounds = 0
-        while budget.elapsed < _STEERED * budget.seconds:
-            size = min(_ROUNDS[min(rounds, len(_ROUNDS) - 1)], self._affordable)
-            batch = starts(self._task, self._rng, size, self._arcs, rounds >= len(_ROUNDS))
+        for _ in range(_ROUNDS):
+            late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
+            if late:
+                break
+            size = min(_STARTS, self._affordable)
+            batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
             until = _STEERED * budget.seconds
             found += steered(self._task, batch, 2 * self._steps // 3, budget, until)
             self._remember_closest(batch)
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())
-            rounds += 1
-            late = budget.elapsed > _ENOUGH * budget.seconds
-            if found and (rounds >= len(_ROUNDS) or late):
-                break
+            self._rounds += 1
         return distinct(found)
 
     @property
@@ -166,8 +199,9 @@ class SwitchingMethod(Search[Candidate]):
             if until.spent:
                 done.append(candidate)
                 continue
+            steps = 2 * self._steps if self._pumping else self._steps
             better, violation = polish(
-                self._task, candidate, self._steps, self._tolerance, until, _CUTOFF * best
+                self._task, candidate, steps, self._tolerance, until, _CUTOFF * best
             )
             done.append(better)
             if violation < 1e-6:
@@ -185,16 +219,16 @@ class SwitchingMethod(Search[Candidate]):
     def _reason(self) -> str:
         task = self._task
         search = (
-            f'in {self.budget.seconds:g} s, {self._starts} starts of up to {self._arcs} arcs of '
-            f'{task.torque:.3g} N m (limits.torque less torque_reserve) '
+            f'in {self.budget.seconds:g} s, {self._starts} first guesses of up to {self._arcs} '
+            f'arcs of {task.torque:.3g} N m (limits.torque less torque_reserve) '
         )
         if self._arrived:
             return search + f'gave swing-ups ({self._arrived}), but left no time to check one'
         search += 'gave no swing-up'
         if task.drive < _WEAK:
             search += (
-                '; a torque this weak takes many swings: more switching_arcs, a longer '
-                'solver.deadline or more torque may help'
+                '; a torque this weak takes many swings: a longer solver.deadline or more torque '
+                'may help'
             )
         if self._closest is None or not math.isfinite(self._closest[0]):
             return search
@@ -202,6 +236,8 @@ class SwitchingMethod(Search[Candidate]):
         states = roll_states(
             task.plant, task.start, closest.durations, closest.torques, COARSE_STEPS
         )
+        if not np.isfinite(states).all():
+            return search
         w0 = task.plant.natural_frequency
         error = np.abs(states[-1] - task.goal_nearest(states[-1]))
         scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]

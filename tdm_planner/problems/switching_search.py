@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -25,36 +25,66 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
+from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, Effort, steer
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
-from tdm_planner.problems.switching_motion import arc_program, evaluate_arcs
+from tdm_planner.problems.switching_motion import arc_program, ArcProgram, evaluate_arcs
 from tdm_planner.problems.switching_seeds import FEWEST_ARCS
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
+from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
+_HEAD_STEPS, _WATCHED = 192, 24  # and along arcs that stay as they are, and instants
+# of such an arc at which the disk is looked at
+_INSIDE = 0.995  # of the disk's limit, as between those instants it is not
+# What is spent on landing: turns of so many iterations, after which those are given up whose sum
+# of squares is larger still.
+_TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
+_GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
+_CORRECTIONS = 6  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
 _SAMPLE_TIME = 5e-3  # [s]
+_MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
 _SUBSTEPS = 8  # RK4 steps between two samples of a trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Durations (K,) [s] of arcs of torque (K,) [N m] that end at theta = 2 pi `turns`."""
+    """
+    Durations (K,) [s] of arcs of torque (K,) [N m] that end at theta = 2 pi `turns`.
+
+    The first `fixed` of them stay as they are.
+    """
 
     durations: Array
     torques: Array
     turns: int
+    fixed: int = 0
 
     @property
     def total(self) -> float:
         """Time of the transfer [s]."""
         return float(self.durations.sum())
+
+    @property
+    def head(self) -> tuple[Array, Array]:
+        """Durations and torques of the arcs that stay as they are."""
+        n = self.fixed
+        return self.durations[:n], self.torques[:n]
+
+    @property
+    def tail(self) -> tuple[Array, Array]:
+        """Durations and torques of the arcs that are varied."""
+        n = self.fixed
+        return self.durations[n:], self.torques[n:]
+
+    def with_tail(self, durations: Array) -> Candidate:
+        """Return the arcs with other durations of those that are varied."""
+        return replace(self, durations=np.append(self.head[0], durations))
 
 
 def steered(
@@ -76,6 +106,61 @@ def steered(
         end = roll_states(task.plant, task.start, durations, torques, steps)[-1]
         found.append(Candidate(durations, torques, task.turns_nearest(end)))
     return found
+
+
+def land(
+    task: SwingUpTask,
+    candidates: list[Candidate],
+    steps: int,
+    budget: Budget,
+    late: Callable[[], bool],
+) -> list[Candidate]:
+    """Steer the arcs that are not fixed upright, at most until it is `late`; those that arrive."""
+    left = [each for each in candidates if _inside(task, each)]
+    if not left:
+        return []
+    counts = np.array([each.durations.size - each.fixed for each in left], dtype=np.intp)
+    shape = len(left), int(max(counts))
+    turn = math.nan if task.turns is None else float(task.turns)
+    batch = ArcBatch(
+        np.zeros(shape), counts, np.zeros(shape), np.full(len(left), turn),
+        np.full(len(left), np.inf),
+    )  # fmt: skip
+    for row, each in enumerate(left):
+        n = counts[row]
+        batch.durations[row, :n], batch.torques[row, :n] = each.tail
+    starts = np.array([after_fixed(task, each, 4 * steps) for each in left])
+    rows, found = np.arange(len(left)), []
+    for most in _GIVEN_UP:
+        if late() or not rows.size:
+            break
+        part = batch.rows(rows)
+        budget.evaluations += steer(
+            task.plant, starts[rows], part, task.planned_disk_angle, steps, late, _TURN
+        )
+        batch.durations[rows], batch.costs[rows] = part.durations, part.costs
+        rows = rows[(part.costs >= ARRIVED) & (part.costs < most)]
+    for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
+        each, n = left[row], counts[row]
+        varied = batch.durations[row, :n]
+        end = roll_states(task.plant, starts[row], varied, each.tail[1], steps)[-1]
+        found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
+    return found
+
+
+def _inside(task: SwingUpTask, candidate: Candidate) -> bool:
+    """Whether the disk keeps its limit along the arcs that are fixed."""
+    durations, torques = candidate.head
+    parts = np.repeat(durations / _WATCHED, _WATCHED)
+    torques = np.repeat(torques, _WATCHED)
+    disk = roll_states(task.plant, task.start, parts, torques, 2)[:, 1]
+    return bool(np.abs(disk).max() <= max(_INSIDE * task.disk_angle, abs(task.start[1])))
+
+
+def after_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
+    """State (4,) at the end of the arcs that stay as they are."""
+    end: Array = roll_states(task.plant, task.start, *candidate.head, steps)[-1]
+    return end
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:
@@ -101,11 +186,9 @@ def polish(
     A search that ends less feasible than it began gives the candidate back.
     """
     w0 = task.plant.natural_frequency
-    program = arc_program(
-        task.plant, task.start, candidate.torques, candidate.turns, task.planned_disk_angle, steps
-    )
-    feasibility = max(tolerance, 1e-11)
-    first = evaluate_arcs(program, candidate.durations * w0)
+    program = _program(task, candidate, steps)
+    feasibility, cutoff = max(tolerance, 1e-11), cutoff - candidate.head[0].sum()
+    first = evaluate_arcs(program, candidate.tail[0] * w0)
     budget.evaluations += 1
     best = Point(first.xi, first.cost, np.array([first.ends, first.beyond]))
     for penalty in _PENALTIES:
@@ -124,7 +207,37 @@ def polish(
             best = found
         if best.violation <= 100 * feasibility or found.cost > cutoff * w0 or budget.spent:
             break
-    return Candidate(best.xi / w0, candidate.torques, candidate.turns), best.violation
+    return candidate.with_tail(best.xi / w0), best.violation
+
+
+def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
+    """
+    Return a polished candidate, integrated in more steps; and its largest violation.
+
+    What is fixed switches at whole nanoseconds, as trajectories do: many swings magnify the rest.
+    """
+    switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.head[0])]))
+    candidate = replace(candidate, durations=np.append(np.diff(switches), candidate.tail[0]))
+    w0, program = task.plant.natural_frequency, _program(task, candidate, steps)
+    xi, violation = candidate.tail[0] * w0, math.inf
+    for _ in range(_CORRECTIONS):
+        point = evaluate_arcs(program, xi)
+        violation = max(point.ends, point.beyond)
+        if not 1e-10 < violation < 1.0:
+            break
+        beyond = point.margins < 0.0
+        rows = np.concatenate([point.jacobian, point.slopes[beyond]])
+        rows[:, xi <= 0.0] = 0.0
+        wrong = np.concatenate([point.residual, point.margins[beyond]])
+        xi = np.maximum(xi - np.linalg.lstsq(rows, wrong, rcond=1e-6)[0], 0.0)
+    return candidate.with_tail(xi / w0), violation
+
+
+def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
+    """Return the program over the arcs that are not fixed."""
+    start = after_fixed(task, candidate, max(task.steps(_HEAD_STEPS), 4 * steps))
+    torques, disk_angle = candidate.tail[1], task.planned_disk_angle
+    return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 
 
 def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
@@ -136,7 +249,12 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
     shortest = min(_SHORTEST_ARC / task.plant.natural_frequency, 1e-4 * candidate.total)
     durations: list[float] = []
     torques: list[float] = []
-    for duration, torque in zip(candidate.durations, candidate.torques, strict=True):
+    fixed = 0
+    for arc, (duration, torque) in enumerate(
+        zip(candidate.durations, candidate.torques, strict=True)
+    ):
+        if arc == candidate.fixed:
+            fixed = len(durations)
         if duration < shortest:
             continue
         if torques and torques[-1] == torque:
@@ -144,14 +262,15 @@ def without_short_arcs(task: SwingUpTask, candidate: Candidate) -> Candidate:
         else:
             durations.append(float(duration))
             torques.append(float(torque))
-    if len(durations) < FEWEST_ARCS:
+    if len(durations) < fixed + FEWEST_ARCS:
         return candidate
-    return Candidate(np.array(durations), np.array(torques), candidate.turns)
+    return Candidate(np.array(durations), np.array(torques), candidate.turns, fixed)
 
 
 def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
     """Return the motion under the arcs; every switch is a sample, all on whole nanoseconds."""
-    spacing = min(_SAMPLE_TIME, 0.05 / task.plant.natural_frequency)
+    slow = candidate.total / _MOST_SAMPLES
+    spacing = min(max(_SAMPLE_TIME, slow), task.fine_time(0.05))
     switches = to_nanoseconds(np.concatenate([[0.0], np.cumsum(candidate.durations)]))
     times, torques = [np.zeros(1)], []
     for start, end, torque in _arcs(switches, candidate.torques):
@@ -160,12 +279,13 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
         times.append(inside)
         torques.append(np.full(count, torque))
     instants, held = np.concatenate(times), np.concatenate(torques)
-    states = roll_states(task.plant, task.start, np.diff(instants), held, _SUBSTEPS)
+    substeps = task.steps(_SUBSTEPS)
+    states = roll_states(task.plant, task.start, np.diff(instants), held, substeps)
     controls = np.append(held, held[-1])[:, None]
     return task.trajectory(instants, states, controls)
 
 
 def _arcs(switches: Array, torques: Array) -> Iterator[tuple[float, float, float]]:
     for start, end, torque in zip(switches[:-1], switches[1:], torques, strict=True):
-        if end > start:
+        if end - start > 1.5 * NANOSECOND:  # the rest of a plan could not tell its ends apart
             yield float(start), float(end), float(torque)

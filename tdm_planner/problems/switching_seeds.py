@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Where the search for switching times starts from: random arcs, swings that pump, earlier plans.
+Where the search for switching times starts from: random arcs, a few swings, earlier plans.
 
 Torques alternate between their extremes from arc to arc; either sign may come first.
 """
@@ -39,10 +39,10 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 
 
 class Arcs(NamedTuple):
-    """Durations (K,) [s] of arcs of constant torque, and the signs (K,) of their torques."""
+    """Durations (K,) [s] of arcs of constant torque, and their torques (K,) [N m]."""
 
     durations: Array
-    signs: Array
+    torques: Array
 
 
 def starts(
@@ -54,6 +54,7 @@ def starts(
     With `weaken` half of them take a random share of the torque: within a narrow disk angle strong
     arcs leave no room.
     """
+    most = min(most, _MOST_RANDOM_ARCS)
     durations, arcs = random_durations(task, rng, count, most)
     if task.drive < 1.0:
         pumped = slice(0, count, 2)
@@ -74,7 +75,7 @@ def random_durations(
     w0 = task.plant.natural_frequency
     quickest = max(task.quickest, 1e-3 / w0)
     shortest, longest = min(1.6 / w0, 1.5 * quickest), max(16 / w0, 8 * quickest)
-    arcs = FEWEST_ARCS + np.arange(count) % (min(most, _MOST_RANDOM_ARCS) - FEWEST_ARCS + 1)
+    arcs = FEWEST_ARCS + np.arange(count) % (most - FEWEST_ARCS + 1)
     shares = rng.gamma(2.0, size=(count, most)) * (np.arange(most) < arcs[:, None])
     totals = np.exp(rng.uniform(math.log(shortest), math.log(longest), size=count))
     return shares * (totals / shares.sum(axis=1))[:, None], arcs
@@ -106,42 +107,7 @@ def arcs_of(motion: Trajectory) -> Arcs | None:
     torques = motion.controls[:-1, 0]
     edges = np.flatnonzero(np.diff(torques) != 0.0) + 1
     firsts = np.concatenate([[0], edges])
-    signs = np.sign(torques[firsts])
-    if not signs.all():
+    if not torques[firsts].all():
         return None
     instants = motion.times[np.concatenate([firsts, [motion.times.size - 1]])]
-    return Arcs(np.diff(instants), signs)
-
-
-def warm_starts(
-    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int, change: float
-) -> ArcBatch | None:
-    """
-    Return the arcs of an earlier plan, their durations changed at random; None if too many.
-
-    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
-    put before or after them, or both, where a new switch may grow.
-    """
-    signs = previous.signs
-    if signs.size > most or (signs[1:] * signs[:-1] != -1.0).any():
-        return None
-    durations, first, arcs = [], [], []
-    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
-        count = before + signs.size + after
-        if count > most:
-            continue
-        row = np.zeros(most)
-        last = before + signs.size
-        row[before:last] = previous.durations * np.exp(change * rng.normal(size=signs.size))
-        durations.append(row)
-        first.append(signs[0] * (-1.0) ** before)
-        arcs.append(min(max(count, FEWEST_ARCS + 1), most))
-    torques = task.torque * np.array(first)[:, None] * (-1.0) ** np.arange(most)
-    turns = np.full(len(arcs), math.nan if task.turns is None else float(task.turns))
-    return ArcBatch(
-        np.array(durations),
-        np.array(arcs, dtype=np.intp),
-        torques,
-        turns,
-        np.full(len(arcs), np.inf),
-    )
+    return Arcs(np.diff(instants), torques[firsts])

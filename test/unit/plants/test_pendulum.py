@@ -32,8 +32,12 @@ from tdm_planner.plants.pendulum_kernels import (
     sine_and_cosine,
 )
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
+from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_pump import laws
+from tdm_planner.tracking.tracker import wrapped
 from tdm_planner.verification import dense_times
 from tdm_sim.integrator import integrate
 
@@ -257,11 +261,20 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     steps, k = 24, PLANT.coefficients
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
-    state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
+    state, derivatives = np.repeat(start, LANES), np.empty((arcs, 4 * LANES))
     disk_slopes = np.zeros((arcs * steps + 1, arcs, LANES))
     peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     roll_lanes(
-        k, start, durations, torques, arcs, steps, state, derivatives, disk_slopes, peaks, nodes
+        k,
+        durations,
+        torques,
+        arcs,
+        steps,
+        state,
+        derivatives,
+        disk_slopes,
+        peaks,
+        nodes,
     )
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
@@ -311,6 +324,42 @@ def test_steering_stops_when_told():
     before = batch.durations.copy()
     assert steer(PLANT, START, batch, 2.0, 12, lambda: True) == 0
     np.testing.assert_array_equal(batch.durations, before)
+
+
+def test_pumping_goes_where_it_says():
+    k, count, most = PLANT.coefficients, 24, 64
+    hanging = np.array([np.pi, 0.0, 0.0, 0.0])
+    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0)
+    task = SwingUpTask(PLANT, hanging, 0.01, 0.01, 2.0, None)
+    variants = laws(task, np.random.default_rng(1), count)
+    durations, torques = np.zeros((count, most)), np.zeros((count, most))
+    arcs, distances = np.zeros(count, np.intp), np.zeros(count)
+    pump(k, hanging, pumping, variants, durations, torques, arcs, distances)
+    near = np.flatnonzero(arcs)
+    assert near.size >= 10
+    assert (distances[near] < NEAR).all()
+    for row in near:
+        n = arcs[row]
+        states = roll_states(PLANT, hanging, durations[row, :n], torques[row, :n], 200)
+        scaled = states[-1] / [1.0, 1.0, pumping.w0, pumping.w0]
+        scaled[0] = wrapped(scaled[0])
+        assert scaled @ scaled == pytest.approx(distances[row], abs=0.05)
+        assert np.abs(torques[row]).max() <= 0.01
+
+
+@given(psi=st.floats(-1.9, 1.9), speed=st.floats(0.0, 40.0))
+@settings(max_examples=30)
+def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
+    start, limit = np.array([np.pi, psi, 0.0, speed]), 2.0
+    task = SwingUpTask(PLANT, start, 0.09, 0.09, limit, None)
+    found = task.least_peak()
+    braked = roll_states(PLANT, start, np.full(400, 1e-3), np.full(400, -0.09), 4)
+    standing = np.flatnonzero(braked[:, 3] <= 0.0)
+    peak = np.abs(braked[: standing[0] + 1, 1]).max()
+    assert abs(psi) <= found
+    assert found <= max(peak, limit) + 0.01
+    if peak > limit + 0.5:
+        assert found > limit
 
 
 @pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])

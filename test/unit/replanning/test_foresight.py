@@ -249,8 +249,8 @@ def test_the_rest_of_a_plan_is_the_same_motion_later(
         arcs, fewer = arcs_of(whole), arcs_of(left)
         assert (arcs is None) == (fewer is None) == (name == 'flight')
         if arcs is not None and fewer is not None:
-            count = fewer.signs.size
-            assert list(fewer.signs) == list(arcs.signs[-count:])
+            count = fewer.torques.size
+            assert list(fewer.torques) == list(arcs.torques[-count:])
             same = arcs.durations[-count:][1:]
             np.testing.assert_allclose(fewer.durations[1:], same, atol=1e-8)
             assert fewer.durations.sum() == pytest.approx(left.duration, abs=1e-6)

@@ -1,0 +1,157 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Figures of the problem `pendulum_swing_up` on rigs of random constants.
+
+    python -m benchmark.rigs [--rigs N] [--first SEED] [--json FILE]
+
+prints, for ranges of the drive (the pendulum's acceleration by the torque over that by gravity),
+how many swing-ups from hanging and from random states are verified with default settings in 1 s,
+and replans half-way from the rest of the plan, off by what tracking leaves.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import json
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+from benchmark.progress import counted
+import numpy as np
+from tdm_planner.exceptions import TdmError
+from tdm_planner.plants import PendulumInertia, RotaryPendulum
+from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
+from tdm_planner.problems.base import Solution
+from tdm_planner.replanning import PlanInForce
+
+DEADLINE = 1.0  # s
+DRIVES = (0.0, 0.012, 0.1, 0.3, math.inf)
+AWAY = 0.02  # rad, and of w0: standard deviation from the plan half-way
+
+
+def rig(seed: int, hanging: bool = True) -> PendulumSwingUp:
+    """Return the swing-up of a random rig from hanging at rest, or from a random state."""
+    rng = np.random.default_rng([seed, 20])
+
+    def spread(least: float, most: float) -> float:
+        return float(np.exp(rng.uniform(math.log(least), math.log(most))))
+
+    length = spread(0.06, 2.0)
+    arm, mass = length * spread(0.2, 2.0), spread(0.01, 10.0)
+    unit = mass * length**2
+    across = unit * spread(0.01, 30.0)
+    inertia = PendulumInertia(
+        disk=unit * spread(0.01, 30.0), x=across, y=across * spread(1e-3, 0.1), z=across
+    )
+    plant = RotaryPendulum(mass, com_distance=length, arm_length=arm, inertia=inertia)
+    torque = mass * plant.gravity * length * spread(0.05, 5.0)
+    limits = PendulumLimits(torque=torque, disk_angle=float(rng.uniform(0.8, 4.0)))
+    start, w0 = PendulumStart(), plant.natural_frequency
+    if not hanging:
+        most = np.array([np.pi, 0.5 * limits.disk_angle, 0.5 * w0, 0.5 * w0])
+        start = PendulumStart(*(rng.uniform(-1.0, 1.0, 4) * most).tolist())
+    return PendulumSwingUp(plant=plant, limits=limits, start=start)
+
+
+def solved(problem: PendulumSwingUp, rest: Solution | None = None) -> dict[str, Any]:
+    """Solve with default settings; the plan or the code of the failure, and wall time [s]."""
+    began, plan, code = time.perf_counter(), None, ''
+    try:
+        plan = problem.solve(DEADLINE, warm_start=rest)
+    except TdmError as error:
+        code = error.code
+    return {'plan': plan, 'code': code, 'seconds': time.perf_counter() - began}
+
+
+def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> dict[str, Any]:
+    """Solve anew from half-way, from a state off the plan, with what is left of it."""
+    elapsed, w0 = 0.5 * plan.duration, problem.plant.natural_frequency
+    noise = AWAY * np.array([1.0, 1.0, w0, w0])
+    state = plan.trajectory.sample(elapsed).state
+    state = state + noise * np.random.default_rng(seed).normal(size=4)
+    state[1] = np.clip(state[1], -problem.limits.disk_angle, problem.limits.disk_angle)
+    moved = replace(problem, start=PendulumStart(*state.tolist()))
+    return solved(moved, PlanInForce(problem, plan, 0.0).remainder(elapsed))
+
+
+def summary(results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return counts, and quantiles of the times of those that gave plans [s]."""
+    plans = [result for result in results if result['plan'] is not None]
+    seconds = [result['seconds'] for result in plans]
+    return {
+        'cases': len(results),
+        'verified': len(plans),
+        'infeasible': sum(result['code'] == 'INFEASIBLE' for result in results),
+        'p50_s': float(np.quantile(seconds, 0.5)) if plans else None,
+        'p95_s': float(np.quantile(seconds, 0.95)) if plans else None,
+        'latest_s': max((result['seconds'] for result in results), default=None),
+        'most_arcs': max((result['plan'].parameters.size for result in plans), default=None),
+    }
+
+
+def run(rigs: int = 200, first: int = 1000) -> dict[str, Any]:
+    """Measure everything on the rigs of seeds `first` on."""
+    rig(0).prepare()
+    figures: dict[str, Any] = {}
+    groups: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    for seed in counted(range(first, first + rigs), 'rigs'):
+        problem, elsewhere = rig(seed), rig(seed, hanging=False)
+        kinds = {'from hanging': solved(problem), 'from random states': solved(elsewhere)}
+        plan = kinds['from hanging']['plan']
+        if plan is not None:
+            kinds['replans half-way'] = half_way(problem, plan, seed)
+        drive = problem.task.drive
+        least = max(edge for edge in DRIVES if edge <= drive)
+        for kind, result in kinds.items():
+            for group in ('all', f'drive from {least:g}'):
+                groups.setdefault(kind, {}).setdefault(group, []).append(result)
+    for kind, parts in groups.items():
+        figures[kind] = {group: summary(parts[group]) for group in sorted(parts)}
+    return figures
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the figures as lines of text."""
+    head = ('verified', 'infeasible', 'p50 s', 'p95 s', 'latest s', 'most arcs')
+    lines = [f'{"":42}' + ''.join(f'{word:>12}' for word in head)]
+    for kind, groups in figures.items():
+        for group, f in groups.items():
+            times = [f[key] for key in ('p50_s', 'p95_s', 'latest_s')]
+            words = [f'{f["verified"]}/{f["cases"]}', str(f['infeasible'])]
+            words += ['-' if value is None else f'{value:.3f}' for value in times]
+            words.append('-' if f['most_arcs'] is None else str(f['most_arcs']))
+            lines.append(f'{kind + ", " + group:42}' + ''.join(f'{word:>12}' for word in words))
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--rigs', type=int, default=200, help='number of random rigs')
+    parser.add_argument('--first', type=int, default=1000, help='seed of the first')
+    parser.add_argument('--json', type=Path, help='also write the figures to this file')
+    arguments = parser.parse_args()
+    figures = run(arguments.rigs, arguments.first)
+    print(table(figures))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
