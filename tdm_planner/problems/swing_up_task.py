@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
-_AT_FIRST = 4.0  # of 1/w0, in which the disk may leave its range whatever the torque does
+_AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _RESOLUTION, _INSTANTS = 1e-3, 20_000  # s, of the check; in so many instants where it is longer
 
 
@@ -119,7 +119,7 @@ class SwingUpTask:
         Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """
         w0, limit = self.plant.natural_frequency, self.disk_angle
-        horizon = min(_AT_FIRST / w0, 4.0 * math.sqrt(limit / self.disk_acceleration))
+        horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
         return least_peak(self.plant.coefficients, self.start, self.torque, horizon, w0, limit)
 
     def turns_nearest(self, state: Array) -> int:

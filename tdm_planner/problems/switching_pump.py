@@ -51,7 +51,8 @@ _STEPS = 32  # RK4 steps an arc once a sequence has landed
 def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
     """Return variants of the law at random."""
     crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle
-    weakest, weight = 0.15 * min(1.0, 2.0 / crossing), max(_WEIGHT, _WORK / task.drive)
+    weakest = 0.3 / max(crossing, 2.0)
+    weight = _times_drive(task, _WORK, _WEIGHT)
 
     def spread(least: float, most: float) -> Array:
         return np.exp(rng.uniform(math.log(least), math.log(most), count))
@@ -105,7 +106,7 @@ def _swings(task: SwingUpTask, variants: Laws, most: int, late: Late) -> list[Ca
     w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
     durations, torques = np.zeros((VARIANTS, room)), np.zeros((VARIANTS, room))
     arcs, distances = np.zeros(VARIANTS, np.intp), np.full(VARIANTS, np.inf)
-    weight = _RANK * max(_WEIGHT, _WORK / task.drive)
+    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
     common = Pumping(task.torque, task.planned_disk_angle, w0, turn, _LONGEST)
     for first in range(0, VARIANTS, _AT_ONCE):
@@ -129,10 +130,15 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
     """Return arcs that pump and a few more; all but the last ones are to stay as they are."""
     extra = max(_EXTRA, FEWEST_ARCS - durations.size)
     signs = -math.copysign(task.torque, torques[-1]) * (-1.0) ** np.arange(extra)
-    tail = round(min(max(_TAIL_WORK / task.drive, _TAIL[0]), _TAIL[1]))
+    tail = round(min(_times_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
     return Candidate(
         np.append(durations, np.full(extra, _SHORT / task.plant.natural_frequency)),
         np.append(torques, signs),
         0,
         max(durations.size + extra - tail, 0),
     )
+
+
+def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
+    """Return what takes so much, times drive; as if the drive were at least 1e-6."""
+    return max(work / max(task.drive, 1e-6), least)

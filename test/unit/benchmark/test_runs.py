@@ -101,7 +101,7 @@ def test_a_failure_is_on_the_page_and_in_the_exit_code(
     assert text.count('**failed** - it broke') == len(SECTIONS) - 1
     printed = capsys.readouterr()
     assert 'a line of its log' in printed.out
-    assert printed.err.startswith('failed: pendulum, robots')
+    assert printed.err.startswith('failed: pendulum, rigs, robots')
     with pytest.raises(SystemExit):
         measure('latencies')
     assert "there is no section 'latencies'" in capsys.readouterr().err
