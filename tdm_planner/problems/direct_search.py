@@ -67,15 +67,6 @@ Array = NDArray[np.float64]
 _MOST = 8  # first guesses; fewer where the best solution
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _GUESS_NODES = 25
-_LOOSE = TrustRegionOptions(
-    penalties=(5.0, 5.0),
-    largest_penalty=1e4,
-    radius=0.5,
-    iterations=8,
-    cost_tolerance=1e-2,
-    feasibility=(1e-3, 1e-3),
-    corrections=1,
-)
 _TIGHT = TrustRegionOptions(
     penalties=(5.0, 5.0),
     largest_penalty=1e4,
@@ -83,6 +74,9 @@ _TIGHT = TrustRegionOptions(
     iterations=150,
     cost_tolerance=1e-7,
     corrections=2,
+)
+_LOOSE = replace(
+    _TIGHT, iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
 )
 _CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with conditions at the ends
 _CHANGES = 10  # of a first guess that is not finite everywhere

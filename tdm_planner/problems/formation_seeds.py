@@ -36,6 +36,7 @@ BOWS = np.array([0.1, -0.1, 0.22, -0.22])
 _EXHAUSTIVE = 5000  # combinations of bows up to which all are screened
 _GAS_OF_A_MOVE = 2.4  # gas of a typical motion, in distances over time
 _INSTANTS = 40
+_SWEEPS = 6  # of a coordinate descent, at most
 
 
 def first_arrival(task: FormationTask) -> float:
@@ -52,6 +53,25 @@ def first_arrival(task: FormationTask) -> float:
     gas = (_GAS_OF_A_MOVE * way[:, None] / np.maximum(times + later[:, None], 0.5)).sum(axis=0)
     estimate = task.weights[0] * times + task.weights[2] * gas
     return float(times[np.argmin(estimate)])
+
+
+def descend(
+    single: Array, pair: Array, choice: NDArray[np.intp], rng: np.random.Generator
+) -> None:
+    """
+    Improve what every robot chooses in place, one robot at a time and in random order.
+
+    `single` (n, c) is the cost of each robot's choices, `pair` (n, n, c, c) what a choice of one
+    robot and a choice of another cost together, `choice` (n,) the choices.
+    """
+    n = len(choice)
+    for _ in range(_SWEEPS):
+        before = choice.copy()
+        for i in rng.permutation(n):
+            cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
+            choice[i] = int(np.argmin(cost))
+        if (choice == before).all():
+            return
 
 
 class BowSeeds:
@@ -146,12 +166,6 @@ class BowSeeds:
         found: list[NDArray[np.intp]] = [np.full(n, k, dtype=np.intp) for k in range(2)]
         for _ in range(tries):
             choice = np.asarray(self.rng.integers(0, c, n), dtype=np.intp)
-            for _ in range(6):
-                before = choice.copy()
-                for i in self.rng.permutation(n):
-                    cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
-                    choice[i] = int(np.argmin(cost))
-                if (choice == before).all():
-                    break
+            descend(single, pair, choice, self.rng)
             found.append(choice)
         return np.array(found)

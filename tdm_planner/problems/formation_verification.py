@@ -125,17 +125,6 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
     return bool((np.array(left) >= 0.5 * reserved).all())
 
 
-def common_states(
-    task: FormationTask, trajectories: Mapping[str, Trajectory]
-) -> tuple[Array, Array, Array]:
-    """
-    Replayed states (n_times, n 7) and controls (n_times, n 3) of all robots on common instants.
-
-    Robots that have arrived are parked, with their controls off.
-    """
-    return _side_by_side(task, trajectories, _flights(task, trajectories))
-
-
 def _common_instants(trajectories: Mapping[str, Trajectory]) -> Array:
     last = max(trajectory.duration for trajectory in trajectories.values())
     return np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)

@@ -27,6 +27,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation_seeds import descend
 from tdm_planner.problems.thrust_arcs_approaches import positions
 from tdm_planner.problems.thrust_arcs_kernels import CENTRE, Fleet, HALF, own_margins, round_off
 from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
@@ -218,13 +219,7 @@ class ArcSeeds:
             choice: Indices = np.zeros(n, dtype=np.intp)
             if attempt:
                 choice = np.asarray(self.rng.integers(0, c, size=n), dtype=np.intp)
-            for _ in range(6):
-                before = choice.copy()
-                for i in self.rng.permutation(n):
-                    cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
-                    choice[i] = int(np.argmin(cost))
-                if (choice == before).all():
-                    break
+            descend(single, pair, choice, self.rng)
             found.append(choice)
         return np.array(found)
 
