@@ -93,7 +93,7 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     rig.start('planner')
     rig.wait(lambda: rig.plans)
     back = time.time()
-    rig.wait(lambda: rig.says('planner', 'plan 1 in force') or rig.says('planner', 'publish'))
+    rig.wait(lambda: rig.says('planner', 'plan 1 active') or rig.says('planner', 'publish'))
     late = ros.subscribe(f'{space}/trajectory', JointTrajectory, LATCHED)
     summaries = ros.subscribe(f'{space}/plan_summary', String, LATCHED)
     rig.wait(lambda: late and summaries)

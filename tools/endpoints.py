@@ -60,21 +60,13 @@ class NodeSetUp:
     parameters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
-class _IdlePlanner(Planner):
-    """A planner that compiles nothing."""
-
-    def _prepare(self) -> str:
-        self._prepared.set()
-        return ''
-
-
 SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
     {
         'planner pendulum': NodeSetUp(
-            _IdlePlanner, '/pendulum', MappingProxyType({'replan.rate': '1.0'})
+            Planner, '/pendulum', MappingProxyType({'replan.rate': '1.0'})
         ),
         'planner robots': NodeSetUp(
-            _IdlePlanner,
+            Planner,
             '/robots',
             MappingProxyType({'problem': 'robot_formation', 'replan.rate': '1.0'}),
         ),

@@ -24,46 +24,36 @@ finalized      as unconfigured, for good
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from enum import Enum
 import math
 import time
 import traceback
 from typing import Any
 
 from lifecycle_msgs.msg import State
-from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
+from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.nodes.answers import send_until_it_arrives
-from tdm_planner.nodes.configured_entities import ConfiguredEntities
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.parameters import ParameterSpec, shown, specifications
+from tdm_planner.nodes.services import answer_reliably, survive_nonsense
+from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.request import RequestParameters
 
 AUTOSTART = specifications(RequestParameters)['autostart']
 
 _ACTIVE = LifecycleState('active', State.PRIMARY_STATE_ACTIVE)
+_SUCCESS = TransitionCallbackReturn.SUCCESS
 
 
-class Stage(str, Enum):
-    """Primary states of the lifecycle."""
-
-    UNCONFIGURED = 'unconfigured'
-    INACTIVE = 'inactive'
-    ACTIVE = 'active'
-    FINALIZED = 'finalized'
-
-
-class ManagedNode(ConfiguredEntities):
+class ManagedNode(LifecycleNodeMixin, ParameterNode):
     """
     A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
     With `autostart` it configures and activates itself, with parameters that are wrong as well:
-    it then refuses what it cannot do, until they are corrected. A lifecycle manager is told by a
+    it then rejects what it cannot do, until they are corrected. A lifecycle manager is told by a
     transition that fails. What is created from `configure` on belongs to that configuration:
     publishers are silent unless the node is active, and everything is destroyed with it.
 
@@ -75,16 +65,17 @@ class ManagedNode(ConfiguredEntities):
     def __init__(
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
     ) -> None:
+        self._kept: frozenset[int] | None = None  # ids of what stays for as long as the node
+        self._configuration = 0
         ParameterNode.__init__(self, name, {AUTOSTART.name: AUTOSTART, **parameters}, **options)
         before = list(self.services)
         LifecycleNodeMixin.__init__(self)
         for service in [made for made in self.services if made not in before]:
-            send_until_it_arrives(self, service)
-        self._stage = Stage.UNCONFIGURED
+            answer_reliably(self, service)
+            survive_nonsense(self, service)
+        self._stage = 'unconfigured'
         self._setback = ''
         self._starting = self._start_failed = False
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
         self._diagnostics = Diagnostics(self, title, self._report_stage)
         self._rested_at = -math.inf
 
@@ -123,30 +114,30 @@ class ManagedNode(ConfiguredEntities):
     @property
     def active(self) -> bool:
         """Whether the node is at work."""
-        return self._stage is Stage.ACTIVE
+        return self._stage == 'active'
 
     @property
     def configured(self) -> bool:
         """Whether topics and services are there."""
-        return self._stage in (Stage.ACTIVE, Stage.INACTIVE)
+        return self._stage in ('active', 'inactive')
 
     def bring_up(self) -> None:
         """Configure and activate, unless a lifecycle manager is to do it."""
-        self.keep_entities()
+        if self._kept is None:
+            self._kept = frozenset(id(item) for item, _ in self._entities())
         if not self.parameter_values[AUTOSTART.name]:
             return
         self._starting = True
         try:
-            success = TransitionCallbackReturn.SUCCESS
             self._start_failed = (
-                self.trigger_configure() != success or self.trigger_activate() != success
+                self.trigger_configure() != _SUCCESS or self.trigger_activate() != _SUCCESS
             )
         finally:
             self._starting = False
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Start after all, where wrong parameters were in the way."""
-        if self._start_failed and self._stage is Stage.UNCONFIGURED:
+        if self._start_failed and self._stage == 'unconfigured':
             self.bring_up()
 
     def destroy_node(self) -> None:
@@ -156,6 +147,52 @@ class ManagedNode(ConfiguredEntities):
                 self._rest()
                 time.sleep(self.last_words)
         super().destroy_node()
+
+    # What belongs to a configuration.
+
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
+        """Create a publisher that speaks while the node is active only."""
+        if self._kept is None:
+            return super().create_publisher(*args, **kwargs)
+        publisher = self.create_lifecycle_publisher(*args, **kwargs)
+        if self.active:
+            publisher.on_activate(None)
+        return publisher
+
+    def create_timer(self, period: float, callback: Any, *args: Any, **kwargs: Any) -> Any:
+        """Create a timer that ends with the configuration."""
+        return super().create_timer(period, self._while_configured(callback), *args, **kwargs)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
+    ) -> Any:
+        """Create a subscription that ends with the configuration."""
+        if msg_type is not Clock:  # which rclpy subscribes, and keeps
+            callback = self._while_configured(callback)
+        return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
+
+    def _while_configured(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """EventsExecutor may still call what was about to be called: this comes to nothing."""
+        if self._kept is None:
+            return callback
+        configuration = self._configuration
+
+        def guarded(*message: Any) -> None:
+            if configuration == self._configuration:
+                callback(*message)
+
+        return guarded
+
+    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+        for items, destroy in (
+            (self.timers, self.destroy_timer),
+            (self.subscriptions, self.destroy_subscription),
+            (self.services, self.destroy_service),
+            (self.clients, self.destroy_client),
+            (self.publishers, self.destroy_lifecycle_publisher),
+        ):
+            for item in items:
+                yield item, destroy
 
     # Transitions.
 
@@ -168,29 +205,30 @@ class ManagedNode(ConfiguredEntities):
                 raise InvalidProblem('; '.join(faults))
             self.configure()
 
-        return self._go('configure', configure, Stage.INACTIVE, undo=self._release)
+        return self._go('configure', configure, 'inactive', undo=self._release)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From inactive to active."""
 
         def activate() -> None:
             super(ManagedNode, self).on_activate(state)
-            self._stage = Stage.ACTIVE
+            self._stage = 'active'
             self.activate()
 
-        return self._go('activate', activate, Stage.ACTIVE, undo=self._rest)
+        return self._go('activate', activate, 'active', undo=self._rest)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From active to inactive."""
-        return self._go('deactivate', self._rest, Stage.INACTIVE)
+        return self._go('deactivate', self._rest, 'inactive')
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From inactive to unconfigured."""
-        return self._go('clean up', self._release, Stage.UNCONFIGURED)
+        self._start_failed = False  # a manager has it now
+        return self._go('clean up', self._release, 'unconfigured')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """From any state to the end; the process goes on until it is told to end."""
-        return self._go('shut down', self._give_up, Stage.FINALIZED)
+        return self._go('shut down', self._give_up, 'finalized')
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Back to unconfigured after a transition that broke down."""
@@ -198,16 +236,16 @@ class ManagedNode(ConfiguredEntities):
             self._give_up()
         except Exception as error:  # noqa: B902
             self.get_logger().error(f'after the error: {_sentence(error)}')
-            self._enter(Stage.FINALIZED)
+            self._enter('finalized')
             return TransitionCallbackReturn.FAILURE
-        self._enter(Stage.UNCONFIGURED)
-        return TransitionCallbackReturn.SUCCESS
+        self._enter('unconfigured')
+        return _SUCCESS
 
     def _go(
         self,
         what: str,
         action: Callable[[], None],
-        stage: Stage,
+        stage: str,
         undo: Callable[[], None] | None = None,
     ) -> TransitionCallbackReturn:
         """Carry a transition out; `undo` is given where it may fail and leave things as before."""
@@ -225,11 +263,11 @@ class ManagedNode(ConfiguredEntities):
             return TransitionCallbackReturn.FAILURE
         self._setback = ''
         self._enter(stage)
-        return TransitionCallbackReturn.SUCCESS
+        return _SUCCESS
 
-    def _enter(self, stage: Stage) -> None:
-        if stage is not self._stage or not self._setback:
-            self.get_logger().info(stage.value)
+    def _enter(self, stage: str) -> None:
+        if stage != self._stage or not self._setback:
+            self.get_logger().info(stage)
         self._stage = stage
         self._diagnostics.update()
 
@@ -239,7 +277,7 @@ class ManagedNode(ConfiguredEntities):
             self.deactivate()
         finally:
             self._rested_at = time.monotonic()
-            self._stage = Stage.INACTIVE
+            self._stage = 'inactive'
             super().on_deactivate(_ACTIVE)
 
     def _release(self) -> None:
@@ -248,36 +286,22 @@ class ManagedNode(ConfiguredEntities):
         try:
             self.cleanup()
         finally:
-            self.destroy_entities()
+            self._configuration += 1
+            for item, destroy in list(self._entities()):
+                of_rclpy = getattr(item, 'msg_type', None) is Clock  # made with use_sim_time
+                if id(item) not in (self._kept or ()) and not of_rclpy:
+                    destroy(item)
 
     def _give_up(self) -> None:
         if self.active:
             self._rest()
         self._release()
 
-    def _on_change_state(
-        self, request: ChangeState.Request, response: ChangeState.Response
-    ) -> ChangeState.Response:
-        """Carry a transition out if there is such a one; rclpy's own would end the node."""
-        wanted = request.transition
-        possible = {found[0]: found[1] for found in self._state_machine.available_transitions}
-        known = wanted.label in possible.values() if wanted.label else wanted.id in possible
-        if known:
-            self._start_failed = False
-            changed: ChangeState.Response = self._change_state(request, response)
-            return changed
-        self.get_logger().warning(
-            f"no transition '{shown(wanted.label) or wanted.id}' from {self._stage.value}: "
-            f'possible are {", ".join(possible.values()) or "none"}'
-        )
-        response.success = False
-        return response
-
     def _report_stage(self) -> Report:
         if self.active:
             return self.report()
         faults = [*filter(None, [self._setback]), *self.faults()]
-        message = '; '.join([self._stage.value, *dict.fromkeys(faults)])
+        message = '; '.join([self._stage, *dict.fromkeys(faults)])
         return Report(Level.ERROR if faults else Level.OK, message)
 
 

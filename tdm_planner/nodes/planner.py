@@ -16,27 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 import gc
 import sys
-import threading
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
 from tdm_planner.nodes.adapters import Adapter, adapter_class
-from tdm_planner.nodes.deferred_service import Answer, DeferredService
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.motion_clock import MotionClock, ros_clock
 from tdm_planner.nodes.other_planners import OtherPlanners
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
+from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import (
     Failure,
     make_plan,
@@ -48,7 +50,7 @@ from tdm_planner.nodes.planning import (
 from tdm_planner.nodes.recovery import Recovery
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.worker import Worker
+from tdm_planner.nodes.services import Answer, create_deferred_service
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem
@@ -57,93 +59,106 @@ from tdm_planner.problems.request import RequestParameters
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 _REQUEST = specifications(RequestParameters)
-_NO_CHANGES: Mapping[str, Any] = MappingProxyType({})
 _CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have told that they follow it
-_SUPERSEDED = "another planner's plan is in force"
-_BUSY = 'a request is being solved: ask again when it is answered'
-
-_Reply = Callable[['Plan | Failure'], None]
+_SUPERSEDED = "another planner's plan is active"
 
 
-def _nobody(outcome: Plan | Failure) -> None:
-    """Take the answer to a request that nobody waits for."""
+class _MovedGoal(NamedTuple):
+    """Parameters that a goal tool changes, which are set if there is a plan with them."""
+
+    changes: Mapping[str, Any]
+    purpose: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """
+    What somebody waits for an answer to: a request of `plan` or `plan_with`, or a moved goal.
+
+    `own` are the parameters of this request alone. Nobody waits for a review's or recovered plan.
+    """
+
+    message: Any = None
+    send: Answer = print
+    own: Mapping[str, Any] = field(default_factory=dict)
+    title: str = 'no plan'  # of the log's line about a failure
 
 
 class Planner(ManagedNode):
     """
     Plans for the problem that the parameter `problem` names.
 
-    Service `plan` (std_srvs/Trigger) answers with one line of JSON. Solving runs beside the
-    executor: states, parameters and further requests (BUSY) are served meanwhile. What is
-    published, and where the state comes from, is the adapter's matter.
+    Services `plan` (std_srvs/Trigger) and `plan_with` (rcl_interfaces/SetParametersAtomically)
+    answer with one line of JSON. Solving runs beside the executor, see `plan_queue`: states,
+    parameters and further requests are served meanwhile. What is published, and where the state
+    comes from, is the adapter's matter.
     """
 
     decisive = frozenset({'problem'})
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', 'planning', _REQUEST, **options)
-        self._problem_class: type[Problem] | None = None
+        self._problem_class: type[Problem] | None = load_problem(self.parameter_values['problem'])
         self._adapter: Adapter | None = None
-        self._replanning: Replanning | None = None
+        self._queue = PlanQueue(self)
+        self._replanning = Replanning(self, self._queue, partial(self._settle, _Request()))
         self._fault = ''
-        self._load_problem()
+        try:
+            self._declare_problem()
+        except InvalidProblem as error:
+            self._problem_class, self._fault = None, str(error)
+            self.get_logger().error(self._fault)
         self.warn_of_unknown_overrides()
         self._plan: Plan | None = None
         self._plan_id = 0
         self._failure: Failure | None = None
         self._superseded = False
-        self._expect(None)
+        self._expected: int | None = None  # start [ns] of a plan that nobody may follow
+        self._unfollowed = ''
         self._requests = self._failures = 0
-        self._worker = Worker(self)
-        self._prepared = threading.Event()
-        self._preparing = False
-        self._activation = 0
-        self._unanswered: list[_Reply] = []
+        self._prepares = self._prepared = False
         self._watch_clock()
         self.bring_up()
 
+    # Lifecycle and parameters.
+
     def configure(self) -> None:
         """Connect the problem, and begin to prepare it."""
+        self._summary = self.create_publisher(String, SUMMARY, LATCHED)
+        self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
+        for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
+            create_deferred_service(self, kind, name, self._on_request)
         if self._problem_class is not None:
             self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
-        self._summary = self.create_publisher(String, SUMMARY, LATCHED)
-        self._replanning = Replanning(self, self._worker, self._take_over)
-        self._replanning.set_up(self._adapter, self.parameter_values)
-        if not self._preparing:  # once: what is compiled stays
-            self._preparing = True
-            tell_of_compilation(self.get_logger().info)
-            Worker(self).submit(self._prepare, self._on_prepared)
-        DeferredService(self, Trigger, 'plan', self._on_request)
-        self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
-        if self._adapter is not None:
-            self._adapter.accept_requests(self._plan_with)
+            self._adapter.accept_requests(
+                lambda changes, purpose, done: self._on_request(_MovedGoal(changes, purpose), done)
+            )
             Recovery(self, self._adapter, self._recover)
+        self._replanning.set_up(self._adapter, self.parameter_values)
+        self._first = self.create_timer(
+            0.0, self._on_first, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def activate(self) -> None:
-        """Serve requests from now on, and go on to review the plan in force."""
-        assert self._replanning is not None
+        """Serve requests from now on, and go on to review the active plan."""
+        self._failure = None
         if self._adapter is not None:
             self._adapter.values_changed(self.parameter_values)
-        self._replanning.active = True
 
     def deactivate(self) -> None:
-        """Refuse the requests that are not answered yet; what is being solved comes to nothing."""
-        assert self._replanning is not None
-        self._replanning.active = False
-        self._activation += 1
-        failure = Failure.of(Inactive('the planner was deactivated before there was a plan'))
-        for reply in list(self._unanswered):
-            self._answer(reply, failure)
+        """Reject the requests that are not answered yet; what is being solved is dropped."""
+        self._queue.cancel(Inactive('the planner was deactivated before there was a plan'))
 
     def cleanup(self) -> None:
-        """Forget the plan in force: its topics are gone."""
-        self._adapter = self._replanning = self._plan = self._failure = None
+        """Forget the active plan: its topics are gone."""
+        self._adapter = self._failure = None
+        self._replanning.set_up(None, self.parameter_values)
         self._superseded = False
-        self._expect(None)
+        self._follow(None)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Refuse values for which the problem cannot say which parameters it has."""
+        """Reject values for which the problem cannot say which parameters it has."""
         if self._problem_class is not None:
             self._problem_class.parameter_specifications(values)
 
@@ -152,53 +167,161 @@ class Planner(ManagedNode):
         self._declare_problem()
         if self._adapter is not None:
             self._adapter.values_changed(self.parameter_values)
-        if self._replanning is not None:
             self._replanning.set_up(self._adapter, self.parameter_values)
         super().values_changed(names)
         self._diagnostics.update()
-
-    def _load_problem(self) -> None:
-        self._problem_class = load_problem(self.parameter_values['problem'])
-        try:
-            self._declare_problem()
-        except InvalidProblem as error:
-            self._problem_class = None
-            self._fault = str(error)
-            self.get_logger().error(self._fault)
 
     def _declare_problem(self) -> None:
         """Declare the problem's parameters; which exist may depend on values (robots' names)."""
         if self._problem_class is None:
             return
         declared: set[str] = set()
-        while True:
-            wanted = self._problem_class.parameter_specifications(self.parameter_values)
+        while (wanted := self._wanted_parameters()).keys() != declared:
             self.declare(wanted)
-            if set(wanted) == declared:
-                break
             declared = set(wanted)
         kept = declared | set(_REQUEST)
         self.withdraw([name for name in self.parameter_values if name not in kept])
 
-    def _watch_clock(self) -> None:
-        """Notice when the time of day is set, or simulated time begins anew."""
-        self._time = MotionClock(self, self._on_clock_step)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
-        self._jumps = self.get_clock().create_jump_callback(
-            JumpThreshold(
-                min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
-            ),
-            post_callback=self._on_simulated_jump,
-        )
+    def _wanted_parameters(self) -> Mapping[str, Any]:
+        assert self._problem_class is not None
+        return self._problem_class.parameter_specifications(self.parameter_values)
 
-    def _on_clock_timer(self) -> None:
-        self._time.now()
-        self._look_who_follows()
+    def _on_first(self) -> None:
+        """Begin to prepare the problem as soon as the node is served; once: what is made stays."""
+        self.destroy_timer(self._first)
+        if not self._prepares:
+            self._prepares = True
+            tell_of_compilation(self.get_logger().info)
+            self._queue.task(self._prepare, lambda _: self._diagnostics.update())
 
-    def _expect(self, start: int | None) -> None:
-        """Have a look, after the start [ns] of a plan, who does not follow it; None: no look."""
-        self._expected, self._unfollowed = start, ''
+    def _prepare(self) -> None:
+        """Do what does not depend on a request; in the queue's thread."""
+        try:
+            if self._problem_class is not None:
+                self._problem_class.from_parameters({}).prepare()
+                gc.freeze()  # what has been loaded meanwhile, see `run`
+                self.get_logger().info(f'ready to plan for {self._problem_class.name}')
+        except Exception as error:  # noqa: B902
+            # Planning will meet it again, and say so in its answer.
+            self.get_logger().error(f'preparing the problem failed: {Failure.of(error).reason}')
+        self._prepared = True
+
+    # Requests. Every one passes _on_request, PlanQueue.request, _next and _run, make_plan,
+    # PlanQueue._deliver, _settle, Adapter.publish.
+
+    def _on_request(self, message: Any, send: Answer) -> None:
+        """Have a plan made, or answer at once why not."""
+        self._requests += 1
+        request = _Request(message, send)
+        if isinstance(message, _MovedGoal):
+            request = replace(request, title=f'{message.purpose} refused')
+        problem_class, adapter, faults = self._problem_class, self._adapter, self.faults()
+        try:
+            if not self.active:
+                raise Inactive(
+                    "the planner is inactive: 'ros2 lifecycle set "
+                    f"{self.get_fully_qualified_name()} activate' lets it plan"
+                )
+            if faults or problem_class is None or adapter is None:
+                raise InvalidProblem('; '.join(faults))
+            if isinstance(message, SetParametersAtomically.Request):
+                request = replace(request, own=self._own_parameters(message.parameters))
+            changes = message.changes if isinstance(message, _MovedGoal) else request.own
+            values = {**self.parameter_values, **changes}
+            self._queue.request(
+                partial(make_plan, problem_class, values, adapter, self._now),
+                partial(self._settle, request),
+            )
+        except (Busy, Inactive) as error:
+            self._answer(request, Failure.of(error))
+        except Exception as error:  # noqa: B902
+            self._settle(request, error)
+        self._diagnostics.update()
+
+    def _own_parameters(self, messages: Sequence[Any]) -> dict[str, Any]:
+        """Return the parameters of a request, checked as the node's own are."""
+        try:
+            given = [Parameter.from_parameter_msg(message) for message in messages]
+        except (TypeError, ValueError) as error:
+            raise InvalidProblem(f'the parameters cannot be read: {error}') from None
+        own = self.checked(given)
+        for name in own:
+            if name.startswith('replan.'):
+                raise InvalidProblem(
+                    f"parameter '{name}' is not one of a request: set it on the planner"
+                )
+        self.check_values({**self.parameter_values, **own})
+        return own
+
+    def _settle(self, request: _Request, outcome: Plan | Exception) -> None:
+        """Publish a plan, or keep the active one and say why there is no new one."""
+        answer: Plan | Failure
+        try:
+            if isinstance(outcome, Exception):
+                raise outcome
+            assert self._adapter is not None
+            if isinstance(request.message, _MovedGoal):
+                self._set(request.message.changes)
+            plan = replace(outcome, own={**outcome.own, **request.own})
+            self._adapter.publish(plan.problem, plan.solution, plan.start)
+            self._plan_id += 1
+            self._failure, self._superseded = None, False
+            self._follow(plan)
+            self._expected = plan.start
+            self._others.publishes(plan.start)
+            self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
+            self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
+            answer = plan
+        except Exception as error:  # noqa: B902
+            answer = self._failure = Failure.of(error)
+            self._failures += 1
+            # Two calls: rclpy does not let a place in the code change its severity.
+            if answer.trace:
+                self.get_logger().error(f'{request.title}: {answer}')
+            else:
+                self.get_logger().warning(f'{request.title}: {answer}')
+        self._answer(request, answer)
+        self._diagnostics.update()
+
+    def _answer(self, request: _Request, outcome: Plan | Failure) -> None:
+        """Answer in the way in which was asked; nobody waits for a review."""
+        failure = outcome if isinstance(outcome, Failure) else None
+        if isinstance(request.message, _MovedGoal):
+            request.send('' if failure is None else f'{failure.code}: {failure.reason}')
+        elif request.message is not None:
+            success = failure is None
+            text = self._figures_of(outcome) if isinstance(outcome, Plan) else outcome.to_json()
+            if isinstance(request.message, Trigger.Request):
+                request.send(Trigger.Response(success=success, message=text))
+            else:
+                result = SetParametersResult(successful=success, reason=text)
+                request.send(SetParametersAtomically.Response(result=result))
+
+    def _figures_of(self, plan: Plan) -> str:
+        """Return the answer to a request that was met, with what it is good to be warned of."""
+        warnings = [] if self._adapter is None else self._adapter.warnings()
+        late = (self._now() - plan.start) * NANOSECOND
+        if late > 0:
+            warnings.append(
+                f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
+                "raise 'start.delay' or lower 'solver.deadline'"
+            )
+        for sentence in warnings:
+            self.get_logger().warning(sentence)
+        return plan_answer(plan, self._plan_id, warnings)
+
+    def _set(self, values: Mapping[str, Any]) -> None:
+        result = self.set_parameters_atomically([Parameter(n, value=v) for n, v in values.items()])
+        if not result.successful:
+            raise InvalidProblem(result.reason)
+
+    # The active plan.
+
+    def _follow(self, plan: Plan | None) -> None:
+        """Take note of the plan that is active from now on."""
+        self._plan = plan
+        self._expected, self._unfollowed = None, ''
+        self._replanning.follow(None if self._superseded else plan)
 
     def _look_who_follows(self) -> None:
         """Name the trackers that do not follow the active plan once it has begun."""
@@ -213,134 +336,14 @@ class Planner(ManagedNode):
             self.get_logger().warning(self._unfollowed)
             self._diagnostics.update()
 
-    def _on_clock_step(self, step: float) -> None:
-        """Let the plan in force go on as the plant does, which the clock is not told of."""
-        self.get_logger().warning(f'the clock was set by {step:+.3g} s: the plan in force goes on')
-        nanoseconds = round(step / NANOSECOND)
-        if self._replanning is not None:
-            self._replanning.clock_was_set(nanoseconds)
-        if self._adapter is not None:
-            self._adapter.clock_was_set(nanoseconds)
-        if self._plan is not None:
-            self._moved(replace(self._plan, start=self._plan.start + nanoseconds))
-
-    def _on_simulated_jump(self, jump: TimeJump) -> None:
-        """Forget the plan in force when simulated time is set back: trackers give it up."""
-        if not ros_clock(self).ros_time_is_active or self._plan is None:
-            return
-        self.get_logger().warning('simulated time was set back: the plan in force is given up')
-        if self._adapter is not None:
-            self._adapter.clock_was_set(None)
-        self._moved(None)
-
-    def _moved(self, plan: Plan | None) -> None:
-        self._plan = plan
-        self._expect(None)
-        if self._replanning is not None and not self._superseded:
-            self._replanning.plan = plan
-
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
-    def _prepare(self) -> str:
-        """Do what does not depend on a request; in the worker's thread."""
-        try:
-            if self._problem_class is not None:
-                self._problem_class.from_parameters({}).prepare()
-        except Exception as error:  # noqa: B902
-            # Planning will meet it again, and say so in its answer.
-            return f'{type(error).__name__}: {" ".join(str(error).split())}'
-        finally:
-            self._prepared.set()
-        return ''
-
-    def _on_prepared(self, fault: str) -> None:
-        if fault:
-            self.get_logger().error(f'preparing the problem failed: {fault}')
-        elif self._problem_class is not None:
-            gc.freeze()  # what has been loaded meanwhile, see `run`
-            self.get_logger().info(f'ready to plan for {self._problem_class.name}')
-        self._diagnostics.update()
-
-    def _on_request(self, _: Trigger.Request, response: Trigger.Response, answer: Answer) -> None:
-        def reply(outcome: Plan | Failure) -> None:
-            response.success = isinstance(outcome, Plan)
-            response.message = (
-                plan_answer(outcome, self._plan_id, self._warnings())
-                if isinstance(outcome, Plan)
-                else outcome.to_json()
-            )
-            answer(response)
-
-        self._requests += 1
-        refusal = self._refusal()
-        if refusal is not None:
-            reply(Failure.of(refusal))
-            return
-        self._when_free(reply, lambda: self._solve(self.parameter_values, reply))
-
-    def _plan_with(
-        self, changes: Mapping[str, Any], purpose: str, done: Callable[[str], None]
-    ) -> None:
-        """Plan with changed parameters; see `tdm_planner.nodes.adapters.base.PlanRequest`."""
-
-        def reply(outcome: Plan | Failure) -> None:
-            done(f'{outcome.code}: {outcome.reason}' if isinstance(outcome, Failure) else '')
-
-        self._requests += 1
-        refusal = self._refusal()
-        if refusal is not None:
-            failure = Failure.of(refusal)
-            self._log_failure(failure, f'{purpose} refused')
-            reply(failure)
-            return
-        values = {**self.parameter_values, **changes}
-        self._when_free(reply, lambda: self._solve(values, reply, changes, f'{purpose} refused'))
-
-    def _refusal(self) -> Busy | Inactive | None:
-        """
-        Return why no request is taken: the node is not active, or a request is being solved.
-
-        For a review of the plan in force a request waits.
-        """
-        if not self.active:
-            return Inactive(
-                f"the planner is inactive: 'ros2 lifecycle set {self.get_fully_qualified_name()} "
-                "activate' lets it plan"
-            )
-        yields = self._replanning is not None and self._replanning.yields
-        return Busy(_BUSY) if self._worker.busy and not yields else None
-
-    def _when_free(self, reply: _Reply, solve: Callable[[], None]) -> None:
-        """Solve now, or when the review under way has ended, unless the node is deactivated."""
-        assert self._replanning is not None
-        activation = self._activation
-        self._unanswered.append(reply)
-        self._replanning.when_free(lambda: solve() if activation == self._activation else None)
-
-    def _answer(self, reply: _Reply, outcome: Plan | Failure) -> None:
-        """Answer a request, once."""
-        if reply in self._unanswered:
-            self._unanswered.remove(reply)
-            reply(outcome)
-
-    def _warnings(self) -> list[str]:
-        """Name, and log, what will not carry the plan out."""
-        found = [] if self._adapter is None else self._adapter.warnings()
-        for sentence in found:
-            self.get_logger().warning(sentence)
-        return found
-
     def _on_other_plan(self, start: int) -> None:
         """Cease to review the own plan when another planner's starts after it."""
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
         self._superseded = True
-        self._expect(None)
-        if self._replanning is not None:
-            self._replanning.plan = None
         if self._plan is not None:
             self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is not reviewed now')
+        self._follow(self._plan)
         self._diagnostics.update()
 
     def _recover(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
@@ -348,119 +351,63 @@ class Planner(ManagedNode):
         problem_class, adapter, values = self._problem_class, self._adapter, self.parameter_values
         if problem_class is None or adapter is None or self._others.published(start):
             return
-        activation = self._activation
 
-        def job() -> Plan | Failure:
-            self._prepared.wait()
-            try:
-                return Plan(*adapter.recognised(problem_class, values, trajectories), start)
-            except Exception as error:  # noqa: B902
-                return Failure.of(error)
+        def compute() -> Plan:
+            return Plan(*adapter.recognised(problem_class, values, trajectories), start)
 
-        def done(outcome: Plan | Failure) -> None:
-            if activation != self._activation or self._plan is not None:
+        def done(outcome: Plan | Exception) -> None:
+            if self._plan is not None:
                 return
-            if isinstance(outcome, Failure):
-                self._log_failure(outcome, 'the plan that is followed is not taken over')
-            else:
-                self._publish(outcome)
-                self.get_logger().info(f'plan {self._plan_id} was followed already: taken over')
-            self._diagnostics.update()
+            self._settle(_Request(title='the plan of the trackers is not recovered'), outcome)
+            if isinstance(outcome, Plan):
+                self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
-        Worker(self).submit(job, done)
+        self._queue.task(compute, done)
 
-    def _take_over(self, plan: Plan) -> None:
-        """Publish a plan made on the way."""
-        self._settle(plan)
+    # Time.
 
-    def _solve(
-        self,
-        values: dict[str, Any],
-        reply: _Reply = _nobody,
-        changes: Mapping[str, Any] = _NO_CHANGES,
-        title: str = 'no plan',
-    ) -> None:
-        problem_class, adapter = self._problem_class, self._adapter
-        faults = self.faults()
-        if faults or problem_class is None or adapter is None:
-            failure = Failure.of(InvalidProblem('; '.join(faults)))
-            self._answer(reply, self._settle(failure, title=title))
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _watch_clock(self) -> None:
+        """Notice when the time of day is set, or simulated time begins anew."""
+        self._time = MotionClock(self, self._on_clock_step)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
+        backwards = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+        )
+        self._jumps = self.get_clock().create_jump_callback(
+            backwards, post_callback=self._on_simulated_jump
+        )
+
+    def _on_clock_timer(self) -> None:
+        self._time.now()
+        self._look_who_follows()
+
+    def _on_clock_step(self, step: float) -> None:
+        """Let the active plan go on as the plant does, which the clock is not told of."""
+        self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
+        nanoseconds = round(step / NANOSECOND)
+        self._replanning.clock_was_set(nanoseconds)
+        if self._adapter is not None:
+            self._adapter.clock_was_set(nanoseconds)
+        if self._plan is not None:
+            self._follow(replace(self._plan, start=self._plan.start + nanoseconds))
+
+    def _on_simulated_jump(self, jump: TimeJump) -> None:
+        """Forget the active plan when simulated time is set back: trackers give it up."""
+        if not ros_clock(self).ros_time_is_active or self._plan is None:
             return
-        activation = self._activation
+        self.get_logger().warning('simulated time was set back: the active plan is given up')
+        if self._adapter is not None:
+            self._adapter.clock_was_set(None)
+        self._follow(None)
 
-        def job() -> Plan | Failure:
-            self._prepared.wait()
-            return make_plan(problem_class, values, adapter, self._now)
-
-        def done(outcome: Plan | Failure) -> None:
-            if activation == self._activation:
-                self._answer(reply, self._settle(outcome, changes, title))
-
-        self._worker.submit(job, done)
-        self._diagnostics.update()
-
-    def _settle(
-        self,
-        outcome: Plan | Failure,
-        changes: Mapping[str, Any] = _NO_CHANGES,
-        title: str = 'no plan',
-    ) -> Plan | Failure:
-        """
-        Publish a plan, or keep the one in force and say why there is no new one.
-
-        The parameters that the plan was made with, as far as they were changed, are set first.
-        """
-        if isinstance(outcome, Plan):
-            try:
-                self._adopt(changes)
-                self._publish(outcome)
-                self._warn_of_lateness(outcome)
-            except Exception as error:  # noqa: B902
-                outcome = Failure.of(error)
-        if isinstance(outcome, Failure):
-            self._failure = outcome
-            self._failures += 1
-            self._log_failure(outcome, title)
-        self._diagnostics.update()
-        return outcome
-
-    def _adopt(self, changes: Mapping[str, Any]) -> None:
-        if changes:
-            parameters = [self._as_ros(name, value) for name, value in changes.items()]
-            result = self.set_parameters_atomically(parameters)
-            if not result.successful:
-                raise InvalidProblem(result.reason)
-
-    def _log_failure(self, failure: Failure, title: str) -> None:
-        # Two calls: rclpy does not let a place in the code change its severity.
-        if failure.trace:
-            text = f'{title}: {failure.code}: {failure.reason}\n{failure.trace}'
-            self.get_logger().error(text)
-        else:
-            self.get_logger().warning(f'{title}: {failure.code}: {failure.reason}')
-
-    def _publish(self, plan: Plan) -> None:
-        assert self._adapter is not None
-        assert self._replanning is not None
-        self._adapter.publish(plan.problem, plan.solution, plan.start)
-        self._plan, self._failure, self._superseded = plan, None, False
-        self._replanning.plan = plan
-        self._plan_id += 1
-        self._others.publishes(plan.start)
-        self._expect(plan.start)
-        self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
-        self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
-
-    def _warn_of_lateness(self, plan: Plan) -> None:
-        late = (self._now() - plan.start) * NANOSECOND
-        if late > 0:
-            self.get_logger().warning(
-                f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
-                "raise 'start.delay' or lower 'solver.deadline'"
-            )
+    # Diagnostics.
 
     def report(self) -> Report:
-        """Return state, figures of the plan in force, ages of the measured states."""
+        """Return state, figures of the active plan, ages of the measured states."""
         now = self._now()
         level, message = self._state()
         values: dict[str, Any] = {
@@ -471,8 +418,7 @@ class Planner(ManagedNode):
         }
         if self._plan is not None:
             values.update(plan_figures(self._plan, now))
-        if self._replanning is not None:
-            values.update(self._replanning.figures())
+        values.update(self._replanning.figures())
         if self._adapter is not None:
             for name, age in self._adapter.ages(now).items():
                 values[f'age of {name} [s]'] = 'never received' if age is None else age
@@ -486,7 +432,7 @@ class Planner(ManagedNode):
         faults = self.faults()
         if faults:
             return Level.ERROR, '; '.join(faults)
-        if self._worker.busy:
+        if self._queue.solving:
             return Level.OK, 'planning'
         if self._failure is not None:
             level = Level.ERROR if self._failure.trace else Level.WARN
@@ -494,11 +440,11 @@ class Planner(ManagedNode):
         told = [_SUPERSEDED * self._superseded, self._others.warning, self._unfollowed]
         if any(told):
             return Level.WARN, '; '.join(filter(None, told))
-        if not self._prepared.is_set():
+        if not self._prepared:
             return Level.OK, 'preparing'
         if self._plan is None:
             return Level.OK, 'ready'
-        return Level.OK, f'plan {self._plan_id} in force'
+        return Level.OK, f'plan {self._plan_id} active'
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import json
 import time
 import traceback
@@ -55,13 +55,18 @@ _LOOK = 0.002  # s between looks at the clock, and for a first state
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
-    """A verified solution; its motion starts at the instant `start` [ns] of the node's clock."""
+    """
+    A verified solution; its motion starts at the instant `start` [ns] of the node's clock.
+
+    `own` are the parameters that were given for this plan alone, by name (`plan_with`).
+    """
 
     problem: Problem
     solution: Solution
     start: int
+    own: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -81,8 +86,12 @@ class Failure:
         trace = ''.join(traceback.format_exception(error))
         return cls('INTERNAL', f'{type(error).__name__}: {text}', trace)
 
+    def __str__(self) -> str:
+        """Return code and reason, and the traceback where there is one."""
+        return '\n'.join(filter(None, [f'{self.code}: {self.reason}', self.trace]))
+
     def to_json(self) -> str:
-        """Return the answer of the `plan` service, one line."""
+        """Return the answer to the request, one line."""
         return json.dumps({'code': self.code, 'reason': self.reason})
 
 
@@ -91,26 +100,29 @@ def make_plan(
     values: Mapping[str, Any],
     adapter: Adapter,
     clock: Callable[[], int],
-) -> Plan | Failure:
+) -> Plan:
     """
-    Plan for the parameters `values` (the problem's and the request's); never raises.
+    Plan for the parameters `values` (the problem's and the request's).
 
     `clock` returns the present instant [ns].
+
+    Raises
+    ------
+    TdmError
+        Saying why there is no plan.
+
     """
-    try:
-        measured = values['start.source'] == 'measured' and adapter.measures
-        if measured:
-            _await_first_state(adapter, values['start.max_age'], clock)
-        now = clock()
-        if now <= 0:
-            raise NoState(NO_TIME)
-        if measured:
-            return _plan_from_measured(problem_class, values, adapter, clock)
-        problem = problem_class.from_parameters(values)
-        solution = _verified(problem.solve())
-        return Plan(problem, solution, now + round(values['start.delay'] / NANOSECOND))
-    except Exception as error:  # noqa: B902
-        return Failure.of(error)
+    measured = values['start.source'] == 'measured' and adapter.measures
+    if measured:
+        _await_first_state(adapter, values['start.max_age'], clock)
+    now = clock()
+    if now <= 0:
+        raise NoState(NO_TIME)
+    if measured:
+        return _plan_from_measured(problem_class, values, adapter, clock)
+    problem = problem_class.from_parameters(values)
+    solution = _verified(problem.solve())
+    return Plan(problem, solution, now + round(values['start.delay'] / NANOSECOND))
 
 
 def _plan_from_measured(

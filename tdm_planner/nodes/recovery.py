@@ -12,13 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A planner that was killed and restarted gets the plan in force back from those who follow it."""
+"""A planner that was killed and restarted gets the active plan back from those who follow it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import time
-from typing import Protocol
 
 from rclpy.timer import Timer
 from tdm_planner.nodes.adapters import Adapter
@@ -28,16 +27,15 @@ from tdm_planner.trajectory import Trajectory
 WINDOW = 10.0  # s from the start in which a plan that is followed is taken for an earlier own one
 GRACE = 1.0  # s in which the planner that has published it, if it lives, can be heard
 
-
-class Recover(Protocol):
-    """Takes the plan that the trackers follow."""
-
-    def __call__(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
-        """Take trajectories by vehicle, that start at the instant `start` [ns]."""
+Recover = Callable[[Mapping[str, Trajectory], int], None]
 
 
 class Recovery:
-    """Hands what the trackers follow when the node starts to `recover`, after `GRACE`."""
+    """
+    Hands what the trackers follow when the node starts to `recover`, after `GRACE`.
+
+    That is: trajectories by vehicle, and the instant [ns] at which they start.
+    """
 
     def __init__(self, node: ManagedNode, adapter: Adapter, recover: Recover) -> None:
         self._node, self._recover = node, recover

@@ -17,15 +17,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.motion_clock import pacing_clock
+from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import Failure, Plan
-from tdm_planner.nodes.worker import Worker
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.request import ReplanParameters
@@ -33,44 +34,34 @@ from tdm_planner.replanning import PlanInForce, Replanner, Review
 from tdm_planner.trajectory import NANOSECOND
 
 LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
-_WARNING_PERIOD = 5.0  # s, the least time between warnings of a kind
+_SELDOM: Mapping[str, Any] = MappingProxyType({'throttle_duration_sec': 5.0})  # of a kind
 
 
 class Replanning:
     """
-    Has the plan in force reviewed at a rate, and hands new plans to `publish`.
+    Has the active plan reviewed at a rate, and hands new plans to `publish`.
 
-    `worker` is shared with the planner: while it solves a request, no review is made. Where
-    nothing can be measured there is nothing to review a plan by.
+    A plan is reviewed for the problem that the node's parameters state now, except for those that
+    were given for this plan alone (`Plan.own`). Where nothing can be measured there is nothing to
+    review a plan by.
     """
 
-    def __init__(self, node: Node, worker: Worker, publish: Callable[[Plan], None]) -> None:
-        self._node, self._worker, self._publish = node, worker, publish
+    def __init__(
+        self, node: ManagedNode, queue: PlanQueue, publish: Callable[[Plan], None]
+    ) -> None:
+        self._node, self._queue, self._publish = node, queue, publish
         self._origin = int(node.get_clock().now().nanoseconds)
         self._timer: Timer | None = None
+        self._adapter: Adapter | None = None
+        self._values: Mapping[str, Any] = {}
+        self._plan: Plan | None = None
         self._replanner: Replanner | None = None
         self._reviewed: Plan | None = None
         self._trackers: Mapping[str, Any] = {}
-        self._taken_over: PlanInForce | None = None
-        self._question: tuple[Mapping[str, Any], Problem] | None = None
-        self._reviewing = False
-        self._waiting: Callable[[], None] | None = None
-        self._period = object()  # of activity, to tell a review of an earlier one
-        self._active = False
-        self.plan: Plan | None = None
-        self.adapter: Adapter | None = None
-        self.values: Mapping[str, Any] = {}
-        self.reviews = self.replans = 0
-        self.last = ''
-
-    @property
-    def active(self) -> bool:
-        """While it is not, no review begins, and one that is under way has no consequences."""
-        return self._active
-
-    @active.setter
-    def active(self, active: bool) -> None:
-        self._active, self._period = active, object()
+        self._made: PlanInForce | None = None  # by the last review that found a new plan
+        self._asked: tuple[Mapping[str, Any], Plan, Problem] | None = None
+        self._reviews = self._replans = 0
+        self._last = ''
 
     def clock_was_set(self, step: int) -> None:
         """Take note that instants of the node's clock are `step` [ns] more than they were."""
@@ -78,101 +69,69 @@ class Replanning:
 
     def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
         """Follow changed parameters; the timer is made anew where its rate has changed."""
-        before, self.values, self.adapter = self.values, dict(values), adapter
+        before = self._adapter, self._values.get('replan.rate')
+        self._adapter, self._values = adapter, dict(values)
         rate = values['replan.rate']
-        if adapter is None or rate == before.get('replan.rate'):
+        if (adapter, rate) == before:
             return
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        if rate > 0:
+        if rate > 0 and adapter is not None:
             self._timer = self._node.create_timer(
                 min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
             )
 
-    @property
-    def yields(self) -> bool:
-        """Whether it is only a review that keeps the worker, and no request waits for its end."""
-        return self._reviewing and self._waiting is None
-
-    def when_free(self, request: Callable[[], None]) -> None:
-        """Call `request` now, or when the review under way has ended."""
-        if self._reviewing:
-            self._waiting = request
-        else:
-            request()
+    def follow(self, plan: Plan | None) -> None:
+        """Review this plan from now on; what comes of a review under way is dropped."""
+        self._plan = plan
+        self._queue.drop_review()
 
     def figures(self) -> dict[str, Any]:
         """Return what the diagnostics show."""
         if self._timer is None:
             return {}
-        return {'reviews': self.reviews, 'replans': self.replans, 'last review': self.last}
+        return {'reviews': self._reviews, 'replans': self._replans, 'last review': self._last}
 
     def _seconds(self, instant: int) -> float:
         """Instant [s]: small numbers keep their nanoseconds in a float."""
         return (instant - self._origin) * NANOSECOND
 
     def _on_timer(self) -> None:
-        plan, adapter, values = self.plan, self.adapter, self.values
-        if not self.active or plan is None or adapter is None or self._worker.busy:
+        plan, adapter = self._plan, self._adapter
+        if not self._node.active or plan is None or adapter is None or not adapter.replans:
             return
-        if not adapter.replans:
-            return
+        values = {**self._values, **plan.own}
         now = int(self._node.get_clock().now().nanoseconds)
         inactive = adapter.inactive if plan.start <= now else []
         if inactive:
-            self._rest(f'no replanning: no tracker is active for {", ".join(inactive)}')
+            reason = f'no replanning: no tracker is active for {", ".join(inactive)}'
+            if self._last != reason:
+                self._last = reason
+                self._node.get_logger().warning(reason)
             return
         try:
             observations = adapter.observations(values, now, self._seconds)
         except NoState as error:
-            self.last = f'{error.code}: {error}'
-            self._node.get_logger().warning(
-                f'no replanning: {error}', throttle_duration_sec=_WARNING_PERIOD
-            )
+            self._last = f'{error.code}: {error}'
+            self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
             return
 
-        def job() -> Review | Failure:
-            try:
-                replanner = self._replanner_of(plan, adapter, values)
-                return replanner.review(
-                    self._asked(plan, values), observations, self._seconds(now)
-                )
-            except Exception as error:  # noqa: B902
-                return Failure.of(error)
+        def review() -> Review:
+            replanner = self._replanner_of(plan, adapter, values)
+            return replanner.review(self._problem(plan, values), observations, self._seconds(now))
 
-        self._reviewing, period = True, self._period
-
-        def done(review: Review | Failure) -> None:
-            self._reviewing = False
-            self.reviews += 1
-            if self._period is not period:
-                self.last = 'deactivated meanwhile'
-            elif self.plan is not plan:
-                self.last = 'another plan came into force meanwhile'
-            else:
-                self._on_review(review)
-            waiting, self._waiting = self._waiting, None
-            if waiting is not None:
-                waiting()
-
-        self._worker.submit(job, done)
-
-    def _rest(self, reason: str) -> None:
-        """Review nothing, and say so once."""
-        if self.last != reason:
-            self.last = reason
-            self._node.get_logger().warning(reason)
+        self._queue.review(review, self._on_review)
 
     def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
-        """Return the replanner for the plan in force, made anew for every plan."""
+        """Return the replanner for the active plan, made anew for every plan."""
         parameters = build(ReplanParameters, values, 'replan.')
         replanner, trackers = self._replanner, adapter.tracker_parameters
         if replanner is None or self._reviewed is not plan:
             earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
             replanner = self._replanner = Replanner(execution, parameters)
-            made = self._taken_over
+            made = self._made
             if made is None or made.solution is not plan.solution:
                 made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
             replanner.adopt(made, earlier)
@@ -182,55 +141,47 @@ class Replanning:
         replanner.parameters = parameters
         return replanner
 
-    def _asked(self, plan: Plan, values: Mapping[str, Any]) -> Problem:
-        """Return the problem that the parameters ask, from the start of the plan in force."""
-        if self._question is None or self._question[0] is not values:
-            self._question = (
-                values,
-                type(plan.problem).from_parameters({**values, **self._starts(plan)}),
-            )
-        return self._question[1]
+    def _problem(self, plan: Plan, values: Mapping[str, Any]) -> Problem:
+        """Return the problem that the parameters ask, from the start of the active plan."""
+        if self._asked is None or self._asked[1] is not plan or self._asked[0] != values:
+            # What start.* says is no matter here: it must not make the problem an invalid one.
+            own = plan.problem.to_parameters()
+            starts = {name: value for name, value in own.items() if 'start.' in name}
+            made = type(plan.problem).from_parameters({**values, **starts})
+            self._asked = (values, plan, made)
+        return self._asked[2]
 
-    @staticmethod
-    def _starts(plan: Plan) -> dict[str, Any]:
-        # What start.* says is no matter here: it must not make the question an invalid one.
-        parameters = plan.problem.to_parameters()
-        return {name: value for name, value in parameters.items() if 'start.' in name}
-
-    def _on_review(self, outcome: Review | Failure) -> None:
-        if isinstance(outcome, Failure):
-            self.last = f'{outcome.code}: {outcome.reason}'
-            self._node.get_logger().error(
-                f'no replanning: {self.last}\n{outcome.trace}'.rstrip(),
-                throttle_duration_sec=_WARNING_PERIOD,
-            )
-        else:
-            self.last = outcome.reason
-            self._take_over(outcome)
-
-    def _take_over(self, review: Review) -> None:
-        if review.refused:
-            self._node.get_logger().warning(
-                f'the last plan was not taken over by {", ".join(review.refused)}: the one before '
-                'is still followed',
-                throttle_duration_sec=_WARNING_PERIOD,
-            )
-        if review.plan is None:
-            if review.necessary:
-                self._node.get_logger().warning(
-                    f'the plan in force fails, no other was found: {review.reason}',
-                    throttle_duration_sec=_WARNING_PERIOD,
-                )
+    def _on_review(self, outcome: Review | Exception) -> None:
+        self._reviews += 1
+        logger = self._node.get_logger()
+        if isinstance(outcome, Exception):
+            failure = Failure.of(outcome)
+            self._last = f'{failure.code}: {failure.reason}'
+            logger.error(f'no replanning: {failure}', **_SELDOM)
             return
-        start = self._origin + round(review.plan.start / NANOSECOND)
+        self._last = outcome.reason
+        if outcome.refused:
+            kept = ', '.join(outcome.refused)
+            logger.warning(
+                f'the last plan was rejected by {kept}: the one before is still followed',
+                **_SELDOM,
+            )
+        if outcome.plan is not None:
+            self._take_over(outcome.plan)
+        elif outcome.necessary:
+            logger.warning(
+                f'the active plan fails, no other was found: {outcome.reason}', **_SELDOM
+            )
+
+    def _take_over(self, made: PlanInForce) -> None:
+        start = self._origin + round(made.start / NANOSECOND)
         late = (int(self._node.get_clock().now().nanoseconds) - start) * NANOSECOND
         if late > 0.0:
-            self.last = f'a new plan came {late:.3f} s late'
-            self._node.get_logger().warning(
-                f"{self.last}: raise 'replan.delay'", throttle_duration_sec=_WARNING_PERIOD
-            )
+            self._last = f'a new plan came {late:.3f} s late'
+            self._node.get_logger().warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
             return
-        self.replans += 1
-        self._taken_over = review.plan
-        self._node.get_logger().info(f'new plan: {review.reason}')
-        self._publish(Plan(review.plan.problem, review.plan.solution, start))
+        self._replans += 1
+        self._made = made
+        self._node.get_logger().info(f'new plan: {self._last}')
+        own = {} if self._plan is None else self._plan.own
+        self._publish(Plan(made.problem, made.solution, start, own))

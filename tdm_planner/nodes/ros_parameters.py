@@ -20,7 +20,7 @@ A wrong value gets one clear sentence, be it from the command line, a file or a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 import difflib
 import math
@@ -37,8 +37,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.answers import send_until_it_arrives
-from tdm_planner.nodes.parameter_service import GuardedParameterService
+from tdm_planner.nodes.services import answer_reliably, survive_nonsense
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
 from yaml import YAMLError
@@ -63,10 +62,13 @@ class ParameterNode(Node):
     A node whose parameters are declared by `ParameterSpec`s.
 
     Integers are accepted for numbers (people write 0 and 1), and text for what it says, see
-    `typed`. A value that is not allowed is refused with the sentence of `ParameterSpec.check`; one
-    given at the start leaves the default in place and is kept in `invalid_overrides` until the
+    `typed`. A value that is not allowed is rejected with the sentence of `ParameterSpec.check`;
+    one given at the start leaves the default in place and is kept in `invalid_overrides` until the
     parameter is set, unless the parameter is `decisive`. Optional parameters are unset by deleting
     them (``ros2 param delete``), or by ``null``.
+
+    Values pass rclpy's callbacks: pre-set gives them their declared type and checks each, on-set
+    checks them against each other, post-set takes them over.
     """
 
     decisive: frozenset[str] = frozenset()  # without which a node cannot be: wrong, they end it
@@ -76,43 +78,42 @@ class ParameterNode(Node):
     ) -> None:
         self._specifications: dict[str, ParameterSpec] = {}
         self._values: dict[str, Any] = {}
-        self._overrides: dict[str, Any] = {}
         self._invalid_overrides: dict[str, str] = {}
-        serves = options.pop('start_parameter_services', True)
-        super().__init__(name, start_parameter_services=False, **options)
-        self._guarded_services = GuardedParameterService(self) if serves else None
+        super().__init__(name, **options)
+        for service in self.services:
+            survive_nonsense(self, service)
         self._overrides = {
             key: item.value
             for key, item in self._parameter_overrides.items()
-            if not self._is_of_rclpy(key)
+            if not _is_of_rclpy(key)
         }
         self.declare(specifications or {})
+        self.add_pre_set_parameters_callback(self._as_declared)
+        self.add_on_set_parameters_callback(self._check_together)
+        self.add_post_set_parameters_callback(self._take)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
     ) -> Any:
-        """As rclpy's; of the simulated clock, times that rclpy cannot hold are left out."""
-        if msg_type is Clock:
-            callback = self._with_possible_times(callback)
-        return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
+        """As rclpy's; of the simulated clock, times that rclpy cannot hold are dropped."""
 
-    def create_service(self, *args: Any, **kwargs: Any) -> Any:
-        """As rclpy's; answers reach a client that was met only just now."""
-        service = super().create_service(*args, **kwargs)
-        send_until_it_arrives(self, service)
-        return service
-
-    def _with_possible_times(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        def take(message: Clock) -> None:
+        def on_clock(message: Clock) -> None:
             if message.clock.sec >= 0:
                 callback(message)
                 return
             self.get_logger().warning(
-                f'simulated time {message.clock.sec} s left out: must not be negative',
+                f'simulated time {message.clock.sec} s dropped: must not be negative',
                 throttle_duration_sec=_WARNING_PERIOD,
             )
 
-        return take
+        take = on_clock if msg_type is Clock else callback
+        return super().create_subscription(msg_type, topic, take, *args, **kwargs)
+
+    def create_service(self, *args: Any, **kwargs: Any) -> Any:
+        """As rclpy's; answers reach a client that was met only just now."""
+        service = super().create_service(*args, **kwargs)
+        answer_reliably(self, service)
+        return service
 
     @property
     def parameter_values(self) -> dict[str, Any]:
@@ -131,10 +132,8 @@ class ParameterNode(Node):
         Those already declared keep their value.
         """
         for name, spec in specifications.items():
-            if name in self._specifications:
-                continue
-            self._specifications[name] = spec
-            self._declare(spec, self._initial_value(spec))
+            if name not in self._specifications:
+                self._declare(spec, self._initial_value(spec))
 
     def withdraw(self, names: Sequence[str]) -> None:
         """Take declared parameters away."""
@@ -156,55 +155,73 @@ class ParameterNode(Node):
         Raises
         ------
         InvalidProblem
-            To refuse the change with its sentence.
+            To reject the change with its sentence.
 
         """
 
     def values_changed(self, names: frozenset[str]) -> None:
         """React to parameters that were set; to be overridden."""
 
-    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
-        """Set one after the other; see `set_parameters_atomically`."""
-        return [self.set_parameters_atomically([item]) for item in parameter_list]
-
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Check all, then set all or none; the result's reason is one sentence."""
+        """
+        Set all or none; the result's reason is one sentence, whatever goes wrong.
+
+        A parameter that is fixed may be set to the value it has, as `ros2 param load` does.
+        """
         try:
-            checked = {
-                item.name: self._check(item)
-                for item in parameter_list
-                if not self._is_of_rclpy(item.name)
-            }
-            self.check_values({**self._values, **checked})
+            changed = [item for item in parameter_list if not self._is_fixed_at(item)]
+            if not changed:
+                return SetParametersResult(successful=True)
+            result = super().set_parameters_atomically(changed)
         except Exception as error:  # noqa: B902
-            # Whatever a value does, the node keeps serving.
             reason = ' '.join(str(error).split())
             if not isinstance(error, InvalidProblem):
                 reason = f'internal error: {type(error).__name__}: {reason}'
-            self.get_logger().warning(f'refused: {reason}')
-            return SetParametersResult(successful=False, reason=reason)
-        unset = [name for name, value in checked.items() if value is None]
-        to_set = [
-            self._as_ros(item.name, checked[item.name]) if item.name in checked else item
-            for item in parameter_list
-            if item.name not in unset and not self._is_fixed_at(item)
-        ]
-        result = SetParametersResult(successful=True)
-        if to_set:
-            result = super().set_parameters_atomically(to_set)
-        if result.successful:
-            for name in unset:
-                self.undeclare_parameter(name)
-                self._declare(self._specifications[name], None)
-            self._take(checked)
+            result = SetParametersResult(successful=False, reason=reason)
+        if not result.successful:
+            self.get_logger().warning(f'rejected: {result.reason}')
         return result
 
-    def _take(self, checked: Mapping[str, Any]) -> None:
-        self._values.update(checked)
-        for name in checked:
+    def checked(self, parameters: Iterable[Parameter]) -> dict[str, Any]:
+        """
+        Return values in their declared types by name, None where a parameter is to be unset.
+
+        Raises
+        ------
+        InvalidProblem
+            For a parameter that is unknown or fixed, or a value that is not allowed.
+
+        """
+        return {item.name: self._check(item) for item in parameters}
+
+    def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
+        if any(
+            item.name in self._specifications.keys() - self._values.keys() for item in parameters
+        ):
+            return parameters  # being declared
+        checked = self.checked(item for item in parameters if not _is_of_rclpy(item.name))
+        return [
+            self._as_ros(item.name, checked[item.name]) if item.name in checked else item
+            for item in parameters
+        ]
+
+    def _check_together(self, parameters: list[Parameter]) -> SetParametersResult:
+        changed = self._own(parameters)
+        if changed:
+            self.check_values({**self._values, **changed})
+        return SetParametersResult(successful=True)
+
+    def _take(self, parameters: list[Parameter]) -> None:
+        changed = self._own(parameters)
+        for name, value in changed.items():
+            if value is None:  # rclpy has forgotten it
+                self._declare(self._specifications[name], None)
+            self._values[name] = value
             self._invalid_overrides.pop(name, None)
+        if not changed:
+            return
         try:
-            self.values_changed(frozenset(checked))
+            self.values_changed(frozenset(changed))
         except Exception as error:  # noqa: B902
             # The values are set; the next request meets what is wrong.
             sentence = ' '.join(str(error).split())
@@ -212,18 +229,16 @@ class ParameterNode(Node):
                 f'parameters were set, but: {type(error).__name__}: {sentence}'
             )
 
+    def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
+        """Return the values of parameters that are set; those being declared are not there yet."""
+        return {item.name: item.value for item in parameters if item.name in self._values}
+
     def _is_fixed_at(self, item: Parameter) -> bool:
         """Whether rclpy would refuse to set a read-only parameter to the value that it has."""
         if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
             return False
         same: bool = self.get_parameter(item.name).value == item.value
         return same
-
-    @staticmethod
-    def _is_of_rclpy(name: str) -> bool:
-        return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
-            'qos_overrides.'
-        )
 
     def _initial_value(self, spec: ParameterSpec) -> Any:
         if spec.name not in self._overrides:
@@ -241,11 +256,13 @@ class ParameterNode(Node):
             return spec.default
 
     def _declare(self, spec: ParameterSpec, value: Any) -> None:
+        self._specifications[spec.name] = spec
+        self._values.pop(spec.name, None)
         described = descriptor(spec)
         if isinstance(value, list) and not value:
             # An empty list says nothing of its type: declare the type first, then set it.
             self.declare_parameter(spec.name, _TYPES[spec.kind], described, ignore_override=True)
-            super().set_parameters_atomically([Parameter(spec.name, _TYPES[spec.kind], value)])
+            super().set_parameters_atomically([self._as_ros(spec.name, value)])
         else:
             self.declare_parameter(spec.name, value, described, ignore_override=True)
         self._values[spec.name] = value
@@ -254,7 +271,7 @@ class ParameterNode(Node):
         spec = self._specifications.get(item.name)
         if spec is None:
             raise InvalidProblem(self._unknown(item.name))
-        if spec.read_only and not self._is_fixed_at(item):
+        if spec.read_only:
             raise InvalidProblem(
                 f"parameter '{item.name}' = {item.value} is not allowed: it is fixed while the "
                 'node runs, give it when the node is started'
@@ -267,7 +284,14 @@ class ParameterNode(Node):
         return f"parameter '{name}' is unknown: {hint}"
 
     def _as_ros(self, name: str, value: Any) -> Parameter:
-        return Parameter(name, _TYPES[self._specifications[name].kind], value)
+        kind = Parameter.Type.NOT_SET if value is None else _TYPES[self._specifications[name].kind]
+        return Parameter(name, kind, value)
+
+
+def _is_of_rclpy(name: str) -> bool:
+    return name in ('use_sim_time', 'start_type_description_service') or name.startswith(
+        'qos_overrides.'
+    )
 
 
 def typed(spec: ParameterSpec, value: Any) -> Any:

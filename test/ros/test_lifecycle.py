@@ -157,7 +157,7 @@ def test_transitions_that_do_not_exist_are_refused(ros: Stepped, started: Any) -
     assert not manager.change('take off')
     assert not manager.change(255)
     assert manager.state() == 'unconfigured'
-    assert "no transition 'take off' from unconfigured: possible are configure" in process.output
+    assert process.output.count('Transition is not registered') == 2
     possible = ros.call(
         '/refusing/tracker/get_available_transitions', GetAvailableTransitions
     ).available_transitions

@@ -100,7 +100,7 @@ def test_while_one_request_is_solved_everything_else_is_served(
     assert ros.spin_until(first.done)
     assert first.result().success
     assert planners.plan('slow')[0]
-    assert ros.spin_until(lambda: status.says('plan 2 in force'))
+    assert ros.spin_until(lambda: status.says('plan 2 active'))
 
 
 def test_failures_have_their_codes_and_show_in_the_diagnostics(
@@ -122,7 +122,7 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
         assert status.newest.level == level
     ros.set_parameters('/failing/planner', failure='not')
     assert planners.plan('failing')[0]
-    assert ros.spin_until(lambda: status.says('plan 1 in force'))
+    assert ros.spin_until(lambda: status.says('plan 1 active'))
     assert status.newest.level == b'\x00'
     assert status.newest.hardware_id == '/failing/planner'
     figures = {item.key: item.value for item in status.newest.values}

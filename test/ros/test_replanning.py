@@ -30,7 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 PLANNER = 'tdm_planner.nodes.planner'
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
-NOT_TAKEN, REFUSED = 'was not taken over by', 'trajectory refused'
+NOT_TAKEN, REFUSED = 'the last plan was rejected by', 'trajectory refused'
 
 
 class Rig:
@@ -117,14 +117,14 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     rig.planner = rig.start(PLANNER, {})
     assert ros.spin_until(lambda: len(rig.plans) == 2), rig.planner.output
     assert rig.plans[1] == rig.plans[0]
-    assert 'was followed already: taken over' in rig.planner.output
+    assert 'recovered active plan 1 from the trackers' in rig.planner.output
     rig.plant.end_cleanly()
     given = {**STRONG, 'start.source': 'parameters'}
     own = ['-r', 'plan:=plan_of_the_second']
     second = ros.start(PLANNER, given, namespace='again', arguments=own)
     assert ros.trigger('/again/plan_of_the_second')[0]
     ros.settle()
-    assert "another planner's plan is in force: plan 1 is not reviewed now" in rig.planner.output
+    assert "another planner's plan is active: plan 1 is not reviewed now" in rig.planner.output
     warning = '2 planners publish /again/plan_summary: trackers follow'
     assert ros.spin_until(lambda: warning in rig.planner.output)
     second.end_cleanly()

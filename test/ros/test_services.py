@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Answers of services: deferred until a worker has thought, or sent again where they were lost."""
+"""Answers of services: of a queue that computes, or sent again where the middleware gave up."""
 
 from __future__ import annotations
 
@@ -20,23 +20,22 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from rcl_interfaces.srv import GetParameters
-import rclpy
 from rclpy.clock import Clock
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.answers import ATTEMPTS
-from tdm_planner.nodes.deferred_service import Answer, DeferredService
+from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
-from tdm_planner.nodes.worker import Worker
+from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
 
 BOTH = pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
 REQUESTS = {
-    'deferred': (Trigger, Trigger.Request()),
+    'think': (Trigger, Trigger.Request()),
     'at_once': (Trigger, Trigger.Request()),
     'stranger/get_state': (GetState, GetState.Request()),
     'stranger/change_state': (
@@ -48,14 +47,13 @@ REQUESTS = {
 
 
 class Stranger(ManagedNode):
-    """A node that only serves; `think` by a worker that waits for `release`."""
+    """A node that only serves; for `think` its queue waits for `release`."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('stranger', 'stranger', {}, **options)
-        self.worker, self.release = Worker(self), threading.Event()
+        self.queue, self.release = PlanQueue(self), threading.Event()
         self.create_service(Trigger, 'at_once', lambda _, response: response)
-        DeferredService(self, Trigger, 'deferred', lambda _, response, answer: answer(response))
-        DeferredService(self, Trigger, 'think', self.on_request)
+        create_deferred_service(self, Trigger, 'think', self.on_request)
         self.bring_up()
 
     def configure(self) -> None:
@@ -66,16 +64,15 @@ class Stranger(ManagedNode):
     def report(self) -> Report:
         return Report(Level.OK, 'active')
 
-    def on_request(self, _: Any, response: Trigger.Response, answer: Answer) -> None:
-        def done(outcome: str) -> None:
+    def on_request(self, _: Any, answer: Answer) -> None:
+        def done(thought: bool) -> None:
             assert threading.current_thread() is threading.main_thread()
-            response.message = outcome
-            answer(response)
+            answer(Trigger.Response(success=thought, message='thought'))
 
-        if self.worker.busy:
-            done('busy')
-        else:
-            self.worker.submit(lambda: 'thought' if self.release.wait(20.0) else 'tired', done)
+        try:
+            self.queue.request(lambda: self.release.wait(20.0), done)
+        except Busy as error:
+            answer(Trigger.Response(message=error.code))
 
 
 class Server:
@@ -94,11 +91,6 @@ class Server:
             while self.ros._serve():
                 pass
         return condition()
-
-    def call(self, service: str) -> str:
-        answer = self.ros.request(service, Trigger)
-        assert self.serve_until(answer.done)
-        return str(answer.result().message)
 
     def close(self) -> None:
         self.executor.shutdown()
@@ -122,8 +114,8 @@ class Middleware:
                 warnings.warn(told, RuntimeWarning, stacklevel=1)
 
         monkeypatch.setattr(Service, 'send_response', send)
-        monkeypatch.setattr('tdm_planner.nodes.answers.RETRY', 0.01)
-        monkeypatch.setattr('tdm_planner.nodes.answers.Clock', Clock)  # one that runs
+        monkeypatch.setattr('tdm_planner.nodes.services.RETRY', 0.01)
+        monkeypatch.setattr('tdm_planner.nodes.services.Clock', Clock)  # one that runs
 
 
 @pytest.fixture
@@ -147,6 +139,7 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
     ros: Stepped, server: Server, middleware: Middleware, service: str, lost: int
 ) -> None:
     """As when a service does not know its client yet."""
+    server.node.release.set()
     middleware.lost = lost
     kind, request = REQUESTS[service]
     answer = ros.request(service, kind, request)
@@ -160,33 +153,24 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
 @BOTH
 def test_others_are_served_until_the_answer_is_ready(ros: Stepped, server: Server) -> None:
     first = ros.request('think', Trigger)
-    assert server.serve_until(lambda: server.node.worker.busy)
-    assert server.call('think') == 'busy'
+    assert server.serve_until(lambda: server.node.queue.solving)
+    second = ros.request('think', Trigger)
+    assert server.serve_until(second.done)
+    assert second.result().message == 'BUSY'
     assert not first.done()
     server.node.release.set()
     assert server.serve_until(first.done)
     assert first.result().message == 'thought'
-    assert server.call('think') == 'thought'
 
 
-def test_an_outcome_waits_for_the_executor(ros: Stepped) -> None:
-    outcomes: list[str] = []
-    node = rclpy.create_node('early', context=ros._context)
-    Worker(node).submit(lambda: 'early', outcomes.append)
-    server = Server(ros, make_executor, node)
-    ros.spin_for(0.1)  # the worker looks again whether there is one
-    assert server.serve_until(lambda: outcomes == ['early'])
-    server.close()
-
-
-def test_every_request_of_a_burst_is_answered(ros: Stepped) -> None:
+@pytest.mark.parametrize('make', [SingleThreadedExecutor])
+def test_every_request_of_a_burst_is_answered(ros: Stepped, server: Server) -> None:
     """As when many clients ask while the node is held up: none may be left waiting for ever."""
-    node = rclpy.create_node('held_up', context=ros._context)
-    DeferredService(node, Trigger, 'burst', lambda _, response, answer: answer(response))
-    client = ros.node.create_client(Trigger, 'burst', qos_profile=SERVICE)
+    client = ros.node.create_client(Trigger, 'think', qos_profile=SERVICE)
     assert ros.meet(client.service_is_ready)
     asked = [client.call_async(Trigger.Request()) for _ in range(60)]
     ros.settle()  # all requests arrive before the server looks at the first
-    server = Server(ros, SingleThreadedExecutor, node)
+    assert server.serve_until(lambda: sum(future.done() for future in asked) == 59)
+    server.node.release.set()
     assert server.serve_until(lambda: all(future.done() for future in asked))
-    server.close()
+    assert sorted({future.result().message for future in asked}) == ['BUSY', 'thought']

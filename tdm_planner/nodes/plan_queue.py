@@ -1,0 +1,147 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The planner's queue: one computation at a time beside the executor, requests before reviews.
+
+A *request* is solved as soon as the computation under way has ended; while one waits or is being
+solved, the next is answered BUSY. A *task* (preparing the problem, checking a recovered plan)
+waits for requests. A *review* of the active plan begins only where there is nothing else to do,
+and a request supersedes it: its outcome is dropped.
+
+Every computation belongs to the *generation* in which it began. Whatever makes outcomes stale
+(another plan became active, the node was deactivated) begins a new generation; an outcome of an
+earlier one is dropped when it comes. A computation cannot be interrupted.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+import threading
+from typing import Any
+
+from rclpy.node import Node
+from tdm_planner.exceptions import Busy, TdmError
+
+THREAD = 'tdm_planner worker'
+
+Compute = Callable[[], Any]
+Done = Callable[[Any], None]
+
+
+class Kind(Enum):
+    """What a computation is for; see the docstring of this module."""
+
+    REQUEST = 'request'
+    TASK = 'task'
+    REVIEW = 'review'
+
+
+@dataclass(eq=False)
+class _Job:
+    kind: Kind
+    compute: Compute
+    done: Done
+    generation: int = -1
+
+
+class PlanQueue:
+    """
+    Runs `compute()` in a daemon thread and calls `done(outcome)` in the node's executor.
+
+    The outcome is what `compute` returns, or the exception it raised. Methods are called in
+    callbacks of the executor. A daemon, because a computation under way must not keep the process
+    from ending; compiled kernels release the interpreter's lock, so the executor goes on.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._running: _Job | None = None
+        self._waiting: deque[_Job] = deque()
+        self._generation = 0
+
+    @property
+    def solving(self) -> bool:
+        """Whether a request waits or is being solved."""
+        return any(job.kind is Kind.REQUEST for job in self._jobs)
+
+    def request(self, compute: Compute, done: Done) -> None:
+        """
+        Solve a request next.
+
+        Raises
+        ------
+        Busy
+            While another request waits or is being solved.
+
+        """
+        if self.solving:
+            raise Busy('a request is being solved: ask again when it is answered')
+        self.drop_review()
+        self._waiting.appendleft(_Job(Kind.REQUEST, compute, done))
+        self._next()
+
+    def task(self, compute: Compute, done: Done) -> None:
+        """Compute something when there is no request."""
+        self._waiting.append(_Job(Kind.TASK, compute, done))
+        self._next()
+
+    def review(self, compute: Compute, done: Done) -> None:
+        """Review the active plan, if there is nothing else to do."""
+        if not self._jobs:
+            self._waiting.append(_Job(Kind.REVIEW, compute, done))
+            self._next()
+
+    def drop_review(self) -> None:
+        """Drop the outcome of a review under way: it is of a plan that is not active any more."""
+        if self._running is not None and self._running.kind is Kind.REVIEW:
+            self._generation += 1
+
+    def cancel(self, error: TdmError) -> None:
+        """Drop everything; a request that is not answered yet is done with `error`."""
+        dropped = [job for job in self._jobs if job.generation in (-1, self._generation)]
+        self._waiting.clear()
+        self._generation += 1
+        for job in dropped:
+            if job.kind is Kind.REQUEST:
+                job.done(error)
+
+    @property
+    def _jobs(self) -> list[_Job]:
+        return [*([] if self._running is None else [self._running]), *self._waiting]
+
+    def _next(self) -> None:
+        if self._running is not None or not self._waiting:
+            return
+        job = self._running = self._waiting.popleft()
+        job.generation = self._generation
+        threading.Thread(target=self._run, args=(job,), name=THREAD, daemon=True).start()
+
+    def _run(self, job: _Job) -> None:
+        try:
+            outcome = job.compute()
+        except Exception as error:  # noqa: B902
+            outcome = error
+        executor = self._node.executor
+        if executor is not None:  # None: the node is being destroyed
+            executor.create_task(self._deliver, job, outcome)
+
+    def _deliver(self, job: _Job, outcome: Any) -> None:
+        self._running = None
+        if job.generation == self._generation:
+            job.done(outcome)
+        self._next()

@@ -1,0 +1,112 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Services whose clients are always answered; what is worked around here, and until when.
+
+- A client may know a service before the service knows where to answer. rmw_fastrtps then gives the
+  answer up after a tenth of a second, rclpy warns, and the client waits for ever: it is sent again
+  (https://github.com/ros2/rmw_fastrtps/issues/842, in no release solved yet).
+- rclpy's own services raise on requests that make no sense: for a transition that does not exist
+  (until rclpy 8.0.0) or a parameter of a type that does not exist (in every release so far), and
+  so end the node: they are answered that nothing was done.
+- A callback that answers later would be a coroutine; the EventsExecutor of Jazzy does not run it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+import warnings
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from tdm_planner.nodes.qos import SERVICE
+
+RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
+ATTEMPTS = 6
+
+_SET = (SetParameters, SetParametersAtomically)
+
+Answer = Callable[[Any], None]
+
+
+def answer_reliably(node: Node, service: Any) -> None:
+    """
+    Let a service send an answer that was given up again, up to `ATTEMPTS` times.
+
+    Executors hand what a callback returns to the service's `send_response`, together with the
+    header that says who asked; that is replaced.
+    """
+    send = service.send_response
+
+    def answer(response: Any, header: Any, attempts: int = ATTEMPTS) -> None:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter('always')
+            send(response, header)
+        if not any('failed to send response' in str(one.message) for one in told):
+            return
+        if attempts == 1:
+            node.get_logger().warning(
+                f'the answer of {service.srv_name} did not reach the client that asked'
+            )
+            return
+
+        def again() -> None:
+            node.destroy_timer(timer)
+            answer(response, header, attempts - 1)
+
+        wait = RETRY * 2.0 ** (ATTEMPTS - attempts)
+        timer = node.create_timer(wait, again, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    service.send_response = answer
+
+
+def survive_nonsense(node: Node, service: Any) -> None:
+    """Let a service of rclpy's own answer requests on which its callback raises."""
+    callback = service.callback
+
+    def guarded(request: Any, response: Any) -> Any:
+        parameters = request.parameters if service.srv_type in _SET else []
+        try:
+            for item in parameters:
+                Parameter.from_parameter_msg(item)
+            return callback(request, response)
+        except Exception as error:  # noqa: B902
+            reason = f'the request cannot be read: {" ".join(str(error).split())}'
+            node.get_logger().warning(f'{service.srv_name}: {reason}')
+            rejected = SetParametersResult(successful=False, reason=reason)
+            if service.srv_type is SetParameters:
+                return SetParameters.Response(results=[rejected for _ in parameters])
+            if service.srv_type is SetParametersAtomically:
+                return SetParametersAtomically.Response(result=rejected)
+            return service.srv_type.Response()
+
+    service.callback = guarded
+
+
+def create_deferred_service(
+    node: Node, service_type: Any, name: str, handler: Callable[[Any, Answer], None]
+) -> None:
+    """Serve `name`; `handler(request, answer)` calls `answer(response)` now or later, once."""
+    service: Any = node.create_service(
+        service_type, name, lambda request, _: request, qos_profile=SERVICE
+    )
+    send = service.send_response
+    service.send_response = lambda request, header: handler(
+        request, lambda response: send(response, header)
+    )

@@ -1,0 +1,230 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What the planner computes, in which order, and what of it is dropped; recovery of plans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tdm_planner.exceptions import Busy, Inactive
+from tdm_planner.nodes import recovery
+from tdm_planner.nodes.plan_queue import PlanQueue
+from tdm_planner.nodes.planning import Plan
+from tdm_planner.nodes.replanning import Replanning
+from tdm_planner.parameters import to_mapping
+from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.replanning import Outlook, PlanInForce, Review
+
+SILENT = SimpleNamespace(info=lambda *_, **__: None, warning=lambda *_, **__: None)
+
+
+class Queue(PlanQueue):
+    """Computations end when the test says so: `began` holds their names, `done` what came."""
+
+    def __init__(self) -> None:
+        self.delivered = threading.Event()
+        super().__init__(SimpleNamespace(executor=self))  # type: ignore[arg-type]
+        self.began: list[str] = []
+        self.done: list[Any] = []
+        self.go = threading.Event()
+
+    def create_task(self, deliver: Callable[..., None], *what: Any) -> None:
+        self.task_of_executor = lambda: deliver(*what)
+        self.delivered.set()
+
+    def job(self, name: str) -> tuple[Callable[[], str], Callable[[Any], None]]:
+        def compute() -> str:
+            self.began.append(name)
+            assert self.go.wait(20.0)
+            if name == 'fault':
+                raise ValueError(name)
+            return name
+
+        return compute, self.done.append
+
+    def finish(self) -> None:
+        """Let the computation under way end, and the executor take its outcome."""
+        self.go.set()
+        assert self.delivered.wait(20.0)
+        self.go.clear()
+        self.delivered.clear()
+        self.task_of_executor()
+
+
+@pytest.fixture
+def queue() -> Queue:
+    return Queue()
+
+
+def test_a_request_is_solved_before_tasks_and_a_second_one_is_busy(queue: Queue) -> None:
+    queue.task(*queue.job('first task'))
+    queue.task(*queue.job('second task'))
+    assert not queue.solving
+    queue.request(*queue.job('request'))
+    queue.review(*queue.job('review'))
+    for _ in range(2):  # while it waits, and while it is solved
+        assert queue.solving
+        with pytest.raises(Busy):
+            queue.request(*queue.job('another'))
+        queue.finish()
+    assert not queue.solving
+    queue.finish()
+    assert queue.done == ['first task', 'request', 'second task']
+
+
+def test_a_request_supersedes_a_review(queue: Queue) -> None:
+    queue.review(*queue.job('review'))
+    queue.review(*queue.job('review too much'))
+    queue.request(*queue.job('request'))
+    queue.finish()
+    queue.finish()
+    assert queue.began == ['review', 'request']
+    assert queue.done == ['request']
+    queue.review(*queue.job('later review'))
+    queue.finish()
+    assert queue.done[1:] == ['later review']
+
+
+def test_a_review_of_a_plan_that_is_not_active_any_more_is_dropped(queue: Queue) -> None:
+    queue.drop_review()
+    queue.review(*queue.job('review'))
+    queue.drop_review()
+    queue.finish()
+    assert queue.done == []
+
+
+def test_what_is_cancelled_is_answered_and_its_outcome_dropped(queue: Queue) -> None:
+    queue.request(*queue.job('request'))
+    queue.task(*queue.job('task'))
+    error = Inactive('deactivated')
+    queue.cancel(error)
+    queue.cancel(error)
+    assert queue.done == [error]
+    with pytest.raises(Busy):  # it cannot be interrupted
+        queue.request(*queue.job('too soon'))
+    queue.finish()
+    queue.request(*queue.job('next'))
+    queue.finish()
+    assert queue.began == ['request', 'next']
+    assert queue.done == [error, 'next']
+
+
+def test_what_a_computation_raises_is_its_outcome(queue: Queue) -> None:
+    queue.request(*queue.job('fault'))
+    queue.finish()
+    assert [type(outcome) for outcome in queue.done] == [ValueError]
+
+
+class Reviewed:
+    """A planner's review under way, of a plan with parameters of its own."""
+
+    def __init__(self) -> None:
+        self.published: list[Plan] = []
+        self.now, self.values = 10**9, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
+        clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
+        node = SimpleNamespace(get_clock=lambda: clock, get_logger=lambda: SILENT, active=True)
+        queue: Any = self
+        self.replanning = Replanning(node, queue, self.published.append)  # type: ignore[arg-type]
+        adapter: Any = SimpleNamespace(
+            replans=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
+        )
+        self.seen: list[Any] = []
+        self.replanning.set_up(adapter, self.values)
+        self.replanning.follow(Plan('problem', 'solution', 0, {'wide': 2.0}))  # type: ignore[arg-type]
+        self.replanning._on_timer()
+
+    def drop_review(self) -> None:
+        pass
+
+    def review(self, compute: Any, done: Callable[[Any], None]) -> None:
+        self.done = done
+
+    def finish(self) -> None:
+        made = PlanInForce('problem', 'solution', 0.5)  # type: ignore[arg-type]
+        self.done(Review(made, 'the problem has changed', Outlook(), True))
+
+
+def test_a_new_plan_keeps_the_parameters_of_its_request_and_is_dropped_when_late() -> None:
+    review = Reviewed()
+    assert review.seen == [{**review.values, 'wide': 2.0}]
+    review.finish()
+    assert [plan.start for plan in review.published] == [1_500_000_000]
+    assert review.published[0].own == {'wide': 2.0}
+    review.now += 600_000_000
+    review.finish()
+    assert len(review.published) == 1
+    assert review.replanning._last == 'a new plan came 0.100 s late'
+
+
+class Restarted:
+    """A planner being restarted; `told` is called with what trackers say, timers ring at will."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now, self.active = 100.0, False
+        self.timers: list[Callable[[], None]] = []
+        self.taken: list[Any] = []
+        monkeypatch.setattr(recovery, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        this: Any = self
+        recovery.Recovery(this, this, lambda *found: self.taken.append(found))
+
+    def watch_plans_followed(self, found: Any) -> None:
+        self.told = found
+
+    def create_timer(self, period: float, ring: Callable[[], None]) -> Callable[[], None]:
+        self.timers.append(ring)
+        return ring
+
+    def destroy_timer(self, timer: Callable[[], None]) -> None:
+        self.timers.remove(timer)
+
+    def later(self, seconds: float) -> None:
+        self.now += seconds
+        for ring in list(self.timers):
+            ring()
+
+
+@pytest.fixture
+def restarted(monkeypatch: pytest.MonkeyPatch) -> Restarted:
+    return Restarted(monkeypatch)
+
+
+def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> None:
+    restarted.active = True
+    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.later(1.0)
+    assert restarted.taken == [({'pendulum': 'plan A'}, 1)]
+    restarted.now += recovery.WINDOW
+    restarted.told({'pendulum': 'plan B'}, 2)
+    restarted.later(60.0)
+    assert len(restarted.taken) == 1
+
+
+def test_what_begins_long_after_it_started_is_not(restarted: Restarted) -> None:
+    restarted.active = True
+    restarted.now += recovery.WINDOW + 1.0
+    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.later(60.0)
+    assert restarted.taken == []
+
+
+@pytest.mark.parametrize('news', [{}, {'pendulum': 'plan B'}])
+def test_what_was_given_up_before_it_was_activated_is_forgotten(
+    restarted: Restarted, news: Any
+) -> None:
+    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.later(30.0)
+    restarted.told(news, 2)
+    restarted.active = True
+    restarted.later(1.0)
+    assert restarted.taken == ([(news, 2)] if news else [])
