@@ -28,6 +28,7 @@ from types import MappingProxyType
 TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
     {
         ('planner', 'plan'): 'plans from the newest measured state, or from `start.*`',
+        ('planner', 'plan_with'): 'the same with parameters for this request alone',
         ('planner', 'joint_states'): 'state of the pendulum: joints `pendulum`, `disk`',
         ('planner', 'tracker_status'): 'which plan the tracker follows, or what it does instead',
         ('planner', '<robot>/tracker_status'): "the same of a robot's tracker",
@@ -43,14 +44,14 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ('planner', '<robot>/trajectory'): 'pose, velocity and acceleration of a robot',
         ('planner', '<robot>/controls'): 'thrust, its direction and rate, wheel torque',
         ('planner', '<robot>/path'): 'planned path, every pose stamped',
-        ('planner', 'markers'): 'the plan in force: paths, goals, safety circles',
+        ('planner', 'markers'): 'the active plan: paths, goals, safety circles',
         ('planner', 'plant_markers'): 'a real plant in its measured state',
         ('planner', '<robot>/plant_markers'): (
             'a real plant in its measured state; goals that were refused'
         ),
         ('planner', 'plan_summary'): (
-            'one line of JSON: figures, worst margins with their instants, parameters of the plan '
-            'in force'
+            'one line of JSON: figures, worst margins with their instants, parameters of the '
+            'active plan'
         ),
         ('planner', '/diagnostics'): 'state, figures of the last plan, worst margins',
         ('tracker', 'trajectory'): 'the plan to follow',
@@ -102,7 +103,9 @@ JSON_KEYS: Mapping[str, str] = MappingProxyType(
         'solve_time': 'time spent searching [s]',
         'evaluations': 'evaluations of the nonlinear programmes',
         'summary': 'one sentence for people',
-        'warnings': 'sentences about plants and trackers that are not connected; absent if none',
+        'warnings': (
+            'sentences about what is not connected, or that the plan came late; absent if none'
+        ),
         'code': 'why there is no plan: one of the codes below',
         'reason': 'the same in one sentence',
         'times': 'instants of the samples, from 0, strictly increasing [s]',

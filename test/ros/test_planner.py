@@ -20,6 +20,9 @@ from typing import Any
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter as Given
 from ros_harness import ENOUGH
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -60,6 +63,24 @@ class Planner:
         assert done, answer
         self.ros.settle()
         return self.trajectories[-1]
+
+    def ask(self, *parameters: Parameter, **own: Any) -> Any:
+        """Send a request with parameters of its own (``__`` for the dot); return its future."""
+        named = {name.replace('__', '.'): value for name, value in own.items()}
+        given = [Given(name, value=value).to_parameter_msg() for name, value in named.items()]
+        request = SetParametersAtomically.Request(parameters=[*given, *parameters])
+        return self.ros.request(f'{self.space}/plan_with', SetParametersAtomically, request)
+
+    def plan_with(self, *parameters: Parameter, **own: Any) -> tuple[bool, dict[str, Any]]:
+        """Return whether there is a plan with parameters of its own, and the answer."""
+        asked = self.ask(*parameters, **own)
+        assert self.ros.spin_until(asked.done)
+        result = asked.result().result
+        return result.successful, json.loads(result.reason)
+
+    def summary(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.latched('plan_summary', String).data)
+        return found
 
     def failure(self) -> tuple[str, str]:
         """Return code and reason of a request that comes to nothing."""
@@ -292,6 +313,71 @@ def test_a_failed_request_leaves_the_plan_in_force(
     planner.ros.settle()
     assert len(planner.trajectories) == count
     assert planner.latched('trajectory', JointTrajectory) == in_force
+
+
+def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Planner) -> None:
+    before = planner.here.node.parameter_values
+    for torque, turns in ((0.08, 1), ('6e-2', -1)):  # text for what it says, as on the node
+        done, answer = planner.plan_with(limits__torque=torque, goal__turns=turns, start__delay=2)
+        assert done, answer
+        assert list(answer) == ANSWER
+        summary = planner.summary()
+        assert {name: summary[name] for name in ANSWER} == answer
+        assert summary['parameters']['limits.torque'] == float(torque)
+        planner.ros.settle()
+        message = planner.trajectories[-1]
+        assert begins(message) >= planner.ros.now + 1.9e9
+        assert message.points[-1].positions[0] == pytest.approx(turns * math.tau, abs=1e-4)
+    assert planner.here.node.parameter_values == before
+    planner.plan()
+    assert planner.summary()['parameters']['limits.torque'] == STRONG['limits.torque']
+    assert planner.plan_with()[0]
+
+
+@pytest.mark.parametrize(
+    ('own', 'says'),
+    [
+        ({'limits__torque': -1.0}, "parameter 'limits.torque' = -1.0 is not allowed"),
+        ({'limits__torque': 'strong'}, "parameter 'limits.torque' = 'strong' is not allowed"),
+        ({'limits__torque': None}, "parameter 'limits.torque' = None is not allowed"),
+        ({'limits__torqe': 1.0}, "parameter 'limits.torqe' is unknown: did you mean limits.torq"),
+        ({'replan__rate': 1.0}, "parameter 'replan.rate' is not one of a request: set it on the"),
+        ({'problem': 'robot_formation'}, 'it is fixed while the node runs'),
+        ({'start__psi': 2.5}, "'start.psi' = 2.5"),
+    ],
+    ids=str,
+)
+def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
+    planner: Planner, own: dict[str, Any], says: str
+) -> None:
+    active, values = planner.plan(), planner.here.node.parameter_values
+    done, answer = planner.plan_with(**own)
+    assert not done
+    assert answer['code'] == 'INVALID_PROBLEM'
+    assert says in answer['reason']
+    assert planner.here.node.parameter_values == values
+    assert planner.latched('trajectory', JointTrajectory) == active
+
+
+def test_a_parameter_of_a_type_that_does_not_exist_is_rejected(planner: Planner) -> None:
+    done, answer = planner.plan_with(Parameter(name='method', value=ParameterValue(type=255)))
+    assert not done
+    assert answer['code'] == 'INVALID_PROBLEM'
+    assert 'cannot be read' in answer['reason']
+
+
+def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(
+    ros: Stepped, planner: Planner
+) -> None:
+    turns = (1, -1, 2, 1)
+    asked = [planner.ask(goal__turns=number) for number in turns]
+    assert ros.spin_until(lambda: all(future.done() for future in asked))
+    answers = [future.result().result for future in asked]
+    met = [n for n, result in zip(turns, answers, strict=True) if result.successful]
+    refused = [json.loads(result.reason)['code'] for result in answers if not result.successful]
+    assert met
+    assert refused == ['BUSY'] * (len(turns) - len(met))
+    assert planner.summary()['parameters']['goal.turns'] == met[-1]
 
 
 def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(planner: Planner) -> None:

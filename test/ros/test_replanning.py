@@ -21,6 +21,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -145,7 +147,12 @@ def rig(ros: Stepped) -> Iterator[Rig]:
 
 
 def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) -> None:
-    rig.plan()
+    """With the parameters that its plan was asked for, which are not the node's."""
+    own = [Parameter('torque_reserve', value=0.25).to_parameter_msg()]
+    request = SetParametersAtomically.Request(parameters=own)
+    asked = ros.call('/replanning/plan_with', SetParametersAtomically, request)
+    assert asked.result.successful, asked.result.reason
+    ros.settle()
     begins = seconds_of(rig.plans[0].header.stamp)
     assert ros.spin_until(lambda: seconds_of(rig.states[-1].header.stamp) > begins + 0.15)
     rig.push(1.5e-3)
@@ -158,6 +165,8 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     summaries = [json.loads(message.data) for message in rig.summaries]
     assert [summary['plan_id'] for summary in summaries] == list(range(1, len(rig.plans) + 1))
     assert all(summary['verification']['ok'] for summary in summaries)
+    assert {summary['parameters']['torque_reserve'] for summary in summaries} == {0.25}
+    assert 'the problem has changed' not in rig.planner.output
     stamps = np.array([seconds_of(state.header.stamp) for state in rig.states])
     angles = np.array([rig.angle(state) for state in rig.states])
     last = rig.plans[-1]
