@@ -127,7 +127,7 @@ class TrackerNode(ManagedNode):
         self._clock_steps = 0
         self._time = MotionClock(self, self._on_clock_step)
         self._refusal = ''
-        self._accepted = self._refused = self._states_left_out = self._commands = 0
+        self._accepted = self._refused = self._states_ignored = self._commands = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
@@ -247,9 +247,9 @@ class TrackerNode(ManagedNode):
                     f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
                 )
         except InvalidProblem as error:
-            self._states_left_out += 1
+            self._states_ignored += 1
             self.get_logger().warning(
-                f'state left out: {error}', throttle_duration_sec=WARNING_PERIOD
+                f'state ignored: {error}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._newest = state, at
@@ -457,7 +457,7 @@ class TrackerNode(ManagedNode):
             'gains computed in [s]': self._preparation,
             'rate [Hz]': 0.0 if self._rate is None else self._rate.measured(),
             'commands sent': self._commands,
-            'states left out': self._states_left_out,
+            'states ignored': self._states_ignored,
             'clock steps': self._clock_steps,
         }
         return Report(level, message, figures)

@@ -20,9 +20,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.trajectory import TimedTrajectory
+from tdm_planner.trajectory import NANOSECOND, TimedTrajectory
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 0.5 * NANOSECOND  # s; instants are told in whole nanoseconds
 
 
 class ActivePlans:
@@ -43,7 +45,8 @@ class ActivePlans:
 
     def at(self, now: float) -> TimedTrajectory | None:
         """Return the plan carried out at the instant `now` [s]; None before the first begins."""
-        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
+        begun = now + _ROUNDING
+        return next((plan for plan in reversed(self._plans) if plan.start <= begun), None)
 
     def clock_was_set(self, step: float | None) -> None:
         """Let all begin `step` [s] later, as the node's clock was set; None: forget them."""
@@ -52,7 +55,7 @@ class ActivePlans:
     def next_start(self, now: float) -> float | None:
         """Instant [s] at which the newest plan begins; None where that is not after `now`."""
         start = self._plans[-1].start if self._plans else now
-        return start if start > now else None
+        return start if start > now + _ROUNDING else None
 
 
 def deviation(state: Array, reference: Array, angles: NDArray[np.bool_]) -> Array:
