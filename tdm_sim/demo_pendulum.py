@@ -26,16 +26,11 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from tdm_planner.nodes.messages import (
-    joint_indices,
-    joint_motion,
-    LATCHED,
-    PENDULUM_JOINTS,
-    pendulum_trajectory,
-    seconds_of,
-)
+from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
+from tdm_planner.nodes.reading import read_plan, read_state
 from tdm_planner.plan_files import finite
 from tdm_planner.plan_margins import plan_margins
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plotting import Measurement, plot_limits, plot_trajectory
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
@@ -92,8 +87,8 @@ class PendulumScene(Scene):
 
     def _measured(self, message: JointState) -> None:
         at = seconds_of(message.header.stamp)
-        theta, psi, *rates = joint_motion(message, PENDULUM_JOINTS).tolist()
-        (disk,) = joint_indices(message.name, PENDULUM_JOINTS[1:])
+        theta, psi, *rates = read_state(PENDULUM, message).tolist()
+        (disk,) = joint_indices(message.name, ['disk'])
         self._states.append((at, theta, psi, *rates, message.effort[disk]))
         if not abs(math.remainder(theta, 2 * math.pi)) < UPRIGHT_TOLERANCE:
             self._upright_since = math.inf
@@ -101,7 +96,7 @@ class PendulumScene(Scene):
             self._upright_since = at
 
     def _planned(self, message: JointTrajectory) -> None:
-        self.trajectory = pendulum_trajectory(message)
+        self.trajectory = read_plan(PENDULUM, message)
         self.starts_at = seconds_of(message.header.stamp)
 
     def unconnected(self) -> list[str]:

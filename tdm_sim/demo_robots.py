@@ -31,10 +31,11 @@ from sensor_msgs.msg import JointState
 from tdm_planner.formation_plot import FormationView, plot_formation
 from tdm_planner.measured_robot import MeasuredRobot
 from tdm_planner.nodes.messages import joint_indices, LATCHED, seconds_of
-from tdm_planner.nodes.robot_messages import odometry_state, ROBOT_JOINTS, robot_trajectory
+from tdm_planner.nodes.reading import read_odometry, read_plan
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.plan_files import finite
 from tdm_planner.plan_margins import plan_margins
+from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -47,7 +48,7 @@ from tdm_sim.verdict_formation import (
     POSITION_TOLERANCE,
     YAW_TOLERANCE,
 )
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,9 @@ _MODULES = {
     'tracker': 'tdm_planner.nodes.tracker',
     'robot_plant': 'tdm_sim.robot_plant',
 }
+
+
+_POSE = ROBOT.state_names[:6]
 
 
 class _Robot:
@@ -69,23 +73,15 @@ class _Robot:
         """Forget everything heard."""
         self.poses: list[list[float]] = []
         self.actuators: list[list[float]] = []
-        self.motion: MultiDOFJointTrajectory | None = None
-        self.controls: JointTrajectory | None = None
+        self.motion: JointTrajectory | None = None
         self.plan: Trajectory | None = None
         self.in_place_since = math.inf
-
-    def pair_up(self) -> None:
-        """Read the plan once both of its messages are there."""
-        if self.motion is None or self.controls is None:
-            return
-        if self.motion.header.stamp == self.controls.header.stamp:
-            self.plan = robot_trajectory(self.motion, self.controls, self.name)
 
     def measured(self, start: float) -> MeasuredRobot:
         """Return what was measured from half a second before the motion."""
         poses = np.array(self.poses)
         poses = poses[poses[:, 0] > start - 0.5]
-        columns = dict(zip(('x', 'y', 'u', 'v', 'yaw', 'omega'), poses[:, 1:].T, strict=True))
+        columns = dict(zip(_POSE, poses[:, 1:].T, strict=True))
         actuators = np.array(self.actuators)
         for k, name in enumerate(('thrust', 'thruster_rate', 'torque'), start=1):
             columns[name] = np.interp(poses[:, 0], actuators[:, 0], actuators[:, k])
@@ -149,21 +145,13 @@ class RobotsScene(Scene):
                 qos_profile_sensor_data,
             )
             node.create_subscription(
-                MultiDOFJointTrajectory,
-                f'{name}/trajectory',
-                partial(self._moves_planned, robot),
-                LATCHED,
-            )
-            node.create_subscription(
-                JointTrajectory,
-                f'{name}/controls',
-                partial(self._controls_planned, robot),
-                LATCHED,
+                JointTrajectory, f'{name}/trajectory', partial(self._planned, robot), LATCHED
             )
 
     def _moved(self, robot: _Robot, message: Odometry) -> None:
         at = seconds_of(message.header.stamp)
-        robot.poses.append([at, *odometry_state(message).tolist()])
+        state = read_odometry(ROBOT, message)
+        robot.poses.append([at, *(state[name] for name in _POSE)])
         here = MeasuredRobot(
             np.array([at]),
             dict(zip(('x', 'y', 'u', 'v', 'yaw'), np.array(robot.poses[-1][1:6])[:, None],
@@ -176,7 +164,7 @@ class RobotsScene(Scene):
             robot.in_place_since = at
 
     def _acted(self, robot: _Robot, message: JointState) -> None:
-        thruster, wheel = joint_indices(message.name, ROBOT_JOINTS)
+        thruster, wheel = joint_indices(message.name, [joint.name for joint in ROBOT.actuated])
         robot.actuators.append(
             [
                 seconds_of(message.header.stamp),
@@ -186,13 +174,8 @@ class RobotsScene(Scene):
             ]
         )
 
-    def _moves_planned(self, robot: _Robot, motion: MultiDOFJointTrajectory) -> None:
-        robot.motion = motion
-        robot.pair_up()
-
-    def _controls_planned(self, robot: _Robot, controls: JointTrajectory) -> None:
-        robot.controls = controls
-        robot.pair_up()
+    def _planned(self, robot: _Robot, motion: JointTrajectory) -> None:
+        robot.motion, robot.plan = motion, read_plan(ROBOT, motion)
 
     @property
     def starts_at(self) -> float:

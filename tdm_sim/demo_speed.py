@@ -30,7 +30,7 @@ from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.request import RequestParameters
-from tdm_sim.plant_node import SimulationParameters
+from tdm_sim.plant_model import SimulationParameters
 
 Settings = dict[str, Any]
 

@@ -27,10 +27,12 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, seconds_of
-from tdm_planner.nodes.stated_plants import stated_problem, StatedMessages
+from tdm_planner.nodes.messages import LATCHED, seconds_of
+from tdm_planner.nodes.reading import read_command, read_plan, read_state
+from tdm_planner.nodes.stated_plants import stated_problem
 from tdm_planner.plan_files import finite
 from tdm_planner.plan_margins import plan_margins
+from tdm_planner.plant_kind import kind_of
 from tdm_planner.plotting import Measurement, plot_trajectory
 from tdm_planner.problems.direct_plant import TracedPlant
 from tdm_planner.problems.direct_statement import constraints_of
@@ -59,7 +61,7 @@ class StatedScene(Scene):
         self.given_name = problem
         self.problem = stated_problem(problem).from_parameters(self.parameters)
         self.namespace = f'/{self.problem.name}'
-        self._messages = StatedMessages(self.problem)
+        self._kind = kind_of(self.problem)
         self._tracker = StatedTracker(self.problem, TrackerParameters())
         self.clear()
 
@@ -67,7 +69,6 @@ class StatedScene(Scene):
         """Forget what was measured and planned: another mission begins."""
         self.trajectory: Trajectory | None = None
         self.starts_at, self._held = math.inf, False
-        self._halves: dict[int, dict[str, JointTrajectory]] = {}
         self._states: list[tuple[float, Array]] = []
         self._commands: list[tuple[float, Array]] = []
 
@@ -89,7 +90,7 @@ class StatedScene(Scene):
         return made
 
     def listen(self, node: Node) -> None:
-        """Subscribe to states, commands and both halves of plans."""
+        """Subscribe to states, commands and plans."""
         super().listen(node)
         node.create_subscription(
             JointState, 'joint_states', self._measured, qos_profile_sensor_data
@@ -97,30 +98,20 @@ class StatedScene(Scene):
         node.create_subscription(
             JointState, 'joint_command', self._commanded, qos_profile_sensor_data
         )
-        for half in ('trajectory', 'controls'):
-
-            def take(message: JointTrajectory, half: str = half) -> None:
-                self._planned(half, message)
-
-            node.create_subscription(JointTrajectory, half, take, LATCHED)
+        node.create_subscription(JointTrajectory, 'trajectory', self._planned, LATCHED)
 
     def _measured(self, message: JointState) -> None:
         at = seconds_of(message.header.stamp)
-        self._states.append((at, self._messages.read_state(message)))
+        self._states.append((at, read_state(self._kind, message)))
 
     def _commanded(self, message: JointState) -> None:
-        efforts = dict(zip(message.name, message.effort, strict=True))
-        control = np.array([efforts[name] for name in self._messages.controls])
+        control = read_command(self._kind, message)
         self._commands.append((seconds_of(message.header.stamp), control))
 
-    def _planned(self, half: str, message: JointTrajectory) -> None:
-        stamp = nanoseconds_of(message.header.stamp)
-        halves = self._halves.setdefault(stamp, {})
-        halves[half] = message
-        if len(halves) == 2:
-            self.trajectory = self._messages.read_plan(halves['trajectory'], halves['controls'])
-            self.starts_at = seconds_of(message.header.stamp)
-            self._held = self._tracker.prepare(self.trajectory).end is not None
+    def _planned(self, message: JointTrajectory) -> None:
+        self.trajectory = read_plan(self._kind, message)
+        self.starts_at = seconds_of(message.header.stamp)
+        self._held = self._tracker.prepare(self.trajectory).end is not None
 
     def unconnected(self) -> list[str]:
         """Name plant and tracker where they are not up and connected."""
@@ -155,7 +146,7 @@ class StatedScene(Scene):
             return 'waiting for the plant'
         at, state = self._states[-1]
         clock = f't = {at - self.starts_at:+6.2f} s   ' if self.planned else ''
-        values = zip(self._messages.states, state.tolist(), strict=True)
+        values = zip(self._kind.state_names, state.tolist(), strict=True)
         return clock + '   '.join(f'{name} {value:+.3g}' for name, value in values)
 
     def _histories(self) -> tuple[Array, Array, Array]:

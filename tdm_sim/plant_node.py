@@ -21,12 +21,12 @@ service), so that late timers delay messages but never slow down or speed up the
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from builtin_interfaces.msg import Time as TimeMessage
+from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -35,108 +35,37 @@ from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
+from tdm_planner.nodes.messages import joint_states, odometry
 from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
-from tdm_planner.nodes.qos import NEWEST
+from tdm_planner.nodes.qos import LATCHED, NEWEST
 from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
+from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.sole_publisher import SolePublisher
-from tdm_planner.parameters import (
-    build,
-    parameter,
-    ParameterSpec,
-    POSITIVE,
-    Range,
-    SEED,
-    specifications,
-    Validated,
-)
+from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_sim.clock_source import ClockSource
-from tdm_sim.commands import MalformedCommand
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.plant_model import PlantModel
+from tdm_sim.simulation import SimulatedPlant
 from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
 LONGEST_CATCH_UP = 0.1  # s; what a process stalled for longer leaves out, so that it can recover
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
-
-_SHARE = Range(0.0, 1.0, upper_open=True)
-
-
-@dataclass(frozen=True)
-class SimulationParameters(Validated):
-    """What every simulated plant can be told; subclasses add the plant's own."""
-
-    rate: float = parameter(
-        200.0,
-        'rate of the published states',
-        unit='Hz',
-        allowed=Range(0.1, 1000.0),
-        read_only=True,
-    )
-    real_time_factor: float = parameter(
-        1.0,
-        'speed of the simulated motion relative to the clock; with publish_clock, of that clock '
-        'relative to real time',
-        allowed=Range(0.0, 100.0, lower_open=True),
-    )
-    publish_clock: bool = parameter(
-        False,
-        'drive /clock, for other nodes with use_sim_time; one node alone must do so',
-        read_only=True,
-    )
-    clock_followers: list[str] = parameter(
-        ['joint_command'],
-        'topics of commands or joint states whose publishers the clock waits for when they fall '
-        'behind',
-        read_only=True,
-    )
-    command_timeout: float = parameter(
-        0.1,
-        'simulated time without a command after which the actuators are switched off',
-        unit='s',
-        allowed=POSITIVE,
-    )
-    mismatch: float = parameter(
-        0.0,
-        'largest relative error put on every physical constant, at random (0.05 is 5 %)',
-        allowed=_SHARE,
-    )
-    mismatch_seed: int = parameter(
-        0, 'seed of the mismatch: the same seed gives the same plant', allowed=SEED
-    )
-    seed: int = parameter(
-        0,
-        'seed of measurement noise, command loss and push directions',
-        allowed=SEED,
-        read_only=True,
-    )
-
-
-@dataclass(frozen=True)
-class MarkerParameters(Validated):
-    """How the plant is drawn, while somebody looks."""
-
-    rate: float = parameter(
-        25.0,
-        'rate of the markers while somebody listens; 0 switches them off',
-        unit='Hz',
-        allowed=Range(0.0, 100.0),
-    )
-    trail: float = parameter(
-        1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
-    )
+QUEUE = 10  # messages
 
 
 class PlantNode(ParameterNode):
     """
-    A simulated plant in real time; subclasses say which plant and how it looks as messages.
+    A simulated plant in real time; `make_model` says which, once the `first` parameters are known.
 
-    Subscribes `joint_command`, publishes measured states, `plant_markers` and `/diagnostics`,
-    serves `reset` and `push`. Subclasses declare a group `markers` of `MarkerParameters`. Changed
+    Subscribes `joint_command`, publishes `joint_states`, `odom` and `robot_description` where the
+    plant has them, `plant_markers` and `/diagnostics`, serves `reset` and `push`. Changed
     parameters act at once, without a jump of the state (`initial.*` at `reset`).
 
     Raises
@@ -146,19 +75,24 @@ class PlantNode(ParameterNode):
 
     """
 
+    decisive = frozenset({'problem'})
+
     def __init__(
         self,
         name: str,
-        parameters: type[SimulationParameters],
+        make_model: Callable[[PlantNode], PlantModel],
         first: Mapping[str, ParameterSpec] = MappingProxyType({}),
         **options: Any,
     ) -> None:
         super().__init__(name, first, **options)
-        self._parameters_type = self.parameters_of(parameters)
-        self.declare(specifications(self._parameters_type))
+        self.model = make_model(self)
+        self.declare(specifications(self.model.parameters))
         self.warn_of_unknown_overrides()
-        self.parameters: Any = build(self._parameters_type, self.parameter_values)
-        self.simulation = SimulatedPlant(self.make_setup(self.parameters), self.parameters.seed)
+        self.parameters: Any = build(self.model.parameters, self.parameter_values)
+        setup = self.model.make_setup(self.parameters)
+        self.simulation = SimulatedPlant(setup, self.parameters.seed)
+        kind = self.model.kind
+        self._joints = [joint for joint in kind.joints if joint.name not in kind.odometry]
         self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
         self._last = self._time.now()
@@ -168,7 +102,11 @@ class PlantNode(ParameterNode):
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
-        self.make_publishers()
+        self._joint_states = self.create_publisher(JointState, 'joint_states', QUEUE)
+        self._odometry = self.create_publisher(Odometry, 'odom', QUEUE) if kind.odometry else None
+        self._described = ''
+        self._description: Any = None
+        self._describe()
         self._diagnostics = Diagnostics(self, 'simulation', self._report)
         self._clocks = None if self._clock_source is None else self._watch_for_other_clocks()
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
@@ -181,10 +119,6 @@ class PlantNode(ParameterNode):
             post_callback=self._on_clock_jump,
         )
         self._timer = self._make_timer()
-
-    def parameters_of(self, base: type[SimulationParameters]) -> type[SimulationParameters]:
-        """Return the dataclass of the parameters, once the `first` ones are known."""
-        return base
 
     def _make_clock_source(self) -> ClockSource | None:
         if not self.parameters.publish_clock:
@@ -210,55 +144,32 @@ class PlantNode(ParameterNode):
         self._rate = RateWatch(1.0 / period, seconds_by(clock))
         return self.create_timer(period, self._on_timer, clock=clock)
 
-    @abstractmethod
-    def make_setup(self, parameters: Any) -> PlantSetup:
-        """Return the plant, its limits and its disturbances as `parameters` say."""
-
-    @abstractmethod
-    def make_publishers(self) -> None:
-        """Create the publishers of the states."""
-
-    @abstractmethod
-    def publish_state(self, measured: Array, stamp: Any) -> None:
-        """Publish the state (nx,) as measured at `stamp` (builtin_interfaces/Time)."""
-
-    @abstractmethod
-    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
-        """Return the plant in the state (nx,) measured at `now`, visible for `lifetime` [s]."""
-
-    def follow(self, measured: Array, now: Time) -> None:
-        """Remember the state (nx,) for the trail."""
-
-    def moved_elsewhere(self) -> None:
-        """Forget the trail: the plant was put elsewhere."""
-
-    @abstractmethod
-    def read_command(self, message: JointState) -> Array:
-        """Return the controls (nu,) of a command; raises MalformedCommand."""
-
-    @abstractmethod
-    def push_effect(self) -> tuple[Callable[[Array], Array], str]:
-        """Return what one push of `disturbance.impulse` does to a state, and a description."""
-
-    @abstractmethod
-    def conditions(self) -> tuple[list[str], dict[str, Any]]:
-        """Return warnings about the plant's state, and figures for the diagnostics."""
-
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Refuse values that do not make a plant together."""
-        self.make_setup(build(self._parameters_type, values))
+        self.model.make_setup(build(self.model.parameters, values))
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Let changed parameters act from now on."""
         self.advance()
-        self.parameters = build(self._parameters_type, self.parameter_values)
-        self.simulation.setup = self.make_setup(self.parameters)
+        self.parameters = build(self.model.parameters, self.parameter_values)
+        self.simulation.setup = self.model.make_setup(self.parameters)
+        self._describe()
         source, speed = self._clock_source, self.parameters.real_time_factor
         if source is not None and source.speed != speed:
             source.advance()
             source.speed = speed
             self.destroy_timer(self._timer)
             self._timer = self._make_timer()
+
+    def _describe(self) -> None:
+        """Let picture and URDF follow the parameters, which have no mismatch."""
+        self.model.parameters_changed(self.parameters)
+        description = self.model.description(self.parameters)
+        if description != self._described:
+            if self._description is None:
+                self._description = self.create_publisher(String, 'robot_description', LATCHED)
+            self._described = description
+            self._description.publish(String(data=description))
 
     def advance(self) -> Time:
         """Integrate up to the present and return its stamp."""
@@ -282,7 +193,8 @@ class PlantNode(ParameterNode):
             self._clock_source.advance()
         now = self.advance()
         measured = self.simulation.measure()
-        self.publish_state(measured, now.to_msg())
+        self.model.observe(self.simulation.state)
+        self._publish(measured, now.to_msg())
         self._published += 1
         self._show(measured, now)
         if self.simulation.timeouts > self._warned_timeouts:
@@ -293,20 +205,36 @@ class PlantNode(ParameterNode):
                 throttle_duration_sec=WARNING_PERIOD,
             )
 
+    def _publish(self, measured: Array, stamp: TimeMessage) -> None:
+        """Publish the state (nx,) as measured, and the controls as applied."""
+        setup, kind = self.simulation.setup, self.model.kind
+        plant, noise = setup.plant, setup.noise
+        values = dict(zip(plant.state_names, measured.tolist(), strict=True))
+        applied = dict(zip(plant.control_names, self.simulation.control.tolist(), strict=True))
+        message = joint_states(self._joints, values | applied)
+        message.header.stamp, message.header.frame_id = stamp, self.model.name
+        self._joint_states.publish(message)
+        if self._odometry is not None:
+            deviations = dict(zip(plant.state_names, noise.tolist(), strict=True))
+            self._odometry.publish(odometry(kind, values, deviations, stamp, self.model.name))
+
     def _show(self, measured: Array, now: Time) -> None:
-        rate = self.parameters.markers.rate
-        self.follow(measured, now)
+        rate, picture = self.parameters.markers.rate, self.model.picture
+        if picture is None:
+            return
+        picture.add(now.nanoseconds, measured)
         elapsed = now.nanoseconds - self._drawn
         if rate == 0.0 or 0 <= elapsed * rate < 1e9 or not self._markers.get_subscription_count():
             return
         self._drawn = now.nanoseconds
-        self._markers.publish(self.draw(measured, now, lifetime_at(rate)))
+        control = self.simulation.control
+        self._markers.publish(picture.draw(now.to_msg(), measured, control, lifetime_at(rate)))
 
     def _on_command(self, message: JointState) -> None:
         self.advance()
         try:
-            self.simulation.command(self.read_command(message))
-        except MalformedCommand as error:
+            self.simulation.command(read_command(self.model.kind, message))
+        except InvalidProblem as error:
             self._refused += 1
             self.get_logger().warning(
                 f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
@@ -317,14 +245,15 @@ class PlantNode(ParameterNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
         self.simulation.reset()
-        self.moved_elsewhere()
+        if self.model.picture is not None:
+            self.model.picture.clear()
         response.success = True
         response.message = 'back in the initial state'
         return response
 
     def _on_push(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
-        effect, description = self.push_effect()
+        effect, description = self.model.push(self.parameters, self.simulation)
         self.simulation.push(effect)
         self._pushes += 1
         self.get_logger().info(description)
@@ -337,7 +266,7 @@ class PlantNode(ParameterNode):
         self._last = self._time.now()
 
     def _report(self) -> Report:
-        warnings, figures = self.conditions()
+        warnings, figures = self.model.conditions(self.parameters)
         errors = list(self.invalid_overrides.values())
         if self._left_out > 0.0:
             warnings = [*warnings, f'{self._left_out:.3g} s left out: the process was stalled']
@@ -366,6 +295,7 @@ class PlantNode(ParameterNode):
                 'commands refused': self._refused,
                 'command time-outs': self.simulation.timeouts,
                 'pushes': self._pushes,
+                **({'held': self.simulation.held} if self.simulation.setup.held else {}),
                 **figures,
             },
         )

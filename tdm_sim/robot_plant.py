@@ -16,20 +16,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-import math
+from functools import partial
 import sys
 from typing import Any
 
-from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.time import Time
-from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.frames import ARENA_FRAME
-from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState
+from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import (
     group,
@@ -40,18 +36,17 @@ from tdm_planner.parameters import (
     SIGNED,
     Validated,
 )
+from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_sim.commands import read_joint
 from tdm_sim.disturbances import robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters, WARNING_PERIOD
-from tdm_sim.simulation import PlantSetup
+from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
+from tdm_sim.plant_node import PlantNode, WARNING_PERIOD
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
-from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
-JOINTS = ('thruster', 'reaction_wheel')
 DEFAULT_NAME = 'robot1'
 
 
@@ -154,26 +149,33 @@ class RobotPlantParameters(SimulationParameters):
     markers: RobotMarkers = group(RobotMarkers)
 
 
-class RobotPlant(PlantNode):
+class RobotModel(PlantModel):
     """
     A simulated floating robot.
 
-    `odom`: pose in the frame `arena`, twist in the robot's own frame. `joint_states`: [thruster,
-    reaction_wheel], positions alpha and the wheel's angle, velocities the thruster's rate and the
-    wheel's speed, efforts thrust [N] and torque [N m] applied. `joint_command`: velocity and
-    effort of `thruster` (rate, thrust), effort of `reaction_wheel` (torque). The mismatch also
-    makes thrust and torque differ from what is commanded. `plant_markers`: see `RobotPicture`.
+    Joints thruster (alpha, its rate, thrust [N]) and reaction_wheel (the wheel's angle, speed and
+    torque), the rest by odometry. The mismatch also makes thrust and torque differ from what is
+    commanded.
     """
 
-    def __init__(self, **options: Any) -> None:
-        self._collisions = 0
-        super().__init__('robot_plant', RobotPlantParameters, **options)
+    parameters = RobotPlantParameters
+    kind = ROBOT
 
-    @property
-    def robot_name(self) -> str:
-        """Name of the robot."""
-        given: str = self.parameters.robot_name
-        return given or self.get_namespace().rsplit('/', 1)[-1] or DEFAULT_NAME
+    def __init__(self, node: PlantNode) -> None:
+        self._logger, self._namespace = node.get_logger(), node.get_namespace()
+        self._collisions = 0
+        self.picture = self._drawn = RobotPicture(RobotLook(DEFAULT_NAME, 0.15, 0.4, 1.0), 60.0)
+
+    def parameters_changed(self, parameters: RobotPlantParameters) -> None:
+        """Draw the robot as the parameters have it."""
+        given = parameters.robot_name
+        self.name = given or self._namespace.rsplit('/', 1)[-1] or DEFAULT_NAME
+        radius, separation = parameters.arena.robot_radius, parameters.arena.minimum_separation
+        # A point has no picture: without a radius the body is drawn as large as the disc allows.
+        look = RobotLook(
+            self.name, radius or 0.375 * separation, separation, parameters.limits.thrust
+        )
+        self._drawn.set_up(look, parameters.markers.trail)
 
     def make_setup(self, parameters: RobotPlantParameters) -> PlantSetup:
         """Return the robot, its limits and its disturbances as `parameters` say."""
@@ -181,16 +183,18 @@ class RobotPlant(PlantNode):
         gains = mismatched_gains(3, parameters.mismatch, parameters.mismatch_seed)
         gains[1] = 1.0  # the thruster turns by a servo, which has no such error
         robot = mismatched(parameters.plant, parameters.mismatch, parameters.mismatch_seed)
+        plant = WheeledRobot(robot)
+        deviations = {
+            **dict.fromkeys(('x', 'y'), noise.position),
+            **dict.fromkeys(('u', 'v'), noise.velocity),
+            **vars(noise),
+        }
         return PlantSetup(
-            plant=WheeledRobot(robot),
-            initial=_state(start),
+            plant=plant,
+            initial=np.array([vars(start).get(name, 0.0) for name in plant.state_names]),
             lower=np.array([0.0, -limits.thruster_rate, -limits.torque]),
             upper=np.array([limits.thrust, limits.thruster_rate, limits.torque]),
-            noise=np.array(
-                [noise.position] * 2
-                + [noise.velocity] * 2
-                + [noise.yaw, noise.omega, noise.alpha, 0.0, 0.0]
-            ),
+            noise=np.array([deviations.get(name, 0.0) for name in plant.state_names]),
             gains=gains,
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
@@ -209,115 +213,32 @@ class RobotPlant(PlantNode):
 
     def _on_collision(self, axis: str, speed: float) -> None:
         self._collisions += 1
-        self.get_logger().warning(
-            f'{self.robot_name} hit a wall with {speed:.3g} m/s along {axis}',
+        self._logger.warning(
+            f'{self.name} hit a wall with {speed:.3g} m/s along {axis}',
             throttle_duration_sec=WARNING_PERIOD,
         )
 
-    def make_publishers(self) -> None:
-        """Create the publishers of `joint_states` and `odom`."""
-        self._joint_states = self.create_publisher(JointState, 'joint_states', 10)
-        self._odom = self.create_publisher(Odometry, 'odom', 10)
-        self._picture = RobotPicture(self._look(), self.parameters.markers.trail)
-
-    def _look(self) -> RobotLook:
-        given = self.parameters
-        radius, separation = given.arena.robot_radius, given.arena.minimum_separation
-        # A point has no picture: without a radius the body is drawn as large as the disc allows.
-        return RobotLook(
-            self.robot_name, radius or 0.375 * separation, separation, given.limits.thrust
-        )
-
-    def values_changed(self, names: frozenset[str]) -> None:
-        """Let changed parameters act from now on, in the picture as well."""
-        super().values_changed(names)
-        self._picture.set_up(self._look(), self.parameters.markers.trail)
-
-    def follow(self, measured: Array, now: Time) -> None:
-        """Lengthen the trail."""
-        self._picture.add(now.nanoseconds, float(measured[0]), float(measured[1]))
-
-    def moved_elsewhere(self) -> None:
-        """Forget the trail."""
-        self._picture.clear()
-
-    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
-        """Return the robot."""
-        x, y, _, _, yaw, _, alpha = measured[:7].tolist()
-        thrust = float(self.simulation.control[0])
-        state = RobotState(x, y, yaw, alpha, thrust)
-        return self._picture.draw(now.to_msg(), state, lifetime)
-
-    def publish_state(self, measured: Array, stamp: Any) -> None:
-        """Publish `joint_states` and `odom`."""
-        x, y, u, v, yaw, omega, alpha, wheel_angle, wheel_speed = measured.tolist()
-        thrust, rate, torque = self.simulation.control.tolist()
-        joints = JointState(
-            name=JOINTS,
-            position=[alpha, wheel_angle],
-            velocity=[rate, wheel_speed],
-            effort=[thrust, torque],
-        )
-        joints.header.stamp = stamp
-        joints.header.frame_id = self.robot_name
-        self._joint_states.publish(joints)
-        odom = Odometry(child_frame_id=self.robot_name)
-        odom.header.stamp = stamp
-        odom.header.frame_id = ARENA_FRAME
-        odom.pose.pose.position.x, odom.pose.pose.position.y = x, y
-        odom.pose.pose.orientation.z = math.sin(yaw / 2.0)
-        odom.pose.pose.orientation.w = math.cos(yaw / 2.0)
-        cosine, sine = math.cos(yaw), math.sin(yaw)
-        odom.twist.twist.linear.x = cosine * u + sine * v
-        odom.twist.twist.linear.y = cosine * v - sine * u
-        odom.twist.twist.angular.z = omega
-        noise = self.parameters.noise
-        odom.pose.covariance = _covariance(noise.position, noise.yaw)
-        odom.twist.covariance = _covariance(noise.velocity, noise.omega)
-        self._odom.publish(odom)
-
-    def read_command(self, message: JointState) -> Array:
-        """Return thrust, thruster rate and torque (3,) of a command."""
-        return np.array(
-            [
-                read_joint(message, 'thruster', 'effort'),
-                read_joint(message, 'thruster', 'velocity'),
-                read_joint(message, 'reaction_wheel', 'effort'),
-            ]
-        )
-
-    def push_effect(self) -> tuple[Callable[[Array], Array], str]:
+    def push(
+        self, parameters: RobotPlantParameters, simulation: SimulatedPlant
+    ) -> tuple[Callable[[Array], Array], str]:
         """Return the effect of an impulse at the centre of mass."""
-        plant = self.simulation.setup.plant
+        plant, given = simulation.setup.plant, parameters.disturbance
         assert isinstance(plant, WheeledRobot)
-        impulse, direction = self.parameters.disturbance.impulse, self._push_direction()
+        impulse, direction = given.impulse, given.direction
+        if direction is None:
+            direction = simulation.disturbances.direction()
         return (
             lambda state: robot_push(plant.robot, state, impulse, direction),
-            f'pushed {self.robot_name} with {impulse:g} N s towards {direction:.3f} rad',
+            f'pushed {self.name} with {impulse:g} N s towards {direction:.3f} rad',
         )
 
-    def _push_direction(self) -> float:
-        given: float | None = self.parameters.disturbance.direction
-        return self.simulation.disturbances.direction() if given is None else given
-
-    def conditions(self) -> tuple[list[str], dict[str, Any]]:
+    def conditions(self, parameters: RobotPlantParameters) -> tuple[list[str], Mapping[str, Any]]:
         """Report collisions with the walls."""
         warnings = [f'{self._collisions} collisions with a wall'] if self._collisions else []
         return warnings, {'collisions': self._collisions}
 
 
-def _state(start: RobotInitialState) -> Array:
-    wheel_angle = 0.0
-    motion = (start.x, start.y, start.u, start.v, start.yaw, start.omega, start.alpha)
-    return np.array([*motion, wheel_angle, start.wheel_speed])
-
-
-def _covariance(linear: float, angular: float) -> Array:
-    """Row-major covariance (36,) of x, y and the rotation about z, from standard deviations."""
-    matrix = np.zeros((6, 6))
-    matrix[0, 0] = matrix[1, 1] = linear**2
-    matrix[5, 5] = angular**2
-    return matrix.ravel()
+RobotPlant = partial(PlantNode, 'robot_plant', RobotModel)
 
 
 def main(args: Sequence[str] | None = None) -> int:

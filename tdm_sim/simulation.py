@@ -42,7 +42,8 @@ class PlantSetup:
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
     multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are
     zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
-    deviations of measured states. `contact`, where given, replaces the state after every step.
+    deviations of measured states. `contact`, where given, replaces the state after every step. A
+    plant that is `held` stays in its initial state until the first command that is not zero.
     """
 
     plant: Plant
@@ -55,6 +56,7 @@ class PlantSetup:
     command_loss: float = 0.0
     contact: Callable[[Array], Array] | None = None
     largest_step: float = LARGEST_STEP
+    held: bool = False
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -91,12 +93,18 @@ class SimulatedPlant:
         self._state = setup.initial
         self._command = np.zeros(len(setup.plant.control_names))
         self._expiry = -math.inf
+        self._released = False
         self.disturbances = Disturbances(seed)
 
     @property
     def state(self) -> Array:
         """Return the true state, (nx,)."""
         return self._state.copy()
+
+    @property
+    def held(self) -> bool:
+        """Whether the plant is kept where it is."""
+        return self.setup.held and not self._released
 
     @property
     def commanded(self) -> bool:
@@ -119,6 +127,7 @@ class SimulatedPlant:
         if self.disturbances.loses_command(self.setup.command_loss):
             return
         self._command = values
+        self._released = self._released or bool(values.any())
         self._expiry = self.time + self.setup.command_timeout
 
     def step(self, duration: float) -> None:
@@ -141,8 +150,12 @@ class SimulatedPlant:
         """Go back to the initial state, without a command; time and noise run on."""
         self._state = self.setup.initial
         self._expiry = -math.inf
+        self._released = False
 
     def _advance(self, until: float) -> None:
+        if self.held:
+            self.time = until
+            return
         state = integrate(
             self.setup.plant,
             self._state,

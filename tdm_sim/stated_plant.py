@@ -12,25 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Node `plant`: any stated problem, simulated by its `derivative`."""
+"""Node `plant`: the plant of any problem; of a stated one by its `derivative`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 import sys
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.time import Time
-from sensor_msgs.msg import JointState
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.stated_plants import (
-    stated_problem,
-    StatedMessages,
-    with_parameters_of,
-)
+from tdm_planner.nodes.stated_plants import stated_problem, with_parameters_of
 from tdm_planner.parameters import (
     group,
     NON_NEGATIVE,
@@ -40,13 +36,15 @@ from tdm_planner.parameters import (
     SIGNED,
     Validated,
 )
+from tdm_planner.plant_kind import kind_of
 from tdm_planner.problems.direct_plant import TracedPlant
 from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_sim.commands import read_joint
 from tdm_sim.mismatch import mismatched
-from tdm_sim.plant_node import MarkerParameters, PlantNode, SimulationParameters
-from tdm_sim.simulation import PlantSetup
-from visualization_msgs.msg import MarkerArray
+from tdm_sim.pendulum_plant import PendulumModel
+from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
+from tdm_sim.plant_node import PlantNode
+from tdm_sim.robot_plant import RobotModel
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
 
@@ -56,7 +54,7 @@ PROBLEM = ParameterSpec(
     name='problem',
     kind=str,
     default='',
-    description='the stated problem whose plant this is: module:Class, or an installed name',
+    description='the problem whose plant this is: module:Class, or an installed name',
     read_only=True,
 )
 
@@ -87,36 +85,24 @@ class StatedPlantParameters(SimulationParameters):
     markers: MarkerParameters = group(MarkerParameters)
 
 
-class StatedPlant(PlantNode):
+class StatedModel(PlantModel):
     """
-    The plant of a `DirectProblem`.
+    The plant of a `DirectProblem`, in the problem's start; controls act in `control_limits`.
 
-    `joint_states`: the states, see `StatedMessages`; `joint_command`: the controls by their names,
-    as efforts, which act within `control_limits`. The plant begins in the problem's start.
+    Its joints are those of the problem, see `tdm_planner.plant_kind`.
     """
 
-    decisive = frozenset({PROBLEM.name})
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__('plant', StatedPlantParameters, first={PROBLEM.name: PROBLEM}, **options)
-
-    def parameters_of(self, base: type[Any]) -> type[Any]:
-        """Return the parameters with those of the problem, its start among them."""
-        self.problem_class = stated_problem(str(self.parameter_values[PROBLEM.name]))
-        return with_parameters_of(base, self.problem_class, besides=('solver',))
-
-    def _problem(self, parameters: Any) -> DirectProblem:
-        kind: Any = self.problem_class
-        names = {item.name for item in fields(kind)} - {'solver'}
-        problem: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
-        return problem
+    def __init__(self, problem: type[DirectProblem]) -> None:
+        self._problem = problem
+        self.kind = kind_of(problem())
+        self.parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
 
     def make_setup(self, parameters: Any) -> PlantSetup:
         """Return the plant, its limits and its disturbances as `parameters` say."""
-        problem = self._problem(parameters)
-        self.messages = StatedMessages(problem)
-        true = mismatched(problem, parameters.mismatch, parameters.mismatch_seed)
-        plant = TracedPlant(true)
+        kind: Any = self._problem
+        names = {item.name for item in fields(kind)} - {'solver'}
+        problem: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
+        plant = TracedPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
         begin = np.nan_to_num(TracedPlant(problem).stated.start())
         limits = plant.stated.control_limits
         wide = (-_LARGEST_CONTROL, _LARGEST_CONTROL)
@@ -129,43 +115,14 @@ class StatedPlant(PlantNode):
             noise=np.full(begin.size, parameters.noise),
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
+            held=parameters.held,
         )
 
-    def make_publishers(self) -> None:
-        """Create the publisher of `joint_states`."""
-        self._joint_states = self.create_publisher(JointState, 'joint_states', 10)
-
-    def publish_state(self, measured: Array, stamp: Any) -> None:
-        """Publish `joint_states`."""
-        message = self.messages.state_message(measured)
-        message.header.stamp = stamp
-        self._joint_states.publish(message)
-
-    def draw(self, measured: Array, now: Time, lifetime: float) -> MarkerArray:
-        """Return nothing: a statement has no picture yet."""
-        return MarkerArray()
-
-    def read_command(self, message: JointState) -> Array:
-        """Return the controls (nu,) of a command; the first that is not zero lets the plant go."""
-        control = np.array([read_joint(message, n, 'effort') for n in self.messages.controls])
-        self.held = self.held and not control.any()
-        return control
-
-    held = True
-
-    def advance(self) -> Time:
-        """Integrate up to the present, unless the plant is held."""
-        if self.held and self.parameters.held and self._has_time:
-            self._last = self._time.now()
-        return super().advance()
-
-    def moved_elsewhere(self) -> None:
-        """Hold the plant again: it is in its initial state."""
-        self.held = True
-
-    def push_effect(self) -> tuple[Callable[[Array], Array], str]:
+    def push(
+        self, parameters: Any, simulation: SimulatedPlant
+    ) -> tuple[Callable[[Array], Array], str]:
         """Return a jump of the last state."""
-        impulse, name = self.parameters.disturbance.impulse, self.messages.states[-1]
+        impulse, name = parameters.disturbance.impulse, self.kind.state_names[-1]
 
         def effect(state: Array) -> Array:
             moved = state.copy()
@@ -174,9 +131,21 @@ class StatedPlant(PlantNode):
 
         return effect, f"pushed: '{name}' by {impulse:g}"
 
-    def conditions(self) -> tuple[list[str], dict[str, Any]]:
-        """Report whether the plant is held."""
-        return [], {'held': self.held and self.parameters.held}
+
+_BUILT_IN: Mapping[str, Callable[[PlantNode], PlantModel]] = MappingProxyType(
+    {'pendulum_swing_up': PendulumModel, 'robot_formation': RobotModel}
+)
+
+
+def _model_of(node: PlantNode) -> PlantModel:
+    """Return the plant of the problem that the node is told."""
+    name = str(node.parameter_values[PROBLEM.name])
+    if name in _BUILT_IN:
+        return _BUILT_IN[name](node)
+    return StatedModel(stated_problem(name))
+
+
+StatedPlant = partial(PlantNode, 'plant', _model_of, MappingProxyType({PROBLEM.name: PROBLEM}))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -38,16 +38,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
-from tdm_planner.nodes.reading import (
-    joint_motion,
-    odometry_state,
-    PENDULUM_JOINTS,
-    pendulum_trajectory,
-    robot_trajectory,
-    thruster_angle,
-)
+from tdm_planner.nodes import reading
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, flatten, ParameterSpec, Range, shown, specifications
+from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
@@ -248,7 +242,11 @@ texts = st.one_of(
                      '$(touch owned)', FORGED, FORGED * 500]),
     st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=8),
 )  # fmt: skip
-JOINTS = (['pendulum', 'disk'], ['thruster', 'reaction_wheel'])
+JOINTS = (
+    ['pendulum', 'disk'],
+    ['thruster', 'reaction_wheel'],
+    ['x', 'y', 'yaw', 'thruster', 'reaction_wheel'],
+)
 joint_names = st.one_of(
     *(st.permutations(names) for names in JOINTS),
     st.lists(st.sampled_from([*JOINTS[0], *JOINTS[1], '', 'é', 'Disk', FORGED]), max_size=4),
@@ -367,37 +365,22 @@ def _instant(nanoseconds: int) -> dict[str, int]:
 
 
 @st.composite
-def robot_plans(draw: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the two halves of a robot's plan, which belong together more often than not."""
-    names = st.sampled_from([['robot1']] * 3 + [[], ['other'], ['robot1', 'robot1']])
-    motion = draw(plans('MultiDOFJointTrajectory', names))
-    if draw(st.integers(0, 3)) == 0:
-        return motion, draw(plans('JointTrajectory'))
-    point = messages(message_type('trajectory_msgs/JointTrajectoryPoint'))
-    points = [{**draw(point), 'time_from_start': p['time_from_start']} for p in motion['points']]
-    return motion, {'header': motion['header'], 'joint_names': JOINTS[1], 'points': points}
-
-
-@st.composite
 def quiet_plans(draw: Any, plant: str) -> Any:
     """Return a plan that a tracker at rest takes: small numbers, alike at all points."""
+    joints = JOINTS[2 if plant == 'robot' else 0]
+    size = len(joints)
     small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
-    efforts = few(st.one_of(small, doubles.filter(math.isfinite)), [2])
+    efforts = few(st.one_of(small, doubles.filter(math.isfinite)), [size])
     step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
     times = [_instant(k * step) for k in range(draw(st.sampled_from([2, 4, 20])))]
     header = {'stamp': _instant(0), 'frame_id': ''}
-    rates = draw(few(small, [2]))
+    rates = draw(few(small, [size]))
     points = [
-        {'positions': [0.0, 0.0], 'velocities': rates, 'effort': draw(efforts),
+        {'positions': [0.0] * size, 'velocities': rates, 'effort': draw(efforts),
          'time_from_start': time}
         for time in times
     ]  # fmt: skip
-    joints = {'header': header, 'joint_names': JOINTS[plant == 'robot'], 'points': points}
-    if plant == 'pendulum':
-        return joints
-    turned, moving = [{'rotation': {'w': 1.0}}], [{'linear': {'x': rates[0]}}]
-    points = [{'transforms': turned, 'velocities': moving, 'time_from_start': t} for t in times]
-    return {'header': header, 'joint_names': ['robot1'], 'points': points}, joints
+    return {'header': header, 'joint_names': joints, 'points': points}
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
@@ -412,23 +395,20 @@ def states(plant: str) -> st.SearchStrategy[Any]:
 def read_state(plant: str, value: Any) -> np.ndarray:
     """Read a state as the node does."""
     if plant == 'pendulum':
-        return joint_motion(message('sensor_msgs/JointState', value), PENDULUM_JOINTS)
+        return reading.read_state(BUILT_IN[plant], message('sensor_msgs/JointState', value))
     odometry = message('nav_msgs/Odometry', value[0])
     joints = message('sensor_msgs/JointState', value[1])
-    return np.append(odometry_state(odometry), thruster_angle(joints))
+    return reading.read_state(BUILT_IN[plant], joints, odometry)
 
 
 def read_plan(plant: str, value: Any) -> Trajectory:
     """Read a plan as the node does."""
-    kind = 'trajectory_msgs/JointTrajectory'
-    if plant == 'pendulum':
-        return pendulum_trajectory(message(kind, value))
-    motion = message('trajectory_msgs/MultiDOFJointTrajectory', value[0])
-    return robot_trajectory(motion, message(kind, value[1]), 'robot1')
+    return reading.read_plan(BUILT_IN[plant], message('trajectory_msgs/JointTrajectory', value))
 
 
 def any_plans(plant: str) -> st.SearchStrategy[Any]:
-    return plans('JointTrajectory') if plant == 'pendulum' else robot_plans()
+    names = JOINTS[2 if plant == 'robot' else 0]
+    return plans('JointTrajectory', st.just(names) | joint_names)
 
 
 # A tracker's life without ROS: messages, ticks and jumps of the clock in any order.

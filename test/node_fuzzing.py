@@ -32,7 +32,6 @@ from fuzzing import (
     plans,
     profile,
     quiet_plans,
-    robot_plans,
     SPECIFICATIONS,
     texts,
 )
@@ -87,9 +86,8 @@ summaries = st.one_of(
 # Messages that reach further than any of their types would.
 SHAPED: dict[str, st.SearchStrategy[Any]] = {
     'trajectory_msgs/JointTrajectory': st.one_of(
-        plans('JointTrajectory'), quiet_plans('pendulum'), robot_plans().map(lambda p: p[1])
+        plans('JointTrajectory'), quiet_plans('pendulum'), quiet_plans('robot')
     ),
-    'trajectory_msgs/MultiDOFJointTrajectory': robot_plans().map(lambda plan: plan[0]),
     'std_msgs/String': st.builds(dict, data=summaries | texts),
 }
 # What an active node can do is 4 (deactivate) and 7 (shut down), by number or else by name.

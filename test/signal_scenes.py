@@ -30,7 +30,8 @@ from pendulum_rig import note, PATIENCE
 from ros_harness import ENOUGH, MODULES, NodeProcess, Ros, ros_arguments
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
+from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory
 
@@ -171,7 +172,8 @@ def following_tracker(ros: Ros) -> Subject:
         nonlocal offered
         if time.monotonic() > offered + 5.0:  # a machine that pauses may have lost the one before
             offered = time.monotonic()
-            plans.publish(pendulum_message(plan, to_stamp(time.time_ns() + 10**9)))
+            stamp = to_stamp(time.time_ns() + 10**9)
+            plans.publish(plan_message(PENDULUM, plan, stamp))
         return any(command.effort[0] for command in heard)
 
     return subject.told('joint_states', hanging, moves)

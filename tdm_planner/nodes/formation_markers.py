@@ -22,9 +22,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from tdm_planner.nodes.frames import ARENA_FRAME
-from tdm_planner.nodes.markers import colour_of, GREY, Pen, points_of
-from tdm_planner.nodes.robot_messages import to_quaternion
+from tdm_planner.nodes.markers import colour_of, GREY, Pen, points_of, to_quaternion
+from tdm_planner.plant_kind import ARENA_FRAME
 from tdm_planner.problems.formation_parameters import Arena
 from visualization_msgs.msg import Marker, MarkerArray
 

@@ -16,35 +16,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from rclpy.node import Node
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.tracking.tracker import Motion
 from tdm_planner.trajectory import Trajectory
-
-Messages = Mapping[str, Any]  # or as bytes, which rclpy publishes as they are
+from trajectory_msgs.msg import JointTrajectory
 
 
 class InForce:
-    """
-    Publishes the messages of the newest trajectory in force, or empty ones when it is given up.
+    """Publishes the message of the newest plan followed, or an empty one when it is given up."""
 
-    `topics` are the message types by topic.
-    """
-
-    def __init__(self, node: Node, topics: Mapping[str, Any]) -> None:
-        self._topics = topics
-        self._publishers = {
-            topic: node.create_publisher(kind, topic, LATCHED) for topic, kind in topics.items()
-        }
-        self._accepted: list[tuple[Trajectory, Messages]] = []
+    def __init__(self, node: Node) -> None:
+        self._publisher = node.create_publisher(JointTrajectory, 'trajectory_in_force', LATCHED)
+        self._accepted: list[tuple[Trajectory, bytes]] = []
         self._announced: Trajectory | None = None
 
-    def accepted(self, trajectory: Trajectory, messages: Messages) -> None:
-        """Take note of the messages, by topic, that an accepted trajectory came in."""
-        self._accepted.append((trajectory, messages))
+    def accepted(self, trajectory: Trajectory, message: bytes) -> None:
+        """Take note of the message, as it came, of an accepted trajectory."""
+        self._accepted.append((trajectory, message))
 
     def update(self, current: Motion | None, following: Motion | None) -> None:
         """Tell of a change; `following` is to take over from `current`."""
@@ -57,9 +46,5 @@ class InForce:
         self._accepted = [
             item for item in self._accepted if any(item[0] is other for other in kept)
         ]
-        messages: Messages = {topic: kind() for topic, kind in self._topics.items()}
-        for accepted, its_messages in self._accepted:
-            if accepted is trajectory:
-                messages = its_messages
-        for topic, publisher in self._publishers.items():
-            publisher.publish(messages[topic])
+        told = [message for accepted, message in self._accepted if accepted is trajectory]
+        self._publisher.publish(told[0] if told else JointTrajectory())

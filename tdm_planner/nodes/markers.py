@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+import math
 import re
 import zlib
 
@@ -59,6 +60,11 @@ _PALETTE = (
     (0.800, 0.475, 0.655),
     (0.0, 0.447, 0.698),
 )
+
+
+def to_quaternion(yaw: float) -> Quaternion:
+    """Return the rotation by `yaw` [rad] about the vertical."""
+    return Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
 
 
 def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:

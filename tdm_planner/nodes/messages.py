@@ -12,57 +12,63 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Trajectories as ROS messages, exact to the nanosecond; `reading` reads them back."""
+"""
+Plans, states and commands as ROS messages, exact to the nanosecond; `reading` reads them back.
+
+Every plant's messages are filled by its table of joints: a quantity that is no state or control of
+the plant is 0.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+import math
+from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.frames import WORLD_FRAME
+from tdm_planner.nodes.markers import to_quaternion
 from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.nodes.reading import (
-    joint_indices,
-    joint_motion,
-    nanoseconds_of,
-    PENDULUM_CONTROLS,
-    PENDULUM_JOINTS,
-    PENDULUM_STATES,
-    pendulum_trajectory,
-    seconds_of,
-)
+from tdm_planner.nodes.reading import joint_indices, nanoseconds_of, seconds_of
+from tdm_planner.plant_kind import ARENA_FRAME, Joint, PlantKind, WORLD_FRAME
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 __all__ = [
+    'ARENA_FRAME',
     'LATCHED',
-    'PENDULUM_CONTROLS',
-    'PENDULUM_JOINTS',
-    'PENDULUM_STATES',
     'WORLD_FRAME',
+    'command_message',
     'from_wire',
     'joint_indices',
-    'joint_motion',
+    'joint_states',
     'nanoseconds_of',
-    'pendulum_message',
-    'pendulum_trajectory',
+    'odometry',
+    'path_message',
+    'plan_message',
     'seconds_of',
     'stamp_of',
     'to_duration',
+    'to_quaternion',
     'to_stamp',
 ]
 
 Array = NDArray[np.float64]
 
-# Rates below it are rest: what a plan may be off by at its end [rad/s]. Trajectory controllers
-# want the last velocities to be exactly zero (`allow_nonzero_velocity_at_trajectory_end`).
+# Rates below it, and below that share of the largest, are rest: what a plan may be off by at its
+# end. Trajectory controllers want the last velocities to be exactly zero
+# (`allow_nonzero_velocity_at_trajectory_end`).
 _AT_REST = 1e-3
 _SECOND = 1_000_000_000  # ns
+_NOTHING: Mapping[str, Array] = MappingProxyType({})
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -107,46 +113,141 @@ def to_duration(seconds: float) -> Duration:
     return Duration(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
 
 
-def pendulum_message(trajectory: Trajectory, stamp: Time) -> JointTrajectory:
+def plan_message(
+    kind: PlantKind,
+    trajectory: Trajectory,
+    stamp: Time,
+    besides: Mapping[str, Array] = _NOTHING,
+) -> JointTrajectory:
     """
-    Return the pendulum's plan as a message; `stamp` is the instant at which the motion starts.
+    Return a plan as a message; `stamp` is the instant at which the motion starts.
 
-    Joints [pendulum, disk]: positions [theta, psi], their rates (exactly zero at the end of a
-    motion that ends at rest), accelerations (where torque jumps, those after the jump) and effort
-    [0, T]. Of torque that is held the last one acts for no time and is 0: a controller that keeps
-    the last point must not keep a torque.
-
-    Raises
-    ------
-    InvalidProblem
-        If the trajectory is not a pendulum's, or has no rates.
-
+    `besides` are histories (N,) by name that joints have beside states and controls. Where the
+    trajectory has `rates`, accelerations are those after a jump of the controls, and a joint
+    without a velocity among the states has that of its position. Velocities are exactly zero at
+    the end of a motion that ends at rest. Controls that are held act for no time at the last
+    point and are 0 there: a controller that keeps the last point must not keep them.
     """
-    if trajectory.state_names != PENDULUM_STATES or trajectory.rates is None:
-        raise InvalidProblem(
-            f'a pendulum trajectory needs the states {", ".join(PENDULUM_STATES)} and their rates'
-        )
-    # Row k of `rates` belongs to the interval after sample k; the last sample ends the last one.
-    rates = np.concatenate([trajectory.rates[:, 0], trajectory.rates[-1:, 1]])
-    states = trajectory.states.copy()
-    if (np.abs(states[-1, 2:]) < _AT_REST).all():
-        states[-1, 2:] = 0.0
-    torques = trajectory.control('torque').tolist()
+    controls = trajectory.controls.copy()
     if trajectory.interpolation == 'zero_order_hold':
-        torques[-1] = 0.0
-    message = JointTrajectory(joint_names=PENDULUM_JOINTS)
-    message.header.stamp = stamp
-    message.header.frame_id = WORLD_FRAME
+        controls[-1] = 0.0
+    states, velocities = trajectory.states.copy(), _velocities(kind, trajectory)
+    if velocities and _at_rest(states[:, velocities]):
+        states[-1, velocities] = 0.0
+    columns = {
+        **besides,
+        **dict(zip(trajectory.state_names, states.T, strict=True)),
+        **dict(zip(trajectory.control_names, controls.T, strict=True)),
+    }
+    rates: dict[str, Array] = {}
+    if trajectory.rates is not None:
+        # Row k of `rates` belongs to the interval after sample k; the last sample ends the last.
+        after = np.concatenate([trajectory.rates[:, 0], trajectory.rates[-1:, 1]])
+        rates = dict(zip(trajectory.state_names, after.T, strict=True))
+    nothing = np.zeros(trajectory.times.size)
+    filled = [
+        [columns.get(joint.position, nothing) for joint in kind.joints],
+        [
+            columns[j.velocity] if j.velocity in columns else rates.get(j.position, nothing)
+            for j in kind.joints
+        ],
+        [rates.get(joint.velocity, nothing) for joint in kind.joints],
+        [columns.get(joint.effort, nothing) for joint in kind.joints],
+    ]
+    message = JointTrajectory(joint_names=[joint.name for joint in kind.joints])
+    message.header.stamp, message.header.frame_id = stamp, kind.frame
     message.points = [
         JointTrajectoryPoint(
-            positions=state[:2].tolist(),
-            velocities=state[2:].tolist(),
-            accelerations=rate[2:].tolist(),
-            effort=[0.0, torque],
+            positions=positions,
+            velocities=velocities,
+            accelerations=accelerations,
+            effort=effort,
             time_from_start=to_duration(time),
         )
-        for time, state, rate, torque in zip(
-            trajectory.times.tolist(), states, rates, torques, strict=True
+        for time, positions, velocities, accelerations, effort in zip(
+            trajectory.times.tolist(), *(np.array(rows).T.tolist() for rows in filled), strict=True
         )
     ]
     return message
+
+
+def _velocities(kind: PlantKind, trajectory: Trajectory) -> list[int]:
+    """Return where the states are that are joints' velocities."""
+    names = {joint.velocity for joint in kind.joints}
+    return [i for i, name in enumerate(trajectory.state_names) if name in names]
+
+
+def _at_rest(velocities: Array) -> bool:
+    largest = min(_AT_REST, _AT_REST * float(np.abs(velocities).max()))
+    return bool((np.abs(velocities[-1]) < largest).all())
+
+
+def joint_states(joints: Sequence[Joint], values: Mapping[str, float]) -> JointState:
+    """Return joints with states and controls by name, without stamp; 0 what has no value."""
+    return JointState(
+        name=[joint.name for joint in joints],
+        position=[values.get(joint.position, 0.0) for joint in joints],
+        velocity=[values.get(joint.velocity, 0.0) for joint in joints],
+        effort=[values.get(joint.effort, 0.0) for joint in joints],
+    )
+
+
+def command_message(kind: PlantKind, control: Array) -> JointState:
+    """Return the controls (nu,) as a command without stamp: efforts, velocities if there are."""
+    values = dict(zip(kind.control_names, control.tolist(), strict=True))
+    message = joint_states(kind.actuated, values)
+    message.position = []
+    if not any(joint.velocity in values for joint in kind.actuated):
+        message.velocity = []
+    return message
+
+
+def odometry(
+    kind: PlantKind,
+    values: Mapping[str, float],
+    deviations: Mapping[str, float],
+    stamp: Time,
+    child: str,
+) -> Odometry:
+    """
+    Return the states of the joints x, y and yaw by name, the twist turned into the child's frame.
+
+    `deviations` are the standard deviations of the states, by name.
+    """
+    joints = {joint.name: joint for joint in kind.joints}
+    moved = [joints[name] for name in kind.odometry]
+    x, y, yaw = (values[joint.position] for joint in moved)
+    u, v, omega = (values[joint.velocity] for joint in moved)
+    message = Odometry(child_frame_id=child)
+    message.header.stamp, message.header.frame_id = stamp, kind.frame
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation = to_quaternion(yaw)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    message.twist.twist.linear.x = cosine * u + sine * v
+    message.twist.twist.linear.y = cosine * v - sine * u
+    message.twist.twist.angular.z = omega
+    message.pose.covariance = _covariance([deviations[joint.position] for joint in moved])
+    message.twist.covariance = _covariance([deviations[joint.velocity] for joint in moved])
+    return message
+
+
+def _covariance(deviations: Sequence[float]) -> Array:
+    """Row-major covariance (36,) of x, y and the rotation about z, from standard deviations."""
+    matrix = np.zeros((6, 6))
+    matrix[[0, 1, 5], [0, 1, 5]] = np.square(deviations)
+    return matrix.ravel()
+
+
+def path_message(kind: PlantKind, trajectory: Trajectory, start: int) -> Path:
+    """Return the path; every pose is stamped with its instant, `start` [ns] that of the first."""
+    path = Path()
+    path.header.stamp, path.header.frame_id = to_stamp(start), kind.frame
+    poses = (trajectory.state(name).tolist() for name in ('x', 'y', 'yaw'))
+    for t, x, y, yaw in zip(trajectory.times.tolist(), *poses, strict=True):
+        pose = PoseStamped()
+        pose.header.stamp = to_stamp(start + round(t / NANOSECOND))
+        pose.header.frame_id = kind.frame
+        pose.pose.position.x, pose.pose.position.y = x, y
+        pose.pose.orientation = to_quaternion(yaw)
+        path.poses.append(pose)
+    return path

@@ -20,11 +20,10 @@ import math
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion
+from geometry_msgs.msg import Point
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from tdm_planner.nodes.frames import WORLD_FRAME
 from tdm_planner.nodes.markers import (
     AMBER,
     BLUE,
@@ -35,8 +34,10 @@ from tdm_planner.nodes.markers import (
     Pen,
     points_of,
     RED,
+    to_quaternion,
     Trail,
 )
+from tdm_planner.plant_kind import WORLD_FRAME
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from visualization_msgs.msg import Marker, MarkerArray
@@ -94,8 +95,9 @@ class PendulumPicture:
             ColorRGBA(r=red, g=green, b=blue, a=0.05 + 0.85 * k / size) for k in range(size)
         ]
 
-    def add(self, instant: int, theta: float, psi: float) -> None:
-        """Lengthen the trail by the tip's place at an instant [ns]."""
+    def add(self, instant: int, state: Array) -> None:
+        """Lengthen the trail by the tip's place in a state (4,) at an instant [ns]."""
+        theta, psi = state[:2].tolist()
         self._trail.add(instant, *self._shape.tip(theta, psi))
 
     def clear(self) -> None:
@@ -103,14 +105,15 @@ class PendulumPicture:
         self._trail.clear()
 
     def draw(
-        self, stamp: Time, theta: float, psi: float, lifetime: float = LIFETIME
+        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
     ) -> MarkerArray:
-        """Return the rig in the state theta, psi [rad], visible for `lifetime` [s]."""
+        """Return the rig in a state (4,), visible for `lifetime` [s]."""
+        theta, psi = state[:2].tolist()
         shape, pen = self._shape, Pen(WORLD_FRAME, stamp, lifetime)
         half = 0.5 * shape.disk_thickness
         base = [_SLIM * 2 * shape.base_radius] * 2 + [shape.base_height]
         disk = [_SLIM * 2 * shape.disk_radius] * 2 + [_SLIM * shape.disk_thickness]
-        turned = Quaternion(z=math.sin(psi / 2), w=math.cos(psi / 2))
+        turned = to_quaternion(psi)
         x, y = shape.disk_radius * math.cos(psi), shape.disk_radius * math.sin(psi)
         arm = [Point(z=1.1 * half), Point(x=x, y=y, z=1.1 * half)]
         rod = [Point(x=x, y=y), Point(**dict(zip('xyz', shape.tip(theta, psi), strict=True)))]

@@ -34,8 +34,9 @@ from tdm_planner.exceptions import (
 from tdm_planner.nodes.adapters import Adapter
 from tdm_planner.nodes.motion_clock import NO_TIME
 from tdm_planner.plan_files import figures_of, finite
+from tdm_planner.plant_kind import plan_kind, QUANTITIES
 from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.trajectory import NANOSECOND
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 CODES = (
     'INVALID_PROBLEM',
@@ -248,7 +249,8 @@ def plan_summary(plan: Plan, plan_id: int) -> str:
 
     The figures of the service's answer; `stamp`, the start of the motion; the parts of the cost;
     the check, with the instants of the worst margins; per vehicle, what trajectory messages do not
-    say; the problem's parameters by dotted name. A number that is not finite is null.
+    say (which states and controls their joints have among it); the problem's parameters by dotted
+    name. A number that is not finite is null.
     """
     solution = plan.solution
     second = round(1.0 / NANOSECOND)
@@ -263,12 +265,21 @@ def plan_summary(plan: Plan, plan_id: int) -> str:
                 'duration': trajectory.duration,
                 'interpolation': trajectory.interpolation,
                 'units': trajectory.units,
+                'joints': _joints(plan.problem, trajectory),
             }
             for name, trajectory in solution.trajectories.items()
         },
         'parameters': plan.problem.to_parameters(),
     }
     return json.dumps(finite(document), allow_nan=False)
+
+
+def _joints(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, str]]:
+    """Return the states and controls that are position, velocity and effort of every joint."""
+    return {
+        joint.name: {what: getattr(joint, what) for what in QUANTITIES if getattr(joint, what)}
+        for joint in plan_kind(problem, trajectory).joints
+    }
 
 
 def plan_figures(plan: Plan, now: int) -> dict[str, Any]:

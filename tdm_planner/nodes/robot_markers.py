@@ -17,15 +17,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import math
-from typing import NamedTuple
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion
+from geometry_msgs.msg import Point
+import numpy as np
+from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from tdm_planner.nodes.frames import ARENA_FRAME
-from tdm_planner.nodes.markers import colour_of, LIFETIME, Pen, Trail, WHITE
+from tdm_planner.nodes.markers import colour_of, LIFETIME, Pen, to_quaternion, Trail, WHITE
+from tdm_planner.plant_kind import ARENA_FRAME
 from visualization_msgs.msg import Marker, MarkerArray
+
+Array = NDArray[np.float64]
 
 TRAIL_LIFETIME = 4.0  # in lifetimes of the rest: not every message repeats the long trail
 
@@ -50,16 +52,6 @@ class RobotLook:
     thrust: float
 
 
-class RobotState(NamedTuple):
-    """Pose in the arena [m, rad], angle of the thruster from the front [rad] and thrust [N]."""
-
-    x: float
-    y: float
-    yaw: float
-    alpha: float = 0.0
-    thrust: float = 0.0
-
-
 class RobotPicture:
     """
     A robot in motion: `add` states to the trail, `draw` as often as it is to be shown.
@@ -82,8 +74,9 @@ class RobotPicture:
         """Draw another look and length of the trail [s] from now on."""
         self.look, self._trail.age = look, trail
 
-    def add(self, instant: int, x: float, y: float) -> None:
-        """Lengthen the trail by a place [m] at an instant [ns]."""
+    def add(self, instant: int, state: Array) -> None:
+        """Lengthen the trail by the place in a state (7,) at an instant [ns]."""
+        x, y = state[:2].tolist()
         self._trail.add(instant, x, y, 0.01)
 
     def clear(self) -> None:
@@ -91,15 +84,18 @@ class RobotPicture:
         self._trail.clear()
         self._drawn = 0
 
-    def draw(self, stamp: Time, state: RobotState, lifetime: float = LIFETIME) -> MarkerArray:
-        """Return the robot in a state, visible for `lifetime` [s]."""
+    def draw(
+        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
+    ) -> MarkerArray:
+        """Return the robot in a state (7,) under controls (3,), visible for `lifetime` [s]."""
         look, pen = self.look, Pen(ARENA_FRAME, stamp, lifetime)
-        x, y, radius = state.x, state.y, look.radius
+        x, y, _, _, yaw, _, alpha = state[:7].tolist()
+        radius = look.radius
         body = (2 * radius, 2 * radius, 0.6 * radius)
         arrow = (1.5 * radius, 0.25 * radius, 0.25 * radius)
         disc = (look.separation, look.separation, 0.002)
         colour = colour_of(look.name)
-        turned = _about_z(state.yaw)
+        turned = to_quaternion(yaw)
         markers = [
             pen.solid('body', 0, Marker.CYLINDER, colour, body, (x, y, 0.3 * radius)),
             pen.solid('heading', 0, Marker.ARROW, WHITE, arrow, (x, y, 0.75 * radius), turned),
@@ -107,15 +103,17 @@ class RobotPicture:
                 'separation', 0, Marker.CYLINDER, colour_of(look.name, 0.25), disc, (x, y, 0.002)
             ),
             pen.text('name', 0, look.name, (x, y - 1.7 * radius, 0.7 * radius), 0.6 * radius),
-            self._plume(pen, state),
+            self._plume(pen, (x, y), yaw + alpha, float(control[0])),
         ]
         if self._drawn % _TRAIL_EVERY == 0:
             markers.append(self._drawn_trail(stamp, colour, TRAIL_LIFETIME * lifetime))
         self._drawn += 1
         return MarkerArray(markers=markers)
 
-    def _plume(self, pen: Pen, state: RobotState) -> Marker:
-        share = min(state.thrust / self.look.thrust, 1.0)
+    def _plume(
+        self, pen: Pen, place: tuple[float, float], direction: float, thrust: float
+    ) -> Marker:
+        share = min(thrust / self.look.thrust, 1.0)
         if not share > _LEAST_THRUST:
             return pen.delete('plume', 0)
         marker = pen.solid(
@@ -124,8 +122,8 @@ class RobotPicture:
             Marker.TRIANGLE_LIST,
             _FLAME,
             (1.0, 1.0, 1.0),
-            (state.x, state.y, 0.35 * self.look.radius),
-            _about_z(state.yaw + state.alpha),
+            (*place, 0.35 * self.look.radius),
+            to_quaternion(direction),
         )
         # In the marker's frame the force is along x: the jet begins at the body's back, wider
         # the longer it is.
@@ -144,7 +142,3 @@ class RobotPicture:
         if len(points) < 2:
             return pen.delete('trail', 0)
         return pen.line('trail', 0, points, colour, 0.12 * self.look.radius)
-
-
-def _about_z(angle: float) -> Quaternion:
-    return Quaternion(z=math.sin(angle / 2), w=math.cos(angle / 2))

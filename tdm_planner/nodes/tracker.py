@@ -37,26 +37,38 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.in_force import InForce
 from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.messages import (
+    command_message,
+    from_wire,
+    joint_states,
+    LATCHED,
+    nanoseconds_of,
+    stamp_of,
+)
 from tdm_planner.nodes.motion_clock import MotionClock, NO_TIME, pacing_clock
 from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.ration import Ration
+from tdm_planner.nodes.reading import read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
-from tdm_planner.nodes.tracked_plants import QUEUE, tracked_plant
+from tdm_planner.nodes.state_topics import StateTopics
+from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
+    Action,
     BREAKDOWN,
     Command,
     Phase,
     TrajectoryRefused,
     TrajectoryTracker,
 )
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.trajectory import NANOSECOND
+from trajectory_msgs.msg import JointTrajectory
 
 Array = NDArray[np.float64]
 
+QUEUE = 10  # messages
 FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 _COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
@@ -91,11 +103,14 @@ def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
 
 
 class _Offer(NamedTuple):
-    """A trajectory that has arrived; see `Intake.on_trajectory`."""
+    """
+    A trajectory that has arrived, as it came.
+
+    To take one apart costs milliseconds, which a plan that is replaced at once is not worth.
+    """
 
     stamp: Any
-    read: Callable[[], Trajectory]
-    messages: Mapping[str, bytes]
+    data: bytes
 
 
 class TrackerNode(ManagedNode):
@@ -112,7 +127,7 @@ class TrackerNode(ManagedNode):
         self._clock_steps = 0
         self._time = MotionClock(self, self._on_clock_step)
         self._refusal = ''
-        self._accepted = self._refused = self._states_left_out = self._commands = 0
+        self._accepted = self._refused = self._states_ignored = self._commands = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
@@ -134,7 +149,7 @@ class TrackerNode(ManagedNode):
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
-        self._in_force = InForce(self, self.plant.in_force)
+        self._in_force = InForce(self)
         self._status = TrackerStatus(self)
         self._planners = SolePublisher(
             self,
@@ -142,7 +157,12 @@ class TrackerNode(ManagedNode):
             'the plan that starts last is followed; let only one of them run',
             self._diagnostics.update,
         )
-        self.plant.subscribe(self, self)
+        self.create_subscription(
+            JointTrajectory, 'trajectory', self._on_trajectory, LATCHED, raw=True
+        )
+        StateTopics(
+            self.plant.kind, lambda: self.tracker.parameters.state_timeout, self._on_state
+        ).subscribe(self)
 
     def activate(self) -> None:
         """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
@@ -213,11 +233,11 @@ class TrackerNode(ManagedNode):
         nanoseconds = nanoseconds_of(stamp)
         return self._time.instant(nanoseconds) if nanoseconds else self._time.now()
 
-    def on_state(self, stamp: Any, read: Callable[[], Array | None]) -> None:
-        """Take a state; one that cannot be read, or is from the future, is left out."""
+    def _on_state(self, stamp: Any, read: Callable[[], Array]) -> None:
+        """Take a state; one that cannot be read, or is from the future, is ignored."""
         try:
             state = read()
-            if state is None or not self._time.runs:
+            if not self._time.runs:
                 return
             now, at = self._time.now(), self._instant(stamp)
             self._delay = now - at
@@ -227,25 +247,28 @@ class TrackerNode(ManagedNode):
                     f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
                 )
         except InvalidProblem as error:
-            self._states_left_out += 1
+            self._states_ignored += 1
             self.get_logger().warning(
-                f'state left out: {error}', throttle_duration_sec=WARNING_PERIOD
+                f'state ignored: {error}', throttle_duration_sec=WARNING_PERIOD
             )
             return
         self._newest = state, at
         if self.active:
             self.tracker.observe(state, at)
 
-    def on_trajectory(
-        self, stamp: Any, read: Callable[[], Trajectory], messages: Mapping[str, bytes]
-    ) -> None:
+    def _on_trajectory(self, data: bytes) -> None:
         """
         Put a trajectory in force, or refuse it with a reason; the old one then stays.
 
         The newest one waits while the node is not active, does not know the simulated time, or
         has been offered more than it can look at beside its commands.
         """
-        waiting, self._offered = self._offered, _Offer(stamp, read, messages)
+        try:
+            stamp = stamp_of(data)
+        except InvalidProblem as error:
+            self._refuse(error)
+            return
+        waiting, self._offered = self._offered, _Offer(stamp, data)
         ready = self.active and self._time.runs
         if ready and waiting is not None and self._instant(stamp) < self._instant(waiting.stamp):
             # The one before may be the one to keep, see `_check_latest`.
@@ -277,7 +300,8 @@ class TrackerNode(ManagedNode):
         began = time.perf_counter()
         begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
         try:
-            trajectory = offered.read()
+            message = from_wire(offered.data, JointTrajectory)
+            trajectory = read_plan(self.plant.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
             start = self._instant(offered.stamp) + float(trajectory.times[0])
@@ -286,13 +310,13 @@ class TrackerNode(ManagedNode):
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
-            self.refuse(error)
+            self._refuse(error)
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
-            self._in_force.accepted(trajectory, offered.messages)
+            self._in_force.accepted(trajectory, offered.data)
             self._status.accepted(trajectory, begins)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
@@ -302,7 +326,7 @@ class TrackerNode(ManagedNode):
             self._plans.spent(time.perf_counter() - began)
         self._diagnostics.update()
 
-    def refuse(self, error: Exception) -> None:
+    def _refuse(self, error: Exception) -> None:
         """Leave a trajectory out, and say why."""
         self._refused += 1
         self._refusal = f'trajectory refused: {error}'
@@ -332,7 +356,7 @@ class TrackerNode(ManagedNode):
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)
-            error = self.plant.error_message(command.action)
+            error = self._error_message(command.action)
             error.header.stamp = stamp.to_msg()
             self._error_publisher.publish(error)
         self._note_changes(command)
@@ -342,10 +366,20 @@ class TrackerNode(ManagedNode):
             self._ask_for_plan()
 
     def _send(self, control: Array, stamp: Time) -> None:
-        message = self.plant.command_message(control)
+        message = command_message(self.plant.kind, control)
         message.header.stamp = stamp.to_msg()
         self._command_publisher.publish(message)
         self._commands += 1
+
+    def _error_message(self, action: Action) -> JointState:
+        """Return the deviation of the states, and the feedback within the command as efforts."""
+        kind = self.plant.kind
+        told = zip(
+            (*kind.state_names, *kind.control_names),
+            (*action.error.tolist(), *action.feedback.tolist()),
+            strict=True,
+        )
+        return joint_states(kind.joints, dict(told))
 
     @property
     def _awaits_state(self) -> bool:
@@ -423,7 +457,7 @@ class TrackerNode(ManagedNode):
             'gains computed in [s]': self._preparation,
             'rate [Hz]': 0.0 if self._rate is None else self._rate.measured(),
             'commands sent': self._commands,
-            'states left out': self._states_left_out,
+            'states ignored': self._states_ignored,
             'clock steps': self._clock_steps,
         }
         return Report(level, message, figures)

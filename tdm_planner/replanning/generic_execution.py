@@ -96,7 +96,7 @@ class GenericExecution(Execution):
         cost = plan.problem.cost_to_go(plan.solution, elapsed)
         # Where it is not known, no plan can be said to be cheaper.
         outlook = Outlook(0.0 if cost is None else cost, settled=elapsed >= motion.duration)
-        reference, ranges = motion.sample(elapsed).state, _ranges(motion)
+        reference, ranges = motion.sample(elapsed).state, ranges_of(motion)
         for number, state in self._compared(motion):
             away = float(now.state[number] - reference[state])
             if abs(away) > self.tolerance * ranges[state] > 0.0:
@@ -127,7 +127,7 @@ def _asked(problem: Problem) -> dict[str, Any]:
     return {n: x for n, x in parameters.items() if not n.startswith((_START, 'solver.'))}
 
 
-def _ranges(motion: Trajectory) -> Array:
+def ranges_of(motion: Trajectory) -> Array:
     """Return the largest range of a state of the same unit, for every state (nx,)."""
     ranges = np.ptp(motion.states, axis=0)
     units = [motion.units.get(name) for name in motion.state_names]

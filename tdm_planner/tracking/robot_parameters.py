@@ -106,11 +106,6 @@ class RobotTrackerParameters(TrackerParameters):
         '/robots/plan', "name of the planner's service", read_only=True
     )
     tolerance: RobotTolerances = group(RobotTolerances)
-    robot_name: str = parameter(
-        '',
-        "name of the robot in trajectories; empty: the last part of the node's namespace",
-        read_only=True,
-    )
     plant: FloatingRobot = group(FloatingRobot)
     limits: RobotLimits = group(RobotLimits)
     feedback: RobotFeedback = group(RobotFeedback)

@@ -41,7 +41,7 @@ from tdm_planner.parameters import LARGEST
 from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
 from tdm_planner.tracking.repetition import RepetitionWatch
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import TimedTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -107,21 +107,10 @@ class Command:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """A trajectory in force, from the instant `start` [s]; `law` is what a subclass prepared."""
+class Motion(TimedTrajectory):
+    """A plan that a tracker has accepted; `law` is what a subclass prepared for it."""
 
-    trajectory: Trajectory
-    start: float
     law: Any
-
-    @property
-    def end(self) -> float:
-        """Instant of the last sample [s]."""
-        return self.start + self.trajectory.duration
-
-    def reference(self, time: float) -> Array:
-        """Planned state (nx,) at an instant [s]; the ends are held."""
-        return self.trajectory.sample(time - self.start + self.trajectory.times[0]).state
 
 
 class TrajectoryTracker(ABC):

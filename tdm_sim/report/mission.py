@@ -30,6 +30,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -123,13 +124,14 @@ class PlanInForce:
 
     The trajectory's own times count from its first sample; the motion starts `start` s after the
     mission's origin and is followed `until` the next plan starts (None: to the end). `plan_id` is
-    '' where it is not known.
+    '' where it is not known; `kind` is that of the plant where it was recorded.
     """
 
     plan_id: str
     start: float
     trajectory: Trajectory
     until: float | None = None
+    kind: PlantKind | None = None
 
     @property
     def end(self) -> float:

@@ -22,6 +22,7 @@ import json
 import re
 from typing import Any, cast, get_args
 
+from tdm_planner.plant_kind import Joint, QUANTITIES
 from tdm_planner.trajectory import Interpolation
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Margin, PlanFigures
@@ -32,10 +33,11 @@ _SECOND = 1_000_000_000  # ns
 
 @dataclass(frozen=True)
 class PlannedVehicle:
-    """What a summary says of a vehicle's samples: how to read between them, and their units."""
+    """What a summary says of a vehicle's samples: how to read between them, units, joints."""
 
     interpolation: Interpolation | None
     units: Mapping[str, str]
+    joints: tuple[Joint, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,13 @@ def _vehicle(document: Mapping[str, Any]) -> PlannedVehicle:
     return PlannedVehicle(
         cast(Interpolation, kind) if kind in get_args(Interpolation) else None,
         {name: untrusted.text(unit, 20) for name, unit in units.items()},
+        tuple(
+            Joint(name, *(untrusted.text(item.get(what), 60) for what in QUANTITIES))
+            for name, item in (
+                (untrusted.text(name, 60), untrusted.mapping(item))
+                for name, item in untrusted.mapping(document.get('joints')).items()
+            )
+        ),
     )
 
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import PENDULUM_STATES, ROBOT_STATES
 from tdm_planner.plan_files import load_plan, vehicles
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Mission, PlanFigures, PlanInForce, Plant, Vehicle
@@ -73,9 +73,9 @@ def _vehicle(name: str, trajectory: Trajectory) -> Vehicle:
 
 def _plant(trajectory: Trajectory) -> Plant:
     names = set(trajectory.state_names)
-    if set(PENDULUM_STATES) <= names:
+    if set(PENDULUM.state_names) <= names:
         return 'pendulum'
-    return 'robot' if set(ROBOT_STATES) <= names else 'other'
+    return 'robot' if set(ROBOT.state_names) <= names else 'other'
 
 
 def _missing(document: Mapping[str, Any], figures: PlanFigures) -> tuple[str, ...]:

@@ -17,32 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.reading import (
-    nanoseconds_of,
-    PENDULUM_JOINTS,
-    pendulum_trajectory,
-    robot_motion,
-    robot_trajectory,
-)
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.plant_kind import BUILT_IN, PENDULUM, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import PlanInForce, Plant
 from tdm_sim.report.plan_documents import PlannedVehicle
-from tdm_sim.report.recorded_topics import (
-    BODY_PLAN,
-    JOINT_PLAN,
-    Received,
-    RecordedTopics,
-    STATUSES,
-)
-
-Array = NDArray[np.float64]
+from tdm_sim.report.recorded_topics import JOINT_PLAN, Received, RecordedTopics, STATUSES
 
 _UNKNOWN = PlannedVehicle(None, {})
 # Of action_msgs/GoalStatus: statuses of a plan that was begun, and those of one that is over.
@@ -52,10 +37,11 @@ _OVER = {5, 6}  # CANCELED, ABORTED
 
 @dataclass(frozen=True, eq=False)
 class TimedPlan:
-    """A plan whose motion starts at the instant `start` [ns]."""
+    """A plan whose motion starts at the instant `start` [ns], and the plant that it moves."""
 
     start: int
     trajectory: Trajectory
+    kind: PlantKind
 
 
 def read_plans(
@@ -73,7 +59,6 @@ def read_plans(
     them, or they were superseded while pending.
     """
     motions = _by_start(topics, f'{namespace}/trajectory')
-    controls = _by_start(topics, f'{namespace}/controls')
     plans = []
     never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
     if never_begun:
@@ -84,22 +69,13 @@ def read_plans(
     for start in sorted(set(motions) - never_begun):
         told = said.get(start, _UNKNOWN)
         try:
-            trajectory = _read(plant, motions[start], controls.get(start), told)
+            kind = BUILT_IN.get(plant) or _named(told)
+            trajectory = read_plan(kind, motions[start], told.interpolation)
         except (InvalidProblem, ValueError, IndexError) as error:
             reason = untrusted.text(str(error))
             notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')
             continue
-        if plant != 'pendulum' and start not in controls:
-            notes.append(
-                f'{namespace}/controls of a plan is not in the recording: its planned controls '
-                'are missing.'
-            )
-        plans.append(TimedPlan(start, trajectory))
-    if controls and not motions:
-        notes.append(
-            f'{namespace}/trajectory is not in the recording: what was planned for this vehicle '
-            'is missing.'
-        )
+        plans.append(TimedPlan(start, trajectory, kind))
     return plans
 
 
@@ -110,7 +86,7 @@ def in_force(
     starts = [(plan.start - origin) * NANOSECOND for plan in plans]
     ends = [*starts[1:], None][: len(starts)]
     return tuple(
-        PlanInForce(plan_ids.get(plan.start, ''), start, plan.trajectory, until)
+        PlanInForce(plan_ids.get(plan.start, ''), start, plan.trajectory, until, plan.kind)
         for plan, start, until in zip(plans, starts, ends, strict=True)
     )
 
@@ -128,54 +104,30 @@ def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
 
 def _by_start(topics: RecordedTopics, topic: str) -> dict[int, Any]:
     """Messages of a topic of trajectories by the start of their motion; the last one counts."""
-    if topics.types.get(topic) not in (JOINT_PLAN, BODY_PLAN):
+    if topics.types.get(topic) != JOINT_PLAN:
         return {}
     found: Sequence[Received] = topics.messages.get(topic, ())
     return {nanoseconds_of(item.message.header.stamp): item.message for item in found}
 
 
-def _read(plant: Plant, motion: Any, controls: Any, told: PlannedVehicle) -> Trajectory:
-    if plant == 'pendulum':
-        return pendulum_trajectory(motion, told.interpolation)
-    if plant == 'robot':
-        if controls is None:
-            return robot_motion(motion)
-        return robot_trajectory(motion, controls, interpolation=told.interpolation)
-    return _named_trajectory(motion, controls, told)
-
-
-def _named_trajectory(motion: Any, controls: Any, told: PlannedVehicle) -> Trajectory:
-    """Read a plan whose joints are the names of states (positions) and controls (effort)."""
-    times = _instants(motion)
-    if controls is None:
-        efforts, names = np.zeros((times.size, 0)), []
-    else:
-        if not np.array_equal(times, _instants(controls)):
-            raise InvalidProblem(
-                "the samples of 'trajectory' and 'controls' differ in their times"
-            )
-        efforts = np.array([point.effort for point in controls.points], dtype=float)
-        names = list(controls.joint_names)
-    trajectory = Trajectory(
-        times=times,
-        states=np.array([point.positions for point in motion.points], dtype=float),
-        controls=efforts,
-        state_names=tuple(untrusted.text(name, 60) for name in motion.joint_names),
-        control_names=tuple(untrusted.text(name, 60) for name in names),
-        interpolation=told.interpolation or 'linear',
+def _named(told: PlannedVehicle) -> PlantKind:
+    """Return the plant of a summary's joints: states are positions and velocities."""
+    if not told.joints:
+        raise InvalidProblem('no summary says which states its joints have')
+    states = [name for joint in told.joints for name in (joint.position, joint.velocity) if name]
+    controls = [joint.effort for joint in told.joints if joint.effort]
+    ordered = [name for name in told.units if name in states]
+    ordered += [name for name in states if name not in ordered]
+    return PlantKind(
+        state_names=tuple(ordered),
+        control_names=tuple(controls),
+        joints=told.joints,
+        state_units=tuple(told.units.get(name, '') for name in ordered),
+        control_units=tuple(told.units.get(name, '') for name in controls),
+        interpolation='linear',
     )
-    return replace(
-        trajectory,
-        state_units=tuple(told.units.get(name, '') for name in trajectory.state_names),
-        control_units=tuple(told.units.get(name, '') for name in trajectory.control_names),
-    )
-
-
-def _instants(message: Any) -> Array:
-    nanoseconds = [nanoseconds_of(point.time_from_start) for point in message.points]
-    return np.array(nanoseconds, dtype=float) * NANOSECOND
 
 
 def is_pendulum(message: Any) -> bool:
     """Whether a JointTrajectory moves the pendulum."""
-    return set(PENDULUM_JOINTS) <= set(message.joint_names)
+    return {joint.name for joint in PENDULUM.joints} <= set(message.joint_names)

@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ODOMETRY = 'nav_msgs/msg/Odometry'
 JOINT_PLAN = 'trajectory_msgs/msg/JointTrajectory'
-BODY_PLAN = 'trajectory_msgs/msg/MultiDOFJointTrajectory'
 STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
@@ -43,7 +42,7 @@ QUANTITIES = ('position', 'velocity', 'effort')
 ODOMETRY_COLUMNS = ('x', 'y', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'omega')
 
 _STREAMS = (JOINT_STATE, ODOMETRY)
-_MESSAGES = (JOINT_PLAN, BODY_PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
+_MESSAGES = (JOINT_PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
 _BATCH = 4096  # messages of a topic decoded at once
 _LATEST = 2**63 - 1  # ns
 _LARGEST = 1e100  # a number beyond it is damage; its square still is a number

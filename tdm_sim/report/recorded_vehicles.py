@@ -26,20 +26,13 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.nodes.frames import ARENA_FRAME
-from tdm_planner.nodes.reading import (
-    PENDULUM_JOINTS,
-    PENDULUM_STATES,
-    ROBOT_JOINTS,
-    ROBOT_STATES,
-)
+from tdm_planner.plant_kind import ARENA_FRAME, PENDULUM, QUANTITIES, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report.mission import PlanInForce, Plant, Signals
 from tdm_sim.report.recorded_plans import is_pendulum
 from tdm_sim.report.recorded_topics import (
-    BODY_PLAN,
     JOINT_PLAN,
     JOINT_STATE,
     ODOMETRY,
@@ -50,6 +43,8 @@ from tdm_sim.report.recorded_topics import (
 Array = NDArray[np.float64]
 
 _TURN = 2 * np.pi
+_PENDULUM_JOINTS = {joint.name for joint in PENDULUM.joints}
+_ROBOT_JOINTS = {joint.name for joint in ROBOT.actuated}
 
 
 @dataclass(frozen=True)
@@ -95,23 +90,20 @@ def _planner_of(namespace: str, plant: Plant, summaries: Mapping[str, object]) -
 def _plant_of(topics: RecordedTopics, topic: str, kind: str) -> Plant | None:
     """Return the plant that a topic tells of."""
     name = topic.rsplit('/', 1)[-1]
-    if kind == BODY_PLAN and name == 'trajectory':
-        return 'robot'
-    if kind == JOINT_PLAN and name in ('trajectory', 'controls'):
+    if kind == JOINT_PLAN and name == 'trajectory':
         received = topics.messages.get(topic)
         if not received:
             return None
-        joints = list(received[0].message.joint_names)
-        if name == 'controls':
-            return 'robot' if ROBOT_JOINTS[0] in joints else None
-        return 'pendulum' if is_pendulum(received[0].message) else 'other'
+        if is_pendulum(received[0].message):
+            return 'pendulum'
+        return 'robot' if set(received[0].message.joint_names) >= _ROBOT_JOINTS else 'other'
     if kind == ODOMETRY and name == 'odom':
         return 'robot' if topics.streams[topic].frame == ARENA_FRAME else None
     if kind == JOINT_STATE and name in ('joint_states', 'joint_command'):
         joints = list(topics.streams[topic].joints)
-        if set(PENDULUM_JOINTS) <= set(joints):
+        if set(joints) >= _PENDULUM_JOINTS:
             return 'pendulum'
-        return 'robot' if set(ROBOT_JOINTS) <= set(joints) else 'other'
+        return 'robot' if set(joints) >= _ROBOT_JOINTS else 'other'
     return None
 
 
@@ -158,8 +150,8 @@ def measured(
             applied=None if joints is None else _robot_controls(joints, origin),
             tracking_error=errors,
         )
-    states = None if joints is None else _named_states(joints, origin, plans)
-    commands = None if command is None else _named_controls(command, origin, plans)
+    states = None if joints is None else _named(joints, origin, plans, 'states')
+    commands = None if command is None else _named(command, origin, plans, 'controls')
     return Measured(states, commands, None, errors)
 
 
@@ -174,9 +166,9 @@ def _signals(
     return Signals(times, values, tuple(columns), tuple(units.get(name, '') for name in columns))
 
 
-_PENDULUM_UNITS = dict(zip(PENDULUM_STATES, RotaryPendulum.state_units, strict=True))
+_PENDULUM_UNITS = dict(zip(PENDULUM.state_names, RotaryPendulum.state_units, strict=True))
 _ROBOT_UNITS = {
-    **dict(zip(ROBOT_STATES, FloatingRobot.state_units, strict=True)),
+    **dict(zip(ROBOT.state_names, FloatingRobot.state_units, strict=True)),
     **dict(zip(FloatingRobot.control_names, FloatingRobot.control_units, strict=True)),
 }
 
@@ -252,29 +244,21 @@ def _on_planned_turn(states: Signals, plans: tuple[PlanInForce, ...]) -> Signals
     return states
 
 
-def _named_states(joints: Stream, origin: int, plans: tuple[PlanInForce, ...]) -> Signals | None:
-    """States of a plan by name, of which the positions of a JointState are."""
-    if not plans:
-        return None
-    plan = plans[-1].trajectory
-    names = [name for name in plan.state_names if f'{name}.position' in joints.columns]
-    if not names:
-        return None
-    columns = {name: joints.column(f'{name}.position') for name in names}
-    return _signals(joints, origin, columns, plan.units)
-
-
-def _named_controls(
-    command: Stream, origin: int, plans: tuple[PlanInForce, ...]
+def _named(
+    stream: Stream, origin: int, plans: tuple[PlanInForce, ...], group: str
 ) -> Signals | None:
-    if not plans:
+    """States or controls of a plan, by the joints of a JointState that they are."""
+    kind = plans[-1].kind if plans else None
+    if kind is None:
         return None
-    plan = plans[-1].trajectory
-    names = [name for name in plan.control_names if f'{name}.effort' in command.columns]
-    if not names:
-        return None
-    columns = {name: command.column(f'{name}.effort') for name in names}
-    return _signals(command, origin, columns, plan.units)
+    wanted = kind.state_names if group == 'states' else kind.control_names
+    columns = {
+        getattr(joint, what): stream.column(f'{joint.name}.{what}')
+        for joint in kind.joints
+        for what in QUANTITIES
+        if getattr(joint, what) in wanted and f'{joint.name}.{what}' in stream.columns
+    }
+    return _signals(stream, origin, columns, plans[-1].trajectory.units) if columns else None
 
 
 # What a tracker's joints say, by the names of the states; and their units.

@@ -25,14 +25,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.markers import LIFETIME
+from tdm_planner.nodes.markers import LIFETIME, to_quaternion
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.robot_markers import TRAIL_LIFETIME
-from tdm_planner.nodes.robot_messages import to_quaternion
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from trajectory_msgs.msg import MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 PLANNER = 'tdm_planner.nodes.planner'
@@ -136,9 +135,7 @@ class Robots:
         parameters = {'problem': 'robot_formation', 'start.source': 'parameters'}
         self.here = ros.start(PLANNER, parameters, namespace='robots')
         self.plan = Viewer(ros, '/robots/markers', LATCHED)
-        self.trajectories = ros.subscribe(
-            '/robots/robot1/trajectory', MultiDOFJointTrajectory, LATCHED
-        )
+        self.trajectories = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
         self.live = Viewer(ros, '/robots/robot1/plant_markers')
         self._goals = ros.publisher('/robots/robot1/goal_pose', PoseStamped)
         assert ros.meet(lambda: bool(self.plan.arrays))
@@ -153,8 +150,8 @@ class Robots:
     @property
     def end(self) -> tuple[float, float]:
         """Where the newest plan leads robot1."""
-        end = self.trajectories[-1].points[-1].transforms[0].translation
-        return end.x, end.y
+        x, y, *_ = self.trajectories[-1].points[-1].positions
+        return x, y
 
     def clear(self) -> None:
         self.ros.settle()

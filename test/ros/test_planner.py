@@ -28,7 +28,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, pendulum_trajectory, to_stamp
+from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
+from tdm_planner.nodes.reading import read_plan
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import NANOSECOND
@@ -141,7 +143,7 @@ def test_a_plan_is_answered_published_and_told_of(ros: Stepped, planner: Planner
     assert nanoseconds_of(message.points[0].time_from_start) == 0
     assert all(point.effort[0] == 0.0 for point in message.points)
     # Whoever replays the message ends upright.
-    trajectory = pendulum_trajectory(message)
+    trajectory = read_plan(PENDULUM, message)
     assert trajectory.interpolation == 'zero_order_hold'
     assert trajectory.duration == pytest.approx(answer['duration'])
     assert 0.3 < trajectory.duration < 0.5

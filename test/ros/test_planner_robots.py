@@ -21,17 +21,19 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes.adapters.followed_plans import FollowedPlans
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
-from tdm_planner.nodes.robot_messages import (
-    robot_controls_message,
-    robot_trajectory,
-    robot_trajectory_message,
+from tdm_planner.nodes.adapters.formation import FormationAdapter
+from tdm_planner.nodes.messages import (
+    LATCHED,
+    nanoseconds_of,
+    plan_message,
     to_quaternion,
+    to_stamp,
 )
+from tdm_planner.nodes.reading import read_plan
+from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 MODULE = 'tdm_planner.nodes.planner'
@@ -46,8 +48,7 @@ class Fleet:
     def __init__(self, ros: Stepped, space: str, **parameters: Any) -> None:
         self.ros, self.space = ros, space
         self.here = ros.start(MODULE, {**FORMATION, **parameters}, namespace=space)
-        self.motions = self.subscribe('trajectory', MultiDOFJointTrajectory)
-        self.controls = self.subscribe('controls', JointTrajectory)
+        self.motions = self.subscribe('trajectory', JointTrajectory)
         self.paths = self.subscribe('path', Path)
         self.odometry = self.publishers('odom', Odometry)
         self.joints = self.publishers('joint_states', JointState)
@@ -69,13 +70,12 @@ class Fleet:
 
     def plan(self, name: str) -> tuple[Trajectory, int]:
         """Return the newest plan of a robot and the instant it starts [ns]."""
-        motion, controls = self.motions[name][-1], self.controls[name][-1]
-        assert motion.header.stamp == controls.header.stamp
-        return robot_trajectory(motion, controls, name), nanoseconds_of(motion.header.stamp)
+        motion = self.motions[name][-1]
+        return read_plan(ROBOT, motion), nanoseconds_of(motion.header.stamp)
 
     def count(self) -> int:
         """Return how many plans there were for every robot."""
-        return min(len(x[name]) for x in (self.motions, self.controls) for name in ROBOTS)
+        return min(len(self.motions[name]) for name in ROBOTS)
 
     def measure(self, name: str, state: list[float]) -> None:
         """Publish a robot's state [x, y, u, v, yaw, omega, alpha]."""
@@ -246,20 +246,20 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
     problem = RobotFormation.from_parameters({'robots': list(pair), **places})
     plan = problem.solve()
     found: list[Any] = []
-    FollowedPlans(ros.node, pair, lambda plans, start: found.append((plans, start)))
+    values = {
+        name: spec.default
+        for name, spec in RobotFormation.parameter_specifications({'robots': list(pair)}).items()
+    }
+    adapter = FormationAdapter(ros.node, {**values, **places, 'robots': list(pair)})
+    adapter.watch_plans_followed(lambda plans, start: found.append((plans, start)))
     publishers = {
-        robot: (
-            ros.publisher(f'{robot}/trajectory_in_force', MultiDOFJointTrajectory, LATCHED),
-            ros.publisher(f'{robot}/controls_in_force', JointTrajectory, LATCHED),
-        )
+        robot: ros.publisher(f'{robot}/trajectory_in_force', JointTrajectory, LATCHED)
         for robot in pair
     }
 
     def follow(robot: str, start: int) -> None:
         trajectory = plan.trajectories[robot].with_rates(problem.plant.derivative)
-        motion, controls = publishers[robot]
-        motion.publish(robot_trajectory_message(robot, trajectory, to_stamp(start)))
-        controls.publish(robot_controls_message(trajectory, problem.plant, to_stamp(start)))
+        publishers[robot].publish(plan_message(ROBOT, trajectory, to_stamp(start)))
         ros.settle()
 
     follow('robot1', 5)
@@ -272,8 +272,7 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
         planned = plan.trajectories[robot]
         assert np.allclose(trajectories[robot].controls, planned.controls, atol=1e-12)
     assert problem.recognised(trajectories).cost == pytest.approx(plan.cost)
-    for motion, controls in publishers.values():
-        motion.publish(MultiDOFJointTrajectory())
-        controls.publish(JointTrajectory())
+    for publisher in publishers.values():
+        publisher.publish(JointTrajectory())
     ros.settle()
     assert not found[-1][0]

@@ -81,7 +81,7 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepp
     for names, effort in ((['arm'], [0.01]), (['disk'], [math.nan]), (['disk'], [])):
         rig.command(names, effort)
         assert not any(rig.efforts(1))
-    words = "joint_command ignored: it must name joint 'disk' once, but its names are: arm"
+    words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output
     assert "'plant.colour' is unknown" in rig.process.output
     status = rig.status
@@ -223,7 +223,7 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
     robot.trigger('reset')
     robot.command(['thruster'], [1.0], velocity=[0.0])
     np.testing.assert_allclose(position(robot.odom[-1]), [2.0, 2.0])
-    words = "joint_command ignored: it must name joint 'reaction_wheel' once"
+    words = 'joint_command ignored: joint(s) reaction_wheel must be named once'
     assert words in robot.process.output
     assert robot.states[-1].effort[0] == 0.0
     robot.process.end_cleanly()

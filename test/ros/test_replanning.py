@@ -27,7 +27,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import joint_motion, LATCHED, PENDULUM_JOINTS, seconds_of
+from tdm_planner.nodes.messages import LATCHED, seconds_of
+from tdm_planner.nodes.reading import read_state
+from tdm_planner.plant_kind import PENDULUM
 from trajectory_msgs.msg import JointTrajectory
 
 PLANNER = 'tdm_planner.nodes.planner'
@@ -75,7 +77,7 @@ class Rig:
         assert self.ros.call(f'/{self.namespace}/push', Trigger).success
 
     def angle(self, state: JointState) -> float:
-        return float(joint_motion(state, PENDULUM_JOINTS)[0])
+        return float(read_state(PENDULUM, state)[0])
 
     def upright_for(self, seconds: float) -> bool:
         """Whether the pendulum has been upright so long."""

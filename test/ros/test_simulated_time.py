@@ -18,7 +18,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED, pendulum_message
+from tdm_planner.nodes.messages import LATCHED, plan_message
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory
 
@@ -65,7 +66,7 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ste
     in_force = ros.subscribe('/early/trajectory_in_force', JointTrajectory, LATCHED)
     commands = ros.subscribe('/early/joint_command', JointState, 50)
     plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
-    message = pendulum_message(plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
+    message = plan_message(PENDULUM, plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
     ros.publisher('/early/trajectory', JointTrajectory, LATCHED).publish(message)
     assert ros.spin_until(
         lambda: any('/clock' in text for text in texts(diagnostics, '/early/tracker'))

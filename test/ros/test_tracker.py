@@ -25,12 +25,12 @@ from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import tracker as tracker_node
-from tdm_planner.nodes.messages import LATCHED, pendulum_message, to_stamp
-from tdm_planner.nodes.robot_messages import robot_controls_message, robot_trajectory_message
+from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory
 
 OK, ERROR = 0, 2
 STRONG = {'limits.torque': 0.09}
@@ -91,7 +91,7 @@ class Bench:
 
 
 def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTrajectory:
-    return pendulum_message(plan, to_stamp(ros.now + round(delay * 1e9)))
+    return plan_message(PENDULUM, plan, to_stamp(ros.now + round(delay * 1e9)))
 
 
 # Scripted states.
@@ -132,16 +132,16 @@ def test_a_state_that_does_not_come_is_an_error_after_the_first_second(
     assert not any(command.effort[0] for command in bench.commands)
 
 
-def test_states_that_cannot_be_read_are_left_out(ros: Stepped, bench: Bench) -> None:
+def test_states_that_cannot_be_read_are_ignored(ros: Stepped, bench: Bench) -> None:
     bench.state(name=['arm', 'pendulum'])
     bench.state(position=[0.0])
     bench.state(velocity=[0.0, math.nan])
     bench.state(after=0.2)
     ros.settle()
-    assert 'state left out: ' in bench.tracker.output
+    assert 'state ignored: ' in bench.tracker.output
     assert bench.says('no state has been received', level=ERROR)
     ros.spin_for(1.0)
-    assert ros.figure(bench.name, 'states left out') == '4'
+    assert ros.figure(bench.name, 'states ignored') == '4'
     bench.theta = math.pi
     assert bench.says('idle', level=OK)
     ros.spin_for(2.0)
@@ -150,7 +150,7 @@ def test_states_that_cannot_be_read_are_left_out(ros: Stepped, bench: Bench) -> 
     assert 'its stamp lies 0.12 s in the future' in bench.tracker.output
     bench.state(after=0.09)
     ros.spin_for(1.0)
-    assert ros.figure(bench.name, 'states left out') == '5'
+    assert ros.figure(bench.name, 'states ignored') == '5'
 
 
 def test_a_state_that_stops_coming_is_an_error_until_it_returns(ros: Stepped, idle: Bench) -> None:
@@ -408,21 +408,12 @@ class Scout(Bench):
         )
         super().__init__(ros, 'fleet/scout', kind='robot')
         self.odom = ros.subscribe('/fleet/scout/odom', Odometry)
-        self.motions = self.publisher('trajectory', MultiDOFJointTrajectory)
-        self.controls = self.publisher('controls', JointTrajectory)
+        self.plans = self.publisher('trajectory', JointTrajectory)
 
-    def plan(self, delay: float) -> tuple[Any, Any]:
-        stamp = to_stamp(self.ros.now + round(delay * 1e9))
-        return (
-            robot_trajectory_message('scout', self.way, stamp),
-            robot_controls_message(self.way, self.problem.plant, stamp),
-        )
-
-    def offer(self, spoil: Callable[[Any, Any], Any], delay: float = 1.0) -> None:
-        motion, controls = self.plan(delay)
-        spoil(motion, controls)
-        self.controls.publish(controls)
-        self.motions.publish(motion)
+    def offer(self, spoil: Callable[[Any], Any], delay: float = 1.0) -> None:
+        plan = plan_message(ROBOT, self.way, to_stamp(self.ros.now + round(delay * 1e9)))
+        spoil(plan)
+        self.plans.publish(plan)
         self.ros.spin_for(0.02)
 
 
@@ -433,32 +424,20 @@ def scout(ros: Stepped, problem: RobotFormation, way: Trajectory) -> Scout:
     return made
 
 
-def begin_elsewhere(motion: Any, controls: Any) -> None:
-    for point in motion.points:
-        point.transforms[0].translation.x = 3.0
-
-
-def test_halves_of_different_plans_are_not_put_together(ros: Stepped, scout: Scout) -> None:
-    first, *_ = pairs = [scout.plan(3.0 + 0.1 * k) for k in range(6)]
-    for motion, _ in pairs:
-        scout.motions.publish(motion)
-        ros.settle()
-    scout.controls.publish(scout.plan(1.0)[1])
-    scout.controls.publish(first[1])  # only some of the newest wait
-    ros.spin_for(0.1)
-    assert 'accepted' not in scout.tracker.output
-    assert scout.status.message == 'idle'
+def begin_elsewhere(plan: Any) -> None:
+    for point in plan.points:
+        point.positions[0] = 3.0
 
 
 @pytest.mark.parametrize(
     ('spoil', 'reason'),
     [
-        (lambda motion, controls: setattr(motion, 'joint_names', ['other']), 'scout'),
+        (lambda plan: setattr(plan.header, 'frame_id', 'map'), "must be 'arena'"),
         (begin_elsewhere, 'tolerance.start'),
     ],
 )
 def test_plans_of_robots_are_refused_with_a_reason(
-    scout: Scout, spoil: Callable[[Any, Any], Any], reason: str
+    scout: Scout, spoil: Callable[[Any], Any], reason: str
 ) -> None:
     scout.offer(spoil)
     assert scout.says('trajectory refused: ', reason)
@@ -472,7 +451,7 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
     lead = scout.tracker.node.tracker.lead
     for _ in range(12):
         scout.offer(begin_elsewhere, lead + 0.5)
-    scout.offer(lambda motion, controls: None, lead + 0.6)
+    scout.offer(lambda plan: None, lead + 0.6)
     assert 'accepted' not in scout.tracker.output
     ros.spin_for(0.6)
     assert 'accepted' in scout.tracker.output

@@ -25,10 +25,10 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.base import PlanRequest
-from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.nodes.markers import Pen
-from tdm_planner.nodes.robot_messages import yaw_of
+from tdm_planner.nodes.reading import yaw_of
 from tdm_planner.parameters import shown
+from tdm_planner.plant_kind import ARENA_FRAME
 from visualization_msgs.msg import MarkerArray
 
 NOTICE_TIME = 8.0  # s that a refusal stays visible

@@ -12,26 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The newest measurement of a topic, and whether it is fresh enough to plan from."""
+"""The newest measured state of a plant, and whether it is fresh enough to plan from."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nav_msgs.msg import Odometry
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
+from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import NANOSECOND
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Received:
-    """A message, and the instant it tells of [ns]."""
+    """A message, the states it holds by name, and the instant it tells of [ns]."""
 
     message: Any
+    states: Mapping[str, float]
     instant: int
 
 
@@ -39,9 +47,9 @@ class NewestMeasurement:
     """
     Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
 
-    `check` raises InvalidProblem for a message that does not hold the state; such messages are
-    passed over (others may publish on the topic), but named when there is no better one. Every
-    other message is also given to `observer`.
+    `read` raises InvalidProblem for a message that does not hold the states; such messages are
+    ignored (others may publish on the topic), but named when there is no better one. After every
+    other message `observer` is called.
     """
 
     def __init__(
@@ -49,11 +57,11 @@ class NewestMeasurement:
         node: Node,
         message_type: Any,
         topic: str,
-        check: Callable[[Any], Any],
-        observer: Callable[[Received], None] | None = None,
+        read: Callable[[Any], Mapping[str, float]],
+        observer: Callable[[], None],
     ) -> None:
         self._node = node
-        self._check = check
+        self._read = read
         self._observer = observer
         self._newest: Received | None = None
         self._fault = ''
@@ -109,13 +117,85 @@ class NewestMeasurement:
 
     def _receive(self, message: Any) -> None:
         try:
-            self._check(message)
+            states = self._read(message)
         except InvalidProblem as error:
             self._fault = str(error)
             return
         self._fault = ''
         stamp = nanoseconds_of(message.header.stamp)
         arrival = self._node.get_clock().now().nanoseconds
-        self._newest = Received(message, stamp or arrival)
-        if self._observer is not None:
-            self._observer(self._newest)
+        self._newest = Received(message, states, stamp or arrival)
+        self._observer()
+
+
+class MeasuredState:
+    """
+    The newest state of a plant, from `odom` where it has one and from `joint_states`.
+
+    `prefix` is the plant's namespace ('' or 'robot1/'). `observer` is called with every state that
+    comes and its instant [ns].
+    """
+
+    def __init__(
+        self, node: Node, kind: PlantKind, prefix: str, observer: Callable[[Array, int], None]
+    ) -> None:
+        self._kind, self._prefix, self._told = kind, prefix, observer
+        self.joints = NewestMeasurement(
+            node,
+            JointState,
+            f'{prefix}joint_states',
+            lambda message: read_joints(kind.measured, message, kind.state_names),
+            lambda: None if kind.odometry else self._observe(),
+        )
+        self._parts = {'joint_states': self.joints}
+        if kind.odometry:
+            odometry = NewestMeasurement(
+                node,
+                Odometry,
+                f'{prefix}odom',
+                lambda message: read_odometry(kind, message),
+                self._observe,
+            )
+            self._parts = {'odom': odometry, **self._parts}
+
+    @property
+    def topic(self) -> str:
+        """Topic whose stamps are those of the states."""
+        return next(iter(self._parts.values())).topic
+
+    @property
+    def missing(self) -> list[str]:
+        """Return a sentence for every topic on which no state was received yet."""
+        return [part.missing for part in self._parts.values() if part.missing]
+
+    @property
+    def newest(self) -> tuple[Array, int] | None:
+        """Return the newest state (nx,) and its instant [ns]; None until it is complete."""
+        parts = [part.newest for part in self._parts.values()]
+        received = [part for part in parts if part is not None]
+        return self._state(received) if len(received) == len(parts) else None
+
+    def fresh(self, now: int, max_age: float) -> tuple[Array, int]:
+        """
+        Return the newest state (nx,) and its instant [ns], not older than `max_age` s at `now`.
+
+        Raises
+        ------
+        NoState
+            As `NewestMeasurement.fresh` does.
+
+        """
+        return self._state([part.fresh(now, max_age) for part in self._parts.values()])
+
+    def ages(self, now: int) -> dict[str, float | None]:
+        """Age [s] of the newest message by topic; None where there is none."""
+        return {f'{self._prefix}{name}': part.age(now) for name, part in self._parts.items()}
+
+    def _state(self, parts: Sequence[Received]) -> tuple[Array, int]:
+        values = {name: value for part in parts for name, value in part.states.items()}
+        return np.array([values[name] for name in self._kind.state_names]), parts[0].instant
+
+    def _observe(self) -> None:
+        newest = self.newest
+        if newest is not None:
+            self._told(*newest)

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from types import MappingProxyType
+from typing import Any
 
+from rclpy.node import Node
 from tdm_planner.nodes.adapters.base import Adapter
 from tdm_planner.problems.base import Problem
 
@@ -37,10 +39,12 @@ ADAPTERS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def adapter_class(problem_class: type[Problem]) -> type[Adapter]:
-    """Return the adapter for a class of problems."""
+def adapter_class(
+    problem_class: type[Problem],
+) -> Callable[[Node, Mapping[str, Any]], Adapter]:
+    """Return what makes the adapter for a class of problems, from a node and its parameters."""
     bases = (f'{base.__module__}:{base.__qualname__}' for base in problem_class.__mro__)
     address = next(ADAPTERS[base] for base in bases if base in ADAPTERS)
     module, _, name = address.partition(':')
-    found: type[Adapter] = getattr(import_module(module), name)
+    found: Callable[[Node, Mapping[str, Any]], Adapter] = getattr(import_module(module), name)
     return found

@@ -22,15 +22,14 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from ros_harness import SOURCE
 from sensor_msgs.msg import JointState
-from tdm_planner.nodes.messages import joint_motion, PENDULUM_JOINTS, pendulum_message, to_stamp
-from tdm_planner.nodes.tracked_plants import TrackedPendulum
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import plan_message, to_stamp
+from tdm_planner.nodes.reading import read_command, read_state
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
-from tdm_sim.commands import MalformedCommand
-from tdm_sim.pendulum_plant import PendulumPlant
 from trajectory_msgs.msg import JointTrajectory
 import yaml
 
@@ -58,7 +57,7 @@ def planned(request: pytest.FixtureRequest) -> JointTrajectory:
     plan = problem.solve().trajectory
     if plan.rates is None:
         plan = plan.with_rates(problem.plant.derivative)
-    return pendulum_message(plan, to_stamp(100 * SECOND))
+    return plan_message(PENDULUM, plan, to_stamp(100 * SECOND))
 
 
 def test_a_joint_trajectory_controller_takes_what_is_planned(
@@ -115,21 +114,18 @@ def sent_by(component: dict[str, dict[str, list[str]]], effort: float) -> JointS
 def test_topic_hardware_understands_the_states_it_gets():
     """Its state interfaces are fields of joint_states, joints found by name in any order."""
     joints = [item for component in hardware() for item in component.items()]
-    assert sorted(name for name, _ in joints) == sorted(PENDULUM_JOINTS)
+    assert sorted(name for name, _ in joints) == sorted(joint.name for joint in PENDULUM.joints)
     for _, interfaces in joints:
         assert set(interfaces['state']) <= {'position', 'velocity', 'effort'}
     state = JointState(
         name=['disk', 'another', 'pendulum'], position=[1.0, 9.0, 2.0], velocity=[3.0, 9.0, 4.0]
     )
-    assert joint_motion(state, PENDULUM_JOINTS).tolist() == [2.0, 1.0, 4.0, 3.0]
+    assert read_state(PENDULUM, state).tolist() == [2.0, 1.0, 4.0, 3.0]
 
 
 def test_plant_obeys_the_commands_that_topic_hardware_and_tracker_send():
     motor, encoder = hardware()
-    read = PendulumPlant.read_command
-    assert read(None, sent_by(motor, 0.01)).tolist() == [0.01]  # type: ignore[arg-type]
+    assert read_command(PENDULUM, sent_by(motor, 0.01)).tolist() == [0.01]
     # As one component the two joints would send a command that nobody can read for sure.
-    with pytest.raises(MalformedCommand, match='1 values for 2 named joints'):
-        read(None, sent_by({**motor, **encoder}, 0.01))  # type: ignore[arg-type]
-    message = TrackedPendulum().command_message(np.array([0.012]))
-    assert (list(message.name), list(message.effort)) == (['disk'], [0.012])
+    with pytest.raises(InvalidProblem, match='1 values for 2 named joints'):
+        read_command(PENDULUM, sent_by({**motor, **encoder}, 0.01))

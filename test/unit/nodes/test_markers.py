@@ -31,7 +31,7 @@ from tdm_planner.nodes.markers import (
 )
 from tdm_planner.nodes.pendulum_markers import LONGEST_PATH as LONGEST_PENDULUM_PATH
 from tdm_planner.nodes.pendulum_markers import PendulumPicture, plan_markers
-from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, RobotState, TRAIL_LIFETIME
+from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, TRAIL_LIFETIME
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -87,6 +87,16 @@ STATIC = {('base', 0), ('disk', 0), ('disk_limit', 0), ('arm', 0), ('rod', 0)}
 angles = st.floats(-20.0, 20.0)
 
 
+def posed(theta: float, psi: float) -> np.ndarray:
+    return np.array([theta, psi, 0.0, 0.0])
+
+
+def drawn(
+    picture: PendulumPicture, theta: float, psi: float, at: Time | None = None
+) -> MarkerArray:
+    return picture.draw(at or Time(), posed(theta, psi), np.zeros(1))
+
+
 def position(point) -> list[float]:
     return [point.x, point.y, point.z]
 
@@ -108,8 +118,8 @@ def test_every_picture_of_a_pendulum_is_valid_with_the_same_names(states) -> Non
     picture = PendulumPicture(PLANT, 2.0, trail=0.2)
     scene = Scene()
     for k, (theta, psi) in enumerate(states):
-        picture.add(10_000_000 * k, theta, psi)
-        array = picture.draw(Time(nanosec=10_000_000 * k), theta, psi)
+        picture.add(10_000_000 * k, posed(theta, psi))
+        array = drawn(picture, theta, psi, Time(nanosec=10_000_000 * k))
         check_markers(array, 'world', LIFETIME)
         scene.apply(array)
         trail = {('trail', 0)} if k > 0 else set()
@@ -121,7 +131,7 @@ def test_every_picture_of_a_pendulum_is_valid_with_the_same_names(states) -> Non
 @settings(max_examples=30)
 def test_rod_and_disk_are_where_the_state_has_them(theta, psi) -> None:
     picture = PendulumPicture(PLANT, 2.0, trail=1.0)
-    scene = Scene(picture.draw(Time(), theta, psi))
+    scene = Scene(drawn(picture, theta, psi))
     pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
     np.testing.assert_allclose([position(p) for p in scene['rod'].points], [pivot, tip], atol=1e-9)
     q = scene['disk'].pose.orientation
@@ -137,8 +147,8 @@ def test_rod_and_disk_are_where_the_state_has_them(theta, psi) -> None:
 )
 def test_the_arc_ends_at_the_limits_and_turns_red_beyond(limit, span) -> None:
     picture = PendulumPicture(PLANT, limit, trail=1.0)
-    inside = Scene(picture.draw(Time(), 0.0, 0.9 * limit))['disk_limit']
-    outside = Scene(picture.draw(Time(), 0.0, -1.1 * limit))['disk_limit']
+    inside = Scene(drawn(picture, 0.0, 0.9 * limit))['disk_limit']
+    outside = Scene(drawn(picture, 0.0, -1.1 * limit))['disk_limit']
     ends = [math.atan2(p.y, p.x) for p in (inside.points[0], inside.points[-1])]
     np.testing.assert_allclose(np.abs(ends), span, atol=1e-9)
     radii = [math.hypot(p.x, p.y) for p in inside.points]
@@ -151,15 +161,15 @@ def test_the_trail_follows_the_tip_and_fades() -> None:
     picture = PendulumPicture(PLANT, 2.0, trail=0.5)
     theta = np.linspace(0.0, 1.0, 200)
     for k, value in enumerate(theta):
-        picture.add(5_000_000 * k, float(value), 0.3)
-    trail = Scene(picture.draw(Time(), 1.0, 0.3))['trail']
+        picture.add(5_000_000 * k, posed(value, 0.3))
+    trail = Scene(drawn(picture, 1.0, 0.3))['trail']
     _, tips = pendulum_points(PLANT, theta, np.array(0.3))
     np.testing.assert_allclose([position(p) for p in trail.points], tips[100::2], atol=1e-9)
     alphas = [colour.a for colour in trail.colors]
     assert alphas == sorted(alphas)
     assert alphas[-1] > 3 * alphas[0]
     picture.clear()
-    assert 'trail' not in Scene(picture.draw(Time(), 1.0, 0.3)).namespaces
+    assert 'trail' not in Scene(drawn(picture, 1.0, 0.3)).namespaces
 
 
 def test_a_new_plan_replaces_the_old_one() -> None:
@@ -187,7 +197,17 @@ LIFETIMES = {
     'trail': TRAIL_LIFETIME * LIFETIME,
 }
 angle, place = st.floats(-20.0, 20.0), st.floats(-10.0, 10.0)
-states = st.builds(RobotState, place, place, angle, angle, st.floats(0.0, 2.0))
+
+
+def robot(x: float, y: float, yaw: float, alpha: float = 0.0) -> np.ndarray:
+    return np.array([x, y, 0.0, 0.0, yaw, 0.0, alpha])
+
+
+states = st.tuples(st.builds(robot, place, place, angle, angle), st.floats(0.0, 2.0))
+
+
+def thrusting(thrust: float) -> np.ndarray:
+    return np.array([thrust, 0.0, 0.0])
 
 
 def yaw(marker) -> float:
@@ -206,36 +226,37 @@ def in_arena(marker) -> np.ndarray:
 @settings(max_examples=30)
 def test_every_picture_of_a_robot_is_valid_with_the_same_names(motion) -> None:
     picture, scene = RobotPicture(LOOK, trail=60.0), Scene()
-    for k, state in enumerate(motion):
-        picture.add(1_000_000_000 * k, state.x, state.y)
-        array = picture.draw(Time(sec=k), state)
+    for k, (state, thrust) in enumerate(motion):
+        picture.add(1_000_000_000 * k, state)
+        array = picture.draw(Time(sec=k), state, thrusting(thrust))
         check_markers(array, 'arena', LIFETIMES)
         scene.apply(array)
         always = {(name, 0) for name in ('body', 'heading', 'separation', 'name')}
         assert always <= scene.names <= always | {('plume', 0), ('trail', 0)}
-        assert (('plume', 0) in scene.names) == (state.thrust > 1.05e-3)
+        assert (('plume', 0) in scene.names) == (thrust > 1.05e-3)
 
 
-@given(states.filter(lambda state: state.thrust > 0.01))
+@given(states.filter(lambda drawn: drawn[1] > 0.01))
 @settings(max_examples=50)
-def test_the_plume_points_along_the_force_and_leaves_behind(state) -> None:
-    plume = Scene(RobotPicture(LOOK, 60.0).draw(Time(), state))['plume']
-    motion = np.array([state.x, state.y, 0.0, 0.0, state.yaw, 0.0, state.alpha])
-    rates = FloatingRobot().derivative(motion, np.array([state.thrust, 0.0, 0.0]))
+def test_the_plume_points_along_the_force_and_leaves_behind(moving) -> None:
+    state, thrust = moving
+    control = thrusting(thrust)
+    plume = Scene(RobotPicture(LOOK, 60.0).draw(Time(), state, control))['plume']
+    rates = FloatingRobot().derivative(state, control)
     force = rates[2:4] / np.linalg.norm(rates[2:4])
     direction = [math.cos(yaw(plume)), math.sin(yaw(plume))]
     np.testing.assert_allclose(direction, force, atol=1e-9)
-    along = (in_arena(plume) - [state.x, state.y]) @ force
+    along = (in_arena(plume) - state[:2]) @ force
     assert along.max() == pytest.approx(-LOOK.radius)
     length = along.max() - along.min()
-    share = min(state.thrust / 1.05, 1.0)
+    share = min(thrust / 1.05, 1.0)
     assert length == pytest.approx(4 * LOOK.radius * share)
-    across = (in_arena(plume) - [state.x, state.y]) @ [-force[1], force[0]]
+    across = (in_arena(plume) - state[:2]) @ [-force[1], force[0]]
     assert np.ptp(across) == pytest.approx((0.3 + 0.9 * share) * LOOK.radius)
 
 
 def test_heading_and_body_are_those_of_the_state() -> None:
-    scene = Scene(RobotPicture(LOOK, 60.0).draw(Time(), RobotState(1.0, 2.0, 0.7)))
+    scene = Scene(RobotPicture(LOOK, 60.0).draw(Time(), robot(1.0, 2.0, 0.7), thrusting(0.0)))
     assert yaw(scene['heading']) == pytest.approx(0.7)
     for name in ('body', 'heading', 'separation'):
         where = scene[name].pose.position
@@ -249,22 +270,23 @@ def test_heading_and_body_are_those_of_the_state() -> None:
 def test_markers_drawn_seldom_stay_longer() -> None:
     picture = RobotPicture(LOOK, 60.0)
     for k in range(2):
-        picture.add(1_000_000_000 * k, 0.1 * k, 0.0)
-    array = picture.draw(Time(), RobotState(0.1, 0.0, 0.0), lifetime=3.0)
+        picture.add(1_000_000_000 * k, robot(0.1 * k, 0.0, 0.0))
+    array = picture.draw(Time(), robot(0.1, 0.0, 0.0), thrusting(0.0), lifetime=3.0)
     check_markers(array, 'arena', {**dict.fromkeys(LIFETIMES, 3.0), 'trail': 12.0})
 
 
 def test_the_trail_is_repeated_now_and_then() -> None:
     picture = RobotPicture(LOOK, 60.0)
     for k in range(20):
-        picture.add(1_000_000_000 * k, 0.1 * k, 0.0)
-    arrays = [picture.draw(Time(), RobotState(1.9, 0.0, 0.0)) for _ in range(11)]
+        picture.add(1_000_000_000 * k, robot(0.1 * k, 0.0, 0.0))
+    arrays = [picture.draw(Time(), robot(1.9, 0.0, 0.0), thrusting(0.0)) for _ in range(11)]
     with_trail = [k for k, array in enumerate(arrays) if 'trail' in {m.ns for m in array.markers}]
     assert with_trail == [0, 5, 10]
     trail = Scene(arrays[0])['trail']
     np.testing.assert_allclose([p.x for p in trail.points], 0.1 * np.arange(20))
     picture.clear()
-    assert 'trail' not in Scene(arrays[0], picture.draw(Time(), RobotState(0, 0, 0.0))).namespaces
+    after = picture.draw(Time(), robot(0.0, 0.0, 0.0), thrusting(0.0))
+    assert 'trail' not in Scene(arrays[0], after).namespaces
 
 
 # A formation.

@@ -9,25 +9,23 @@
 
 """Where a plant will be when the next plan takes over, against its motion under the old plan."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from tdm_planner.nodes.adapters.formation import _CARRIED, _deviation, _drifted, _TRACKED
-from tdm_planner.nodes.adapters.plan_in_force import PlanInForce, PlansInForce, predicted_start
+from tdm_planner.nodes.adapters.active_plans import ActivePlans, predicted_start
+from tdm_planner.nodes.adapters.formation import _CARRIED, _TRACKED, drifted
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
+from tdm_planner.trajectory import TimedTrajectory
 from tdm_planner.verification import replay
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
+START = 1_700.0
 
 
 @pytest.fixture(scope='module')
 def plan():
     solution = RobotFormation().solve(deadline=10.0)
     plant = FloatingRobot()
-    return PlanInForce(solution.trajectories['robot1'].with_rates(plant.derivative), START)
+    return TimedTrajectory(solution.trajectories['robot1'].with_rates(plant.derivative), START)
 
 
 def predict(plan, state, measured, start):
@@ -36,10 +34,10 @@ def predict(plan, state, measured, start):
         state,
         measured,
         start,
-        tracked=lambda away: bool((np.abs(away) < _TRACKED).all()),
-        free=_drifted,
-        deviation=_deviation,
-        carried=lambda away, wait: _drifted(away, wait) * _CARRIED,
+        np.isin(np.arange(7), (4, 6)),
+        tracked=_TRACKED,
+        free=drifted,
+        carried=lambda away, wait: drifted(away, wait) * _CARRIED,
     )
 
 
@@ -48,54 +46,54 @@ def test_a_robot_that_follows_its_plan_is_met_on_it(plan, at):
     """Under full thrust drifting alone would miss by ten centimetres."""
     times = np.array([at, at + 1.0])
     before, after = replay(FloatingRobot(), plan.trajectory, times)
-    measured = START + round(at * SECOND)
-    predicted = predict(plan, before, measured, measured + SECOND)
+    measured = START + at
+    predicted = predict(plan, before, measured, measured + 1.0)
     np.testing.assert_allclose(predicted[:6], after[:6], atol=1e-3)
 
 
 def test_a_small_deviation_is_carried_along(plan):
-    measured = START + 2 * SECOND
+    measured = START + 2.0
     state = plan.reference(measured) + np.array([0.02, 0, 0, 0.01, 0, 0, 0])
-    away = predict(plan, state, measured, measured + SECOND) - plan.reference(measured + SECOND)
+    away = predict(plan, state, measured, measured + 1.0) - plan.reference(measured + 1.0)
     np.testing.assert_allclose(away[:4], [0.02, 0.01, 0.0, 0.01], atol=1e-9)
 
 
 def test_a_robot_that_does_not_follow_drifts(plan):
     state = np.array([1.0, 1.0, 0.1, 0.0, 0.0, 0.2, 0.5])
     for force in (plan, None):
-        predicted = predict(force, state, START + 9 * SECOND, START + 10 * SECOND)
+        predicted = predict(force, state, START + 9.0, START + 10.0)
         np.testing.assert_allclose(predicted, [1.1, 1.0, 0.1, 0.0, 0.2, 0.2, 0.5], atol=1e-12)
 
 
 def test_after_its_end_the_plan_stays_at_the_goal(plan):
-    late = START + 100 * SECOND
+    late = START + 100.0
     np.testing.assert_allclose(plan.reference(late), plan.trajectory.states[-1], atol=1e-12)
-    early = plan.reference(START - SECOND)
+    early = plan.reference(START - 1.0)
     np.testing.assert_allclose(early, plan.trajectory.states[0], atol=1e-12)
 
 
 def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
-    plans, now = PlansInForce(), START - SECOND
+    plans, now = ActivePlans(), START - 1.0
     assert plans.at(now) is None
     assert plans.next_start(now) is None
     plans.add(plan, now)
     assert plans.at(now) is None
     assert plans.next_start(now) == START
     assert plans.at(START) is plan
-    second, third = (replace(plan, start=START + wait * SECOND) for wait in (9, 10))
-    plans.add(second, START + 8 * SECOND)
-    assert plans.at(START + 8 * SECOND) is plan
-    plans.add(third, START + 8 * SECOND + 1)  # the second one never begins
-    assert plans.at(START + 9 * SECOND) is plan
-    assert plans.next_start(START + 9 * SECOND) == third.start
+    second, third = (plan.moved(wait) for wait in (9.0, 10.0))
+    plans.add(second, START + 8.0)
+    assert plans.at(START + 8.0) is plan
+    plans.add(third, START + 8.1)  # the second one never begins
+    assert plans.at(START + 9.0) is plan
+    assert plans.next_start(START + 9.0) == third.start
     assert plans.at(third.start) is third
 
 
 def test_plans_move_with_a_clock_that_is_set(plan):
-    plans = PlansInForce()
-    plans.add(plan, START - SECOND)
-    plans.clock_was_set(-3600 * SECOND)
-    moved = plans.at(START - 3600 * SECOND)
+    plans = ActivePlans()
+    plans.add(plan, START - 1.0)
+    plans.clock_was_set(-3600.0)
+    moved = plans.at(START - 3600.0)
     assert moved is not None
     assert moved.trajectory is plan.trajectory
     plans.clock_was_set(None)

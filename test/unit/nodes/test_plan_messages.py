@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Plans, states and instants as messages and back: of the pendulum, and of a robot."""
+"""Plans, states, commands and instants as messages and back, of every plant by its joints."""
 
 from __future__ import annotations
 
@@ -24,82 +24,141 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import (
-    joint_motion,
-    nanoseconds_of,
-    pendulum_message,
-    pendulum_trajectory,
-    seconds_of,
+    command_message,
+    joint_states,
+    odometry,
+    path_message,
+    plan_message,
     to_duration,
+    to_quaternion,
     to_stamp,
 )
-from tdm_planner.nodes.robot_messages import (
-    odometry_state,
-    robot_controls_message,
-    robot_path_message,
-    robot_trajectory,
-    robot_trajectory_message,
-    thruster_angle,
-    to_quaternion,
+from tdm_planner.nodes.reading import (
+    nanoseconds_of,
+    read_command,
+    read_plan,
+    read_state,
+    seconds_of,
     yaw_of,
 )
+from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+from trajectory_msgs.msg import JointTrajectory
 
-ROBOT = FloatingRobot()
 START = 1_700_000_000_123_456_789
 STAMP = to_stamp(START)
+CRANE = named_kind(
+    ('x', 'v', 'sway', 'rope', 'reel'),
+    ('force', 'winch'),
+    [('trolley', 'x', 'v'), ('winch', 'rope', 'reel')],  # the winch is a joint and a control
+)
 
 
-def switched(count: int = 20) -> Trajectory:
-    """Consistent enough to be a message: torque jumps in the middle, states are arbitrary."""
+def switched(kind: PlantKind, count: int = 20) -> Trajectory:
+    """Consistent enough to be a message: controls jump in the middle, states are arbitrary."""
     rng = np.random.default_rng(1)
     times = to_nanoseconds(np.concatenate([[0.0], np.cumsum(rng.uniform(1e-3, 5e-3, count - 1))]))
-    torque = np.where(np.arange(count) < count // 2, 0.02, -0.02)[:, None]
+    later = np.arange(count) >= count // 2
+    nu = len(kind.control_names)
     return Trajectory(
         times=times,
-        states=rng.normal(size=(count, 4)),
-        controls=torque,
-        state_names=('theta', 'psi', 'theta_dot', 'psi_dot'),
-        control_names=('torque',),
-    ).with_rates(RotaryPendulum().derivative)
+        states=rng.normal(size=(count, len(kind.state_names))),
+        controls=np.where(later[:, None], 0.01 * np.arange(1, nu + 1), 0.02),
+        state_names=kind.state_names,
+        control_names=kind.control_names,
+    )
 
 
 @pytest.fixture
 def made() -> JointTrajectory:
-    return pendulum_message(switched(), STAMP)
+    return plan_message(PENDULUM, switched(PENDULUM), STAMP)
 
 
-def test_a_trajectory_comes_back_from_the_wire_to_the_last_bit(made: JointTrajectory) -> None:
-    """But for the last torque, which is held for no time; accelerations are those after a jump."""
-    plan, middle = switched(), switched().times.size // 2
-    read = pendulum_trajectory(deserialize_message(serialize_message(made), JointTrajectory))
+@pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
+def test_a_plan_comes_back_from_the_wire_to_the_last_bit(kind: PlantKind) -> None:
+    """But for the last controls, which are held for no time; joints may come in any order."""
+    plan = switched(kind)
+    made = plan_message(kind, plan, STAMP)
+    assert (made.header.stamp, made.header.frame_id) == (STAMP, kind.frame)
+    made.joint_names = list(made.joint_names)[::-1]
+    for point in made.points:
+        for quantity in ('positions', 'velocities', 'accelerations', 'effort'):
+            setattr(point, quantity, list(getattr(point, quantity))[::-1])
+    read = read_plan(
+        kind, deserialize_message(serialize_message(made), JointTrajectory), 'zero_order_hold'
+    )
     assert np.array_equal(read.times, plan.times)
     assert np.array_equal(read.states, plan.states)
     assert np.array_equal(read.controls[:-1], plan.controls[:-1])
-    assert read.controls[-1, 0] == 0.0
-    assert read.interpolation == 'zero_order_hold'
-    assert read.state_names == plan.state_names
-    assert made.header.stamp == STAMP
-    expected = RotaryPendulum().derivative(plan.states, plan.controls)[:, 2:]
+    assert not read.controls[-1].any()
+    assert read.units == dict(
+        zip(
+            (*kind.state_names, *kind.control_names),
+            (*kind.state_units, *kind.control_units),
+            strict=False,
+        )
+    )
+
+
+def test_a_robots_plan_is_one_message() -> None:
+    """Joints and their quantities are a contract; what is no state is told besides."""
+    robot = FloatingRobot()
+    plan = switched(ROBOT).with_rates(robot.derivative)
+    omega = plan.state('omega')
+    wheel = robot.wheel_speed(omega, initial_omega=float(omega[0]))
+    made = plan_message(ROBOT, plan, STAMP, {'wheel_speed': wheel})
+    assert list(made.joint_names) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
+    x, y, u, v, yaw, _, alpha = plan.states[3].tolist()
+    thrust, rate, torque = plan.controls[3].tolist()
+    point = made.points[3]
+    assert list(point.positions) == [x, y, yaw, alpha, 0.0]
+    assert list(point.velocities) == [u, v, omega[3], rate, wheel[3]]
+    assert list(point.effort) == [0.0, 0.0, 0.0, thrust, torque]
+    assert plan.rates is not None
+    expected = [*plan.rates[3, 0, [2, 3, 5]], 0.0, 0.0]
+    np.testing.assert_allclose(point.accelerations, expected)
+    speeds = np.array([p.velocities[4] for p in made.points])
+    momentum = robot.angular_momentum(omega, speeds)
+    np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
+    path = path_message(ROBOT, plan, START)
+    assert path.header.frame_id == 'arena'
+    stamps = [nanoseconds_of(p.header.stamp) - START for p in path.poses]
+    assert stamps == np.round(plan.times * 1e9).astype(int).tolist()
+
+
+def test_accelerations_are_those_after_a_jump_and_the_end_is_at_rest() -> None:
+    plan = switched(PENDULUM)
+    states = plan.states.copy()
+    states[-1, 2:] = 9e-4
+    plan = Trajectory(plan.times, states, plan.controls, *PENDULUM_NAMES)
+    made = plan_message(PENDULUM, plan.with_rates(RotaryPendulum().derivative), STAMP)
+    expected = RotaryPendulum().derivative(states, plan.controls)[:, 2:]
     assert np.array_equal([point.accelerations for point in made.points], expected)
-    assert made.points[middle - 1].effort[1] != made.points[middle].effort[1]
-    bare = Trajectory(plan.times, plan.states, plan.controls, plan.state_names, plan.control_names)
-    with pytest.raises(InvalidProblem, match='needs the states theta, psi'):
-        pendulum_message(bare, STAMP)
+    assert list(made.points[-1].velocities) == [0.0, 0.0]
+    assert [p.effort[1] for p in made.points[9:11]] == [0.02, 0.01]
 
 
-def test_torque_that_varies_everywhere_is_read_as_a_spline(made: JointTrajectory) -> None:
+PENDULUM_NAMES = PENDULUM.state_names, PENDULUM.control_names
+
+
+def test_a_joint_without_a_velocity_has_that_of_its_position() -> None:
+    plan = switched(CRANE).with_rates(lambda x, u: 2.0 * x)
+    made = plan_message(CRANE, plan, STAMP)
+    assert list(made.joint_names) == ['trolley', 'winch', 'sway', 'force']
+    _, v, sway, _, reel = plan.states[4].tolist()
+    assert list(made.points[4].velocities) == [v, reel, 2 * sway, 0.0]
+    assert list(made.points[4].accelerations) == [2 * v, 2 * reel, 0.0, 0.0]
+    assert list(made.points[4].effort) == [0.0, 0.02, 0.0, 0.02]
+
+
+def test_controls_that_vary_everywhere_are_read_as_linear(made: JointTrajectory) -> None:
+    assert read_plan(PENDULUM, made).interpolation == 'zero_order_hold'
     for number, point in enumerate(made.points):
         point.effort = [0.0, math.sin(number)]
-    assert pendulum_trajectory(made).interpolation == 'linear'
-    assert pendulum_trajectory(made, 'linear').interpolation == 'linear'
-    made.joint_names = ['disk', 'pendulum']  # joints may come in another order
-    for point in made.points:
-        for quantity in ('positions', 'velocities', 'effort'):
-            setattr(point, quantity, list(getattr(point, quantity))[::-1])
-    assert np.array_equal(pendulum_trajectory(made).states, switched().states)
+    assert read_plan(PENDULUM, made).interpolation == 'linear'
+    assert read_plan(PENDULUM, made, 'zero_order_hold').interpolation == 'zero_order_hold'
 
 
 @pytest.mark.parametrize(
@@ -127,13 +186,20 @@ def test_torque_that_varies_everywhere_is_read_as_a_spline(made: JointTrajectory
         ),
     ],
 )
-def test_malformed_trajectories_are_refused(
+def test_malformed_plans_are_refused(
     made: JointTrajectory, spoil: Callable[[Any], None], says: str
 ) -> None:
     spoil(made)
     with pytest.raises(InvalidProblem) as refused:
-        pendulum_trajectory(made)
+        read_plan(PENDULUM, made)
     assert says in str(refused.value)
+
+
+def test_a_plan_in_another_frame_is_refused() -> None:
+    made = plan_message(ROBOT, switched(ROBOT), STAMP)
+    made.header.frame_id = 'map'
+    with pytest.raises(InvalidProblem, match="'map' must be 'arena'"):
+        read_plan(ROBOT, made)
 
 
 @settings(max_examples=50)
@@ -151,11 +217,26 @@ def test_instants_durations_and_yaw_keep_their_values(
     assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
 
 
-def test_the_motion_of_joints_is_picked_by_name() -> None:
-    state = JointState(
-        name=['wheel', 'disk', 'pendulum'], position=[1.0, 2.0, 3.0], velocity=[4.0, 5.0, 6.0]
-    )
-    assert joint_motion(state, ('pendulum', 'disk')).tolist() == [3.0, 2.0, 6.0, 5.0]
+@pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])
+def test_states_and_commands_come_back(kind: PlantKind) -> None:
+    rng = np.random.default_rng(2)
+    state = rng.uniform(-1, 1, len(kind.state_names))
+    values = dict(zip(kind.state_names, state.tolist(), strict=True))
+    turned = odometry(kind, values, values, STAMP, 'child') if kind.odometry else None
+    measured = joint_states(kind.joints, values)
+    np.testing.assert_allclose(read_state(kind, measured, turned), state, atol=1e-15)
+    control = rng.uniform(-1, 1, len(kind.control_names))
+    assert np.array_equal(read_command(kind, command_message(kind, control)), control)
+
+
+def test_commands_of_the_built_in_plants() -> None:
+    torque = command_message(PENDULUM, np.array([0.012]))
+    assert (list(torque.name), list(torque.effort)) == (['disk'], [0.012])
+    assert not torque.position
+    assert not torque.velocity
+    both = command_message(ROBOT, np.array([0.5, -1.0, 0.01]))
+    assert list(both.name) == ['thruster', 'reaction_wheel']
+    assert (list(both.velocity), list(both.effort)) == ([-1.0, 0.0], [0.5, 0.01])
 
 
 @pytest.mark.parametrize(
@@ -172,99 +253,25 @@ def test_the_motion_of_joints_is_picked_by_name() -> None:
 )
 def test_states_without_the_joints_are_refused(state: JointState, says: str) -> None:
     with pytest.raises(InvalidProblem) as error:
-        joint_motion(state, ('pendulum', 'disk'))
+        read_state(PENDULUM, state)
     assert says in str(error.value)
 
 
-# A robot.
-
-
-def plan(yaws: tuple[float, float, float] = (3.0, 3.3, 3.6)) -> Trajectory:
-    rng = np.random.default_rng(1)
-    states = rng.uniform(-1, 1, (3, 7))
-    states[:, 4] = yaws
-    controls = rng.uniform(0, 1, (3, 3))
-    times = to_nanoseconds([0.0, 0.4, 1.0])
-    names = ROBOT.state_names, ROBOT.control_names
-    return Trajectory(times, states, controls, *names, 'linear').with_rates(ROBOT.derivative)
-
-
-def messages(trajectory: Trajectory) -> tuple[MultiDOFJointTrajectory, JointTrajectory]:
-    return (
-        robot_trajectory_message('robot1', trajectory, STAMP),
-        robot_controls_message(trajectory, ROBOT, STAMP),
-    )
-
-
-def test_a_robots_plan_survives_the_messages() -> None:
-    original = plan()
-    again = robot_trajectory(*messages(original), 'robot1')
-    np.testing.assert_array_equal(again.times, original.times)
-    np.testing.assert_allclose(again.states, original.states, atol=1e-15)
-    np.testing.assert_array_equal(again.controls, original.controls)
-    assert again.interpolation == 'linear'
-    turns = robot_trajectory(*messages(plan((3.0, 5.5, 8.0))))
-    np.testing.assert_allclose(turns.states[:, 4], [3.0, 5.5, 8.0], atol=1e-14)
-
-
-def test_frames_stamps_and_wheel_speed() -> None:
-    motion, controls = messages(plan())
-    path = robot_path_message(plan(), START)
-    assert motion.header.frame_id == path.header.frame_id == 'arena'
-    stamps = [nanoseconds_of(p.header.stamp) - START for p in path.poses]
-    assert stamps == [0, 400_000_000, 1_000_000_000]
-    assert list(controls.joint_names) == ['thruster', 'reaction_wheel']
-    speeds = np.array([p.velocities[1] for p in controls.points])
-    momentum = ROBOT.angular_momentum(plan().state('omega'), speeds)
-    np.testing.assert_allclose(momentum, momentum[0], atol=1e-12)
-    acceleration = motion.points[0].accelerations[0].linear
-    np.testing.assert_allclose([acceleration.x, acceleration.y], plan().rates[0, 0, 2:4])
-
-
-def turn_back(m: Any, c: Any) -> None:
-    for made in (m, c):
-        made.points = [made.points[i] for i in (0, 2, 1)]
-
-
-def shorten(m: Any, c: Any) -> None:
-    m.points, c.points = m.points[:1], c.points[:1]
-
-
-def delay(m: Any, c: Any) -> None:
-    c.points[1].time_from_start.nanosec += 1
-
-
 @pytest.mark.parametrize(
-    ('spoil', 'words'),
+    ('names', 'effort', 'words'),
     [
-        (lambda m, c: setattr(m, 'joint_names', ['robot2']), "must be ['robot1']"),
-        (lambda m, c: setattr(m.header, 'frame_id', 'map'), "'map' must be 'arena'"),
-        (lambda m, c: setattr(c.header, 'stamp', to_stamp(START + 1)), 'different instants'),
-        (lambda m, c: c.points.pop(), '3 points'),
-        (shorten, 'at least two'),
-        (delay, 'differ in their times'),
-        (turn_back, 'increase strictly'),
-        (
-            lambda m, c: setattr(m.points[1].transforms[0], 'rotation', Quaternion(w=2.0)),
-            'unit quaternion',
-        ),
-        (
-            lambda m, c: setattr(m.points[1].transforms[0].translation, 'x', math.nan),
-            'not finite',
-        ),
-        (lambda m, c: setattr(c.points[1], 'effort', [1.0]), "'effort' of point 1 has 1"),
-        (lambda m, c: setattr(m.points[1], 'transforms', []), '0 transforms'),
+        ([], [], r'joint\(s\) disk must be named once, but the names are: none'),
+        (['disk', 'disk'], [0.0, 1.0], r'joint\(s\) disk must be named once'),
+        (['disk'], [0.0, 1.0], "'effort' has 2 values for 1 named joint"),
+        (['disk'], [math.nan], 'effort of joint disk is nan'),
     ],
 )
-def test_malformed_plans_of_robots_are_refused(spoil: Callable[..., None], words: str) -> None:
-    pair = messages(plan())
-    spoil(*pair)
-    with pytest.raises(InvalidProblem) as refused:
-        robot_trajectory(*pair, 'robot1')
-    assert words in str(refused.value)
+def test_malformed_commands_say_why(names: list[str], effort: list[float], words: str) -> None:
+    with pytest.raises(InvalidProblem, match=words):
+        read_command(PENDULUM, JointState(name=names, effort=effort))
 
 
-def odometry() -> Odometry:
+def driving() -> Odometry:
     message = Odometry()
     message.header.frame_id = 'arena'
     message.pose.pose.position.x, message.pose.pose.position.y = 1.0, 2.0
@@ -274,9 +281,12 @@ def odometry() -> Odometry:
     return message
 
 
+THRUSTER = JointState(name=['thruster'], position=[0.5])
+
+
 def test_the_twist_is_turned_into_the_arena() -> None:
-    state = odometry_state(odometry())
-    np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1], atol=1e-15)
+    state = read_state(ROBOT, THRUSTER, driving())
+    np.testing.assert_allclose(state, [1, 2, 0, 0.3, math.pi / 2, 0.1, 0.5], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -288,18 +298,7 @@ def test_the_twist_is_turned_into_the_arena() -> None:
     ],
 )
 def test_bad_odometry_is_refused(spoil: Callable[[Any], None], words: str) -> None:
-    message = odometry()
+    message = driving()
     spoil(message)
     with pytest.raises(InvalidProblem, match=words):
-        odometry_state(message)
-
-
-def test_the_angle_of_the_thruster() -> None:
-    assert thruster_angle(JointState(name=['thruster'], position=[0.5])) == 0.5
-    for bad in (
-        JointState(),
-        JointState(name=['thruster']),
-        JointState(name=['thruster'], position=[math.nan]),
-    ):
-        with pytest.raises(InvalidProblem):
-            thruster_angle(bad)
+        read_state(ROBOT, THRUSTER, message)

@@ -25,9 +25,9 @@ import pytest
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
-from tdm_planner.nodes.robot_messages import ROBOT_JOINTS
-from tdm_planner.nodes.tracked_plants import TrackedRobot
+from tdm_planner.nodes.state_topics import StateTopics
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
+from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking.tracker import Phase
 
 NOW = 1_700_000_000_000_000_000  # ns
@@ -166,20 +166,24 @@ class Halves:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.steady = 50.0
         stand_in = SimpleNamespace(monotonic=lambda: self.steady)
-        monkeypatch.setattr('tdm_planner.nodes.tracked_plants.time', stand_in)
-        self.robot = TrackedRobot()
+        monkeypatch.setattr('tdm_planner.nodes.state_topics.time', stand_in)
+        self.read: Any = None
+        self.robot = StateTopics(ROBOT, lambda: TIMEOUT, self.take)
+
+    def take(self, _: Any, read: Any) -> None:
+        self.read = read
 
     def joints(self, stamp: int) -> None:
-        message = JointState(name=ROBOT_JOINTS, position=[0.3, 0.0], velocity=[0.0, 0.0])
+        message = JointState(name=['thruster', 'reaction_wheel'], position=[0.3, 0.0])
         message.header.stamp = to_stamp(stamp)
-        self.robot.take_joints(message)
+        self.robot.on_joints(message)
 
     def state(self, stamp: int) -> bool:
         message = Odometry()
         message.header.stamp = to_stamp(stamp)
         message.pose.pose.orientation.w = 1.0
-        state = self.robot.state(message, TIMEOUT)
-        return state is not None and state[-1] == 0.3
+        self.robot.on_odometry(message)
+        return self.read is not None and bool(self.read()[-1] == 0.3)
 
 
 @pytest.fixture

@@ -378,7 +378,7 @@ def robot_recording(namespace: str = '/robots', count: int = 2) -> list[Item]:
     )
     found = [Item(f'{namespace}/plan_summary', START - SECOND, said)]
     for k, name in enumerate(names):
-        found += _robot_plan(f'{namespace}/{name}', name, k)
+        found += _robot_plan(f'{namespace}/{name}', k)
         for t, at in instants():
             state = robot_states(np.clip(t, 0.0, DURATION), k) + ERROR * np.eye(7)[0]
             joints = joint_state(
@@ -395,33 +395,19 @@ def robot_recording(namespace: str = '/robots', count: int = 2) -> list[Item]:
     return found
 
 
-def _robot_plan(namespace: str, name: str, number: int) -> list[Item]:
+def _robot_plan(namespace: str, number: int) -> list[Item]:
     times = np.linspace(0.0, DURATION, 21)
-    states = robot_states(times, number)
-    points = [
-        {
-            'transforms': [{'translation': {'x': x, 'y': y}, 'rotation': rotation(yaw)}],
-            'velocities': [{'linear': {'x': u, 'y': v}, 'angular': {'z': omega}}],
-            'time_from_start': stamp(round(t * SECOND)),
-        }
-        for t, (x, y, u, v, yaw, omega, _) in zip(times.tolist(), states.tolist(), strict=True)
-    ]
-    frame = header(START, 'arena')
-    kind = 'trajectory_msgs/MultiDOFJointTrajectory'
-    motion = made(kind, header=frame, joint_names=[name], points=points)
-    controls = joint_plan(
+    x, y, u, v, yaw, omega, alpha = robot_states(times, number).T
+    zero, one = np.zeros(times.size), np.ones(times.size)
+    plan = joint_plan(
         START,
-        ('thruster', 'reaction_wheel'),
+        ('x', 'y', 'yaw', 'thruster', 'reaction_wheel'),
         times,
-        positions=states[:, 6:] * [1.0, 0.0],
-        velocities=np.tile([0.125, 0.0], (times.size, 1)),
-        effort=np.tile([0.5, 0.001], (times.size, 1)),
+        positions=np.stack([x, y, yaw, alpha, zero], axis=1),
+        velocities=np.stack([u, v, omega, 0.125 * one, zero], axis=1),
+        effort=np.stack([zero, zero, zero, 0.5 * one, 0.001 * one], axis=1),
     )
-    early = START - SECOND
-    return [
-        Item(f'{namespace}/trajectory', early, motion),
-        Item(f'{namespace}/controls', early, controls),
-    ]
+    return [Item(f'{namespace}/trajectory', START - SECOND, plan)]
 
 
 def filling() -> list[Item]:

@@ -304,7 +304,6 @@ def test_what_is_no_recording_of_ours_is_refused_in_one_sentence(
         (robot_recording, 'odom', 'odom', {'states'}),
         (robot_recording, 'joint_states', 'joint_states', {'applied'}),
         (robot_recording, 'trajectory', 'no plan', {'plans'}),
-        (robot_recording, 'controls', 'controls', set()),
         (robot_recording, 'plan_summary', 'plan_summary', set()),
     ],
 )
@@ -316,8 +315,6 @@ def test_what_is_missing_is_said(
     for vehicle in mission.vehicles:
         parts = ('states', 'applied', 'plans')
         assert {part for part in parts if getattr(vehicle, part) in (None, ())} == absent
-        if topic == 'controls':
-            assert vehicle.plans[0].trajectory.control_names == ()
         if vehicle.plant == 'robot' and vehicle.states is not None:
             assert ('alpha' in vehicle.states) == (topic != 'joint_states')
 
@@ -485,22 +482,33 @@ def test_of_several_planners_the_one_that_was_followed_or_has_a_plan(read: Read)
     plans = without(robot_recording(), '/odom', '/joint_states')
     check_pendulum(read([*plans, *standing, *pendulum_recording()]))
     # none was followed
-    idle = without(robot_recording(), '/trajectory', '/controls', '/plan_summary')
+    idle = without(robot_recording(), '/trajectory', '/plan_summary')
     planned = without(pendulum_recording(), '/joint_states', '/joint_command', '/tracking_error')
     assert [vehicle.name for vehicle in read([*idle, *planned]).vehicles] == ['pendulum']
 
 
 def test_a_third_partys_plan_by_the_names_of_its_states(read: Read) -> None:
     times = np.linspace(0.0, 1.0, 5)
-    motion = joint_plan(START, ('sway', 'rate'), times, positions=times[:, None] * [1.0, 0.0])
-    hook = {'interpolation': 'cubic', 'units': {'sway': 'rad'}}
+    motion = joint_plan(
+        START,
+        ('hook', 'force'),
+        times,
+        positions=times[:, None] * [1.0, 0.0],
+        velocities=times[:, None] * [0.0, 0.0],
+        effort=times[:, None] * [0.0, 2.0],
+    )
+    table = {'hook': {'position': 'sway', 'velocity': 'rate'}, 'force': {'effort': 'force'}}
+    hook = {'interpolation': 'cubic', 'units': {'sway': 'rad'}, 'joints': table}
     about = summary(START, 'crane', {'limits.force': 3.0}, vehicles={'hook': hook})
-    forces = joint_plan(START, ('force',), times, effort=2 * times[:, None])
     measured = [
-        Item('/crane/joint_states', at, joint_state(at, ('rate', 'sway'), position=[0.0, t]))
+        Item(
+            '/crane/joint_states',
+            at,
+            joint_state(at, ('x', 'hook'), position=[0.0, t], velocity=[0.0, 1.0]),
+        )
         for t, at in instants()
     ]
-    named = {'trajectory': motion, 'controls': forces, 'plan_summary': about}
+    named = {'trajectory': motion, 'plan_summary': about}
     planned = [Item(f'/crane/{topic}', START, message) for topic, message in named.items()]
     mission = read([*planned, *measured])
     (vehicle,) = mission.vehicles

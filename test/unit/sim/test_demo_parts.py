@@ -18,7 +18,6 @@ from pathlib import Path
 import pty
 import re
 import sys
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,6 @@ import pytest
 from tdm_planner.cli import _parser
 from tdm_planner.resources import config_file
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.commands import MalformedCommand, read_joint
 from tdm_sim.demo_speed import speed_settings
 from tdm_sim.progress import LiveProgress, make_progress
 from tdm_sim.record_command import record_command, topics_pattern
@@ -48,32 +46,6 @@ PLAN = Trajectory(
     ('theta', 'psi', 'theta_dot', 'psi_dot'),
     ('torque',),
 )
-
-
-def joints(name: list[str], effort: list[float]) -> SimpleNamespace:
-    return SimpleNamespace(name=name, effort=effort, velocity=[])
-
-
-def test_joints_are_found_by_name() -> None:
-    command = joints(['pendulum', 'disk'], [0.5, 0.01])
-    assert [read_joint(command, name, 'effort') for name in ('disk', 'pendulum')] == [0.01, 0.5]
-
-
-@pytest.mark.parametrize(
-    ('command', 'words'),
-    [
-        (joints([], []), "must name joint 'disk' once, but its names are: none"),
-        (joints(['arm'], [0.0]), "must name joint 'disk' once, but its names are: arm"),
-        (joints(['disk', 'disk'], [0.0, 1.0]), "must name joint 'disk' once"),
-        (joints(['disk'], []), "'effort' has 0 values for 1 named joint"),
-        (joints(['disk'], [0.0, 1.0]), "'effort' has 2 values for 1 named joint"),
-        (joints(['disk'], [math.nan]), "effort of joint 'disk' is nan"),
-        (joints(['disk'], [-math.inf]), "effort of joint 'disk' is -inf"),
-    ],
-)
-def test_malformed_commands_say_why(command: SimpleNamespace, words: str) -> None:
-    with pytest.raises(MalformedCommand, match=words):
-        read_joint(command, 'disk', 'effort')
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,152 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the simulation node must know of a plant beside its joints."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.parameters import parameter, POSITIVE, Range, SEED, Validated
+from tdm_planner.plant_kind import PlantKind
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from visualization_msgs.msg import MarkerArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SimulationParameters(Validated):
+    """What every simulated plant can be told; subclasses add the plant's own."""
+
+    rate: float = parameter(
+        200.0,
+        'rate of the published states',
+        unit='Hz',
+        allowed=Range(0.1, 1000.0),
+        read_only=True,
+    )
+    real_time_factor: float = parameter(
+        1.0,
+        'speed of the simulated motion relative to the clock; with publish_clock, of that clock '
+        'relative to real time',
+        allowed=Range(0.0, 100.0, lower_open=True),
+    )
+    publish_clock: bool = parameter(
+        False,
+        'drive /clock, for other nodes with use_sim_time; one node alone must do so',
+        read_only=True,
+    )
+    clock_followers: list[str] = parameter(
+        ['joint_command'],
+        'topics of commands or joint states whose publishers the clock waits for when they fall '
+        'behind',
+        read_only=True,
+    )
+    command_timeout: float = parameter(
+        0.1,
+        'simulated time without a command after which the actuators are switched off',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    mismatch: float = parameter(
+        0.0,
+        'largest relative error put on every physical constant, at random (0.05 is 5 %)',
+        allowed=Range(0.0, 1.0, upper_open=True),
+    )
+    mismatch_seed: int = parameter(
+        0, 'seed of the mismatch: the same seed gives the same plant', allowed=SEED
+    )
+    seed: int = parameter(
+        0,
+        'seed of measurement noise, command loss and push directions',
+        allowed=SEED,
+        read_only=True,
+    )
+
+
+@dataclass(frozen=True)
+class MarkerParameters(Validated):
+    """How the plant is drawn, while somebody looks."""
+
+    rate: float = parameter(
+        25.0,
+        'rate of the markers while somebody listens; 0 switches them off',
+        unit='Hz',
+        allowed=Range(0.0, 100.0),
+    )
+    trail: float = parameter(
+        1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
+    )
+
+
+class Picture(Protocol):
+    """A plant in motion as markers."""
+
+    def add(self, instant: int, state: Array) -> None:
+        """Lengthen the trail by the place in a state (nx,) at an instant [ns]."""
+
+    def clear(self) -> None:
+        """Forget the trail: the plant was put elsewhere."""
+
+    def draw(self, stamp: Time, state: Array, control: Array, lifetime: float) -> MarkerArray:
+        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
+
+
+class PlantModel(ABC):
+    """
+    A plant to be simulated: its joints, parameters and picture, and what a push does to it.
+
+    `parameters` has a group `markers`; `name` is the vehicle's, the child frame of its odometry.
+    The joints may have states that the simulation alone knows (the angle of a wheel).
+    """
+
+    parameters: type[SimulationParameters]
+    kind: PlantKind
+    name: str = ''
+    picture: Picture | None = None
+
+    @abstractmethod
+    def make_setup(self, parameters: Any) -> PlantSetup:
+        """Return the plant, its limits and its disturbances as `parameters` say."""
+
+    @abstractmethod
+    def push(
+        self, parameters: Any, simulation: SimulatedPlant
+    ) -> tuple[Callable[[Array], Array], str]:
+        """Return what one push of `disturbance.impulse` does to a state, and a description."""
+
+    def parameters_changed(self, parameters: Any) -> None:
+        """Follow the parameters, at the start and when they were changed: draw them."""
+        del parameters
+
+    def description(self, parameters: Any) -> str:
+        """Return the plant's URDF, '' if it has none."""
+        del parameters
+        return ''
+
+    def observe(self, state: Array) -> None:
+        """Take note of a true state (nx,)."""
+        del state
+
+    def conditions(self, parameters: Any) -> tuple[list[str], Mapping[str, Any]]:
+        """Return warnings about what was observed, and figures for the diagnostics."""
+        del parameters
+        return [], {}
