@@ -24,6 +24,11 @@ class TdmError(Exception):
 
     code: ClassVar[str] = 'ERROR'
 
+    @property
+    def reason(self) -> str:
+        """The message."""
+        return str(self)
+
 
 class InvalidProblem(TdmError):
     """The request is malformed: the message names the parameter, the value and what is allowed."""
@@ -69,3 +74,15 @@ class VerificationFailed(Infeasible):
     """Candidates were found, but none survived the replay through the true dynamics."""
 
     code: ClassVar[str] = 'VERIFICATION_FAILED'
+
+
+class PlannerFault(TdmError):
+    """A fault of the planner's program, or of a problem of one's own; the planner serves on."""
+
+    code: ClassVar[str] = 'INTERNAL'
+
+
+class NoAnswer(TdmError):
+    """No planner was found, or it did not answer in time; raised by `tdm_planner.client`."""
+
+    code: ClassVar[str] = 'NO_ANSWER'

@@ -117,6 +117,8 @@ JSON_KEYS: Mapping[str, str] = MappingProxyType(
         'vehicles.*.duration': 'until the arrival of one vehicle [s]',
         'vehicles.*.interpolation': 'how its controls run between samples',
         'vehicles.*.units.*': 'unit of a state or control',
+        'vehicles.*.states': 'names of the states, in order',
+        'vehicles.*.controls': 'names of the controls, in order',
         'verification.ok': 'whether the goal is reached and every limit kept; true in every plan',
         'verification.terminal_error.*': 'replayed final state less goal',
         'verification.worst.*': 'smallest margin of a limit; negative would be a violation',

@@ -41,6 +41,7 @@ PUBLIC_MODULES = (
     'tdm_planner.verification',
     'tdm_planner.parameters',
     'tdm_planner.plan_files',
+    'tdm_planner.client',
     'tdm_planner.parameter_docs',
     'tdm_sim',
 )

@@ -265,6 +265,8 @@ def plan_summary(plan: Plan, plan_id: int) -> str:
                 'duration': trajectory.duration,
                 'interpolation': trajectory.interpolation,
                 'units': trajectory.units,
+                'states': trajectory.state_names,
+                'controls': trajectory.control_names,
                 'joints': _joints(plan.problem, trajectory),
             }
             for name, trajectory in solution.trajectories.items()

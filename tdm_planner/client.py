@@ -1,0 +1,316 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A client of the planner: plans as trajectories, failures as exceptions.
+
+    with PlanClient('pendulum') as client:
+        plan = client.plan_with({'goal.turns': 1})
+        torque = plan.trajectory.control('torque')
+
+What the service answers is a plan's figures; the motion comes as messages. The client finds those
+that belong to the answer by `plan_summary`, and reads them with the joints that it names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+import json
+import threading
+import time
+from typing import Any
+import uuid
+
+import numpy as np
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from tdm_planner.exceptions import (
+    Busy,
+    DeadlineExceeded,
+    Inactive,
+    Infeasible,
+    InvalidProblem,
+    NoAnswer,
+    NoState,
+    PlannerFault,
+    TdmError,
+    VerificationFailed,
+)
+from tdm_planner.nodes.qos import SERVICE
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.plant_kind import Joint, PlantKind
+from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory
+
+_ERRORS: Mapping[str, type[TdmError]] = {
+    error.code: error
+    for error in (
+        Busy,
+        DeadlineExceeded,
+        Inactive,
+        Infeasible,
+        InvalidProblem,
+        NoState,
+        PlannerFault,
+        VerificationFailed,
+    )
+}
+_REMEMBERED = 64  # plans, and motions of all vehicles
+_SECOND = 1_000_000_000  # ns
+_LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_LOOK = 0.05  # s between looks at what comes without a callback
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """
+    A plan that was made and published.
+
+    `start` is the instant at which the motion starts [ns of the planner's clock], `trajectories`
+    are the motions by vehicle; times in s, SI units. `parameters` are those it was made with;
+    `warnings` sentences about what may keep it from being carried out.
+    """
+
+    plan_id: int
+    duration: float
+    cost: float | None
+    penalty: float | None
+    solve_time: float
+    evaluations: int
+    summary: str
+    start: int
+    trajectories: Mapping[str, Trajectory]
+    parameters: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion of the only vehicle."""
+        (only,) = self.trajectories.values()
+        return only
+
+
+class PlanClient:
+    """
+    Asks the planner in `namespace` for plans and waits for them; to be used by one thread.
+
+    Without a `node` the client has one of its own, which it serves while it waits: it may be used
+    anywhere, in callbacks too, and is to be closed (``with``). A `node` that an executor serves
+    must be served by another thread than the one that waits here.
+    """
+
+    def __init__(self, namespace: str = '', *, node: Node | None = None) -> None:
+        self._context: rclpy.Context | None = None
+        if node is None:
+            self._context = rclpy.Context()
+            rclpy.init(context=self._context)
+            node = Node(
+                f'plan_client_{uuid.uuid4().hex[:8]}',
+                context=self._context,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+        self._node = node
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
+        self._news = threading.Event()
+        self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id
+        self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
+        self._subscriptions: dict[str, Any] = {}
+        self._client = node.create_client(
+            SetParametersAtomically, f'{self._prefix}plan_with', qos_profile=SERVICE
+        )
+        self._told = self._subscribe('plan_summary', String, self._on_summary)
+
+    def __enter__(self) -> PlanClient:
+        """Return the client."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Close the client."""
+        self.close()
+
+    def close(self) -> None:
+        """Take away what the client has made."""
+        self._executor.shutdown()
+        if self._context is not None:
+            self._node.destroy_node()
+            rclpy.try_shutdown(context=self._context)
+            return
+        self._node.destroy_client(self._client)
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
+
+    def wait(self, timeout: float = 20.0) -> None:
+        """
+        Wait until there is a planner, at most `timeout` s.
+
+        Raises
+        ------
+        NoAnswer
+            If none was found.
+
+        """
+        self._wait(self._connected, timeout, f'no planner serves {self._client.service_name}')
+
+    def plan(self, *, timeout: float = 20.0) -> PlanResult:
+        """Plan with the planner's own parameters; see `plan_with`."""
+        return self.plan_with(timeout=timeout)
+
+    def plan_with(
+        self,
+        parameters: Mapping[str, Any] | None = None,
+        /,
+        *,
+        timeout: float = 20.0,
+        **more: Any,
+    ) -> PlanResult:
+        """
+        Plan with `parameters` (and `more`) for this request alone, and wait for the plan.
+
+        Parameters
+        ----------
+        parameters
+            Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one.
+        timeout
+            Longest wait [s] for the planner, its answer and the messages together.
+
+        Raises
+        ------
+        TdmError
+            Why there is no plan: the error of the planner's ``code`` (`InvalidProblem`, `NoState`,
+            `Infeasible`, `DeadlineExceeded`, `VerificationFailed`, `Busy`, `Inactive`,
+            `PlannerFault`), or `NoAnswer` when the time has passed. ``reason`` is the sentence.
+
+        """
+        end = time.monotonic() + timeout
+        self.wait(timeout)
+        given = [_message(name, value) for name, value in {**(parameters or {}), **more}.items()]
+        asked = self._client.call_async(SetParametersAtomically.Request(parameters=given))
+        asked.add_done_callback(lambda _: self._news.set())
+        try:
+            silent = f'{self._client.service_name} did not answer within {timeout:g} s'
+            self._wait(asked.done, end - time.monotonic(), silent)
+        finally:
+            self._client.remove_pending_request(asked)
+        result = asked.result().result
+        answer = json.loads(result.reason)
+        if not result.successful:
+            raise _ERRORS.get(answer['code'], PlannerFault)(answer['reason'])
+        missing = f'the messages of plan {answer["plan_id"]} did not come within {timeout:g} s'
+        self._wait(lambda: self._found(answer) is not None, end - time.monotonic(), missing)
+        found = self._found(answer)
+        assert found is not None
+        return found
+
+    # What was received.
+
+    def _subscribe(self, topic: str, kind: Any, callback: Callable[[Any], None]) -> Any:
+        def take(message: Any) -> None:
+            callback(message)
+            self._news.set()
+
+        if topic not in self._subscriptions:
+            self._subscriptions[topic] = self._node.create_subscription(
+                kind, f'{self._prefix}{topic}', take, _LATCHED
+            )
+        return self._subscriptions[topic]
+
+    def _connected(self) -> bool:
+        published = self._node.count_publishers(self._told.topic_name) > 0
+        return published and bool(self._client.service_is_ready())
+
+    def _on_summary(self, message: String) -> None:
+        summary = json.loads(message.data)
+        _remember(self._summaries, summary['plan_id'], summary)
+        for topic in ('trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])):
+            self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
+
+    def _on_trajectory(self, topic: str, message: JointTrajectory) -> None:
+        _remember(self._messages, (topic, nanoseconds_of(message.header.stamp)), message)
+
+    def _found(self, answer: Mapping[str, Any]) -> PlanResult | None:
+        """Return the plan of an answer once its summary and all its motions have come."""
+        figures = {name: value for name, value in answer.items() if name != 'warnings'}
+        summary = self._summaries.get(answer['plan_id'])
+        if summary is None or any(summary[name] != value for name, value in figures.items()):
+            return None
+        start = summary['stamp']['sec'] * _SECOND + summary['stamp']['nanosec']
+        trajectories = {}
+        for vehicle, told in summary['vehicles'].items():
+            topics = (f'{vehicle}/trajectory', 'trajectory')
+            messages = [self._messages[t, start] for t in topics if (t, start) in self._messages]
+            if not messages:
+                return None
+            trajectories[vehicle] = read_plan(_kind(told), messages[0], told['interpolation'])
+        return PlanResult(
+            **figures,
+            start=start,
+            trajectories=trajectories,
+            parameters=summary['parameters'],
+            warnings=tuple(answer.get('warnings', ())),
+        )
+
+    # Waiting.
+
+    def _wait(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        """Serve the node, or wait for who serves it, until `condition` holds; NoAnswer if not."""
+        end = time.monotonic() + timeout
+        while not condition():
+            left = end - time.monotonic()
+            if left <= 0.0:
+                raise NoAnswer(otherwise)
+            if self._node.executor in (None, self._executor):
+                rclpy.spin_once(self._node, executor=self._executor, timeout_sec=min(left, _LOOK))
+            else:
+                self._news.wait(min(left, _LOOK))
+                self._news.clear()
+
+
+def _remember(kept: dict[Any, Any], key: Any, value: Any) -> None:
+    """Keep the newest, and no more than anybody can ask for."""
+    kept.pop(key, None)
+    kept[key] = value
+    while len(kept) > _REMEMBERED:
+        del kept[next(iter(kept))]
+
+
+def _kind(told: Mapping[str, Any]) -> PlantKind:
+    """Return what a plan's summary says of a vehicle's joints."""
+    joints = tuple(Joint(name, **quantities) for name, quantities in told['joints'].items())
+    states, controls = tuple(told['states']), tuple(told['controls'])
+    units = told['units']
+    return PlantKind(
+        states,
+        controls,
+        joints,
+        state_units=tuple(units.get(name, '') for name in states),
+        control_units=tuple(units.get(name, '') for name in controls),
+    )
+
+
+def _message(name: str, value: Any) -> Any:
+    """Return a parameter as a message; numpy's numbers, and lists of mixed numbers, are taken."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple) and any(isinstance(item, float) for item in value):
+        value = [float(item) for item in value]
+    return Parameter(name, value=value).to_parameter_msg()

@@ -1,0 +1,208 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The planner's client for Python, with a node of its own or the user's, over DDS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.node import Node
+from stepped_ros import Stepped
+from tdm_planner.client import PlanClient, PlanResult
+from tdm_planner.exceptions import (
+    Busy,
+    Inactive,
+    Infeasible,
+    InvalidProblem,
+    NoAnswer,
+    NoState,
+    PlannerFault,
+    TdmError,
+)
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
+from tdm_planner.verification import replay
+
+PLANNER = 'tdm_planner.nodes.planner'
+STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'start.source': 'parameters'}
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture
+def do(ros: Stepped) -> Iterator[Call]:
+    """Do something in a thread while the nodes are served; return or raise what came of it."""
+    with ThreadPoolExecutor(1) as pool:
+
+        def done(what: Callable[[], Any]) -> Any:
+            future = pool.submit(what)
+            assert ros.meet(future.done)
+            return future.result()
+
+        yield done
+
+
+@pytest.fixture(scope='module')
+def space(ros: Stepped) -> str:
+    ros.start(PLANNER, STRONG, namespace='clients')
+    return 'clients'
+
+
+@pytest.fixture(params=['own', 'served', 'not served'])
+def client(
+    ros: Stepped, space: str, request: Any, do: Call, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[PlanClient]:
+    """With a node of its own, one that the test's executor serves, and one that nobody serves."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
+    node: Node | None = ros.node if request.param == 'served' else None
+    if request.param == 'not served':
+        node = rclpy.create_node('user', context=ros._context)
+    with PlanClient(space, node=node) as made:
+        do(made.wait)
+        yield made
+    if request.param == 'not served' and node is not None:
+        node.destroy_node()
+
+
+def test_a_plan_comes_as_a_trajectory_with_its_figures(
+    ros: Stepped, client: PlanClient, do: Call
+) -> None:
+    plan: PlanResult = do(client.plan)
+    assert plan.start == ros.now + 1_000_000_000
+    trajectory = plan.trajectory
+    assert list(plan.trajectories) == ['pendulum']
+    assert trajectory.state_names == RotaryPendulum.state_names
+    assert trajectory.units['torque'] == 'N m'
+    assert trajectory.interpolation == 'zero_order_hold'
+    assert trajectory.duration == pytest.approx(plan.duration)
+    last = replay(RotaryPendulum(), trajectory, trajectory.times[-1:])[0]
+    assert math.remainder(last[0], math.tau) == pytest.approx(0.0, abs=1e-4)
+    assert PendulumSwingUp.from_parameters(plan.parameters).limits.torque == 0.09
+    other = do(partial(client.plan_with, {'goal.turns': np.int64(2), 'start.theta': 3}))
+    assert other.plan_id == plan.plan_id + 1
+    assert other.trajectory.states[0, 0] == 3.0
+    assert other.trajectory.states[-1, 0] == pytest.approx(4 * math.pi, abs=1e-4)
+    smooth = do(partial(client.plan_with, method='smooth'))
+    assert smooth.trajectory.interpolation != 'zero_order_hold'
+    assert do(client.plan).trajectory.states[-1, 0] == trajectory.states[-1, 0]
+
+
+@pytest.mark.parametrize(
+    ('own', 'error', 'says'),
+    [
+        ({'limits.torque': -1}, InvalidProblem, "'limits.torque' = -1 is not allowed"),
+        ({'limits.torqe': 1}, InvalidProblem, 'did you mean limits.torque'),
+        ({'start.source': 'measured', 'start.max_age': 0.1}, NoState, 'no state was received'),
+        ({'limits.torque': 1e-4, 'solver.deadline': 0.3}, Infeasible, ''),
+    ],
+    ids=str,
+)
+def test_failures_are_exceptions_with_code_and_reason(
+    ros: Stepped, space: str, do: Call, own: dict[str, Any], error: type[TdmError], says: str
+) -> None:
+    node = rclpy.create_node('user', context=ros._context)
+    with PlanClient(f'/{space}', node=node) as client, ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(client.plan_with, own)
+        assert ros.spin_until(asked.done)
+        with pytest.raises(error, match=says) as raised:
+            asked.result()
+    assert raised.value.reason == str(raised.value)
+    assert raised.value.code in ('INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE')
+    node.destroy_node()
+
+
+def test_a_fault_of_a_problem_is_told_as_one(
+    ros: Stepped, space: str, do: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError('a bug')
+
+    monkeypatch.setattr(PendulumSwingUp, 'solve', fail)
+    fault = pytest.raises(PlannerFault, match='ZeroDivisionError: a bug')
+    with PlanClient(space, node=ros.node) as client, fault:
+        do(client.plan)
+    ros.log.clear()
+
+
+def test_who_asks_meanwhile_is_told_that_the_planner_is_busy(
+    ros: Stepped, space: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clients = [PlanClient(space, node=ros.node) for _ in range(3)]
+    with ThreadPoolExecutor(len(clients)) as pool:
+        asked = [
+            pool.submit(client.plan_with, {'goal.turns': turns})
+            for turns, client in enumerate(clients)
+        ]
+        assert ros.meet(lambda: all(future.done() for future in asked))
+    for turns, future in enumerate(asked):
+        if future.exception() is None:
+            end = future.result().trajectory.states[-1, 0]
+            assert end == pytest.approx(turns * math.tau, abs=1e-4)
+        else:
+            assert isinstance(future.exception(), Busy)
+    assert any(future.exception() is None for future in asked)
+    for client in clients:
+        client.close()
+
+
+def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
+    node = rclpy.create_node('user', context=ros._context)
+    with PlanClient('nowhere', node=node) as client:
+        with pytest.raises(NoAnswer, match='no planner serves /nowhere/plan_with'):
+            client.wait(0.05)
+        with pytest.raises(NoAnswer):
+            client.plan(timeout=0.05)
+    node.destroy_node()
+
+
+def test_an_inactive_planner_says_so(ros: Stepped, do: Call) -> None:
+    here = ros.start(PLANNER, {**STRONG, 'autostart': False}, namespace='asleep')
+    assert here.node.trigger_configure()
+    with PlanClient('asleep', node=ros.node) as client, pytest.raises(Inactive):
+        do(client.plan)
+    here.end_cleanly()
+
+
+def test_robots_have_a_trajectory_each(ros: Stepped, do: Call) -> None:
+    given = {'problem': 'robot_formation', 'start.source': 'parameters'}
+    here = ros.start(PLANNER, given, namespace='fleet_of_clients')
+    with PlanClient('fleet_of_clients', node=ros.node) as client:
+        plan = do(partial(client.plan_with, {'formation.anchor': [2, 1.5, 0.5]}))
+    goals = RobotFormation.from_parameters({'formation.anchor': [2.0, 1.5, 0.5]}).task.goal
+    for goal, trajectory in zip(goals, plan.trajectories.values(), strict=True):
+        np.testing.assert_allclose(trajectory.states[-1, :2], goal, atol=5e-3)
+        assert trajectory.control_names == ('thrust', 'thruster_rate', 'torque')
+    assert list(plan.trajectories) == ['robot1', 'robot2', 'robot3']
+    assert any('no plant publishes' in warning for warning in plan.warnings)
+    here.end_cleanly()
+
+
+def test_the_program_of_the_page_runs(
+    ros: Stepped, do: Call, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
+    here = ros.start(PLANNER, STRONG, namespace='pendulum')
+    page = Path(__file__).parents[2] / 'docs' / 'clients.md'
+    (program,) = re.findall(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
+    do(lambda: exec(program, {}))
+    said = capsys.readouterr().out
+    assert 'plan 1 takes' in said, said
+    assert 'largest torque: 0.06 N m' in said
+    here.end_cleanly()
