@@ -36,13 +36,13 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
         ('planner', 'trajectory_in_force'): 'what the tracker follows, for a planner restarted',
         ('planner', '<robot>/trajectory_in_force'): "what a robot's tracker follows",
-        ('planner', '<robot>/controls_in_force'): 'and the controls of it',
         ('planner', '<robot>/goal_pose'): (
             "moves the robot's place in the formation and asks for a plan"
         ),
-        ('planner', 'trajectory'): 'the plan in force for the pendulum',
-        ('planner', '<robot>/trajectory'): 'pose, velocity and acceleration of a robot',
-        ('planner', '<robot>/controls'): 'thrust, its direction and rate, wheel torque',
+        ('planner', 'trajectory'): 'the active plan for the pendulum',
+        ('planner', '<robot>/trajectory'): (
+            'the active plan for a robot: pose, thruster, wheel; rates, thrust and torque'
+        ),
         ('planner', '<robot>/path'): 'planned path, every pose stamped',
         ('planner', 'markers'): 'the active plan: paths, goals, safety circles',
         ('planner', 'plant_markers'): 'a real plant in its measured state',
@@ -55,7 +55,6 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ),
         ('planner', '/diagnostics'): 'state, figures of the last plan, worst margins',
         ('tracker', 'trajectory'): 'the plan to follow',
-        ('tracker', 'controls'): "controls of a robot's plan, of the same stamp",
         ('tracker', 'joint_states'): 'measured joints',
         ('tracker', 'odom'): 'measured pose and velocity of a robot',
         ('tracker', 'plan'): 'asks for a new plan, where `replan.on_deviation`',
@@ -68,7 +67,6 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ('tracker', 'trajectory_in_force'): (
             'the plan accepted last, as it came; without points when it is given up'
         ),
-        ('tracker', 'controls_in_force'): "the same of a robot's controls",
         ('tracker', '/diagnostics'): 'what it is doing, errors, ages',
         ('pendulum_plant', 'joint_command'): 'the torque of `disk` [N m]',
         ('pendulum_plant', 'joint_states'): 'joints `pendulum`, `disk`: angle, rate, torque',
@@ -119,6 +117,9 @@ JSON_KEYS: Mapping[str, str] = MappingProxyType(
         'vehicles.*.units.*': 'unit of a state or control',
         'vehicles.*.states': 'names of the states, in order',
         'vehicles.*.controls': 'names of the controls, in order',
+        'vehicles.*.joints.*': (
+            'states and controls that are `position`, `velocity` and `effort` of a joint'
+        ),
         'verification.ok': 'whether the goal is reached and every limit kept; true in every plan',
         'verification.terminal_error.*': 'replayed final state less goal',
         'verification.worst.*': 'smallest margin of a limit; negative would be a violation',

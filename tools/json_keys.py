@@ -36,6 +36,7 @@ OPEN = (
     'robots',
     'parameters',
     'vehicles.*.units',
+    'vehicles.*.joints',
     'verification.terminal_error',
     'verification.worst',
     'verification.worst_times',

@@ -52,9 +52,8 @@ def robot_plant() -> Specifications:
 
 
 def robot_tracker() -> Specifications:
-    """Return the parameters of a robot's tracker that do not differ from robot to robot."""
-    found = tracker_specifications('robot')
-    return {name: spec for name, spec in found.items() if name != 'robot_name'}
+    """Return the parameters of a robot's tracker."""
+    return tracker_specifications('robot')
 
 
 def parameters_by_node() -> dict[str, Specifications]:

@@ -152,8 +152,7 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
         fleet.measure(name, [1.0 + k, 0.5, 0.0, 0.0, 0.3, 0.0, 0.0])
     success, answer = fleet.request()
     assert success, answer
-    first = fleet.motions['robot2'][-1].points[0].transforms[0].translation
-    assert first.x == pytest.approx(2.0)
+    assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     assert fleet.set(start__source='parameters') == ['']
 
 

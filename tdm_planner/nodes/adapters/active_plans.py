@@ -20,11 +20,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.trajectory import NANOSECOND, TimedTrajectory
+from tdm_planner.trajectory import NANOSECOND, TimedTrajectory, Trajectory
 
 Array = NDArray[np.float64]
-
-_ROUNDING = 0.5 * NANOSECOND  # s; instants are told in whole nanoseconds
 
 
 class ActivePlans:
@@ -32,30 +30,34 @@ class ActivePlans:
     The newest published plan, and the one that is carried out until the newest begins.
 
     A plan that is replaced before it begins is never carried out. May be asked from any thread;
-    instants are seconds of one clock.
+    instants are nanoseconds of the node's clock.
     """
 
     def __init__(self) -> None:
-        self._plans: tuple[TimedTrajectory, ...] = ()  # in the order of their publication
+        self._plans: tuple[tuple[Trajectory, int], ...] = ()  # in the order of publication
 
-    def add(self, plan: TimedTrajectory, now: float) -> None:
-        """Take note of a plan published at the instant `now` [s]."""
-        carried_out = self.at(now)
-        self._plans = (plan,) if carried_out is None else (carried_out, plan)
+    def add(self, trajectory: Trajectory, start: int, now: int) -> None:
+        """Take note of a plan published at the instant `now`; its motion begins at `start`."""
+        carried_out = self._at(now)
+        self._plans = (*(() if carried_out is None else (carried_out,)), (trajectory, start))
 
-    def at(self, now: float) -> TimedTrajectory | None:
-        """Return the plan carried out at the instant `now` [s]; None before the first begins."""
-        begun = now + _ROUNDING
-        return next((plan for plan in reversed(self._plans) if plan.start <= begun), None)
+    def at(self, now: int) -> TimedTrajectory | None:
+        """Return the plan carried out, its instants [s] from `now`; None before the first."""
+        found = self._at(now)
+        return None if found is None else TimedTrajectory(found[0], (found[1] - now) * NANOSECOND)
 
-    def clock_was_set(self, step: float | None) -> None:
-        """Let all begin `step` [s] later, as the node's clock was set; None: forget them."""
-        self._plans = () if step is None else tuple(plan.moved(step) for plan in self._plans)
+    def _at(self, now: int) -> tuple[Trajectory, int] | None:
+        return next((plan for plan in reversed(self._plans) if plan[1] <= now), None)
 
-    def next_start(self, now: float) -> float | None:
-        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
-        start = self._plans[-1].start if self._plans else now
-        return start if start > now + _ROUNDING else None
+    def clock_was_set(self, step: int | None) -> None:
+        """Let all begin `step` later, as the node's clock was set; None: forget them."""
+        plans = () if step is None else self._plans
+        self._plans = tuple((trajectory, start + (step or 0)) for trajectory, start in plans)
+
+    def next_start(self, now: int) -> int | None:
+        """Instant at which the newest plan begins; None where that is not after `now`."""
+        start = self._plans[-1][1] if self._plans else now
+        return start if start > now else None
 
 
 def deviation(state: Array, reference: Array, angles: NDArray[np.bool_]) -> Array:

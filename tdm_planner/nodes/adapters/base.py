@@ -31,7 +31,7 @@ from tdm_planner.nodes.adapters.vehicle import Vehicle
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.replanning import Execution, Mode, Observation
-from tdm_planner.trajectory import NANOSECOND, TimedTrajectory, Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
@@ -70,7 +70,6 @@ class Adapter(ABC):
     def __init__(self, node: Node, vehicles: Iterable[Vehicle]) -> None:
         self.node = node
         self.vehicles = {vehicle.name: vehicle for vehicle in vehicles}
-        self._origin = int(node.get_clock().now().nanoseconds)
 
     @property
     def trackers(self) -> dict[str, TrackerWatch]:
@@ -130,10 +129,6 @@ class Adapter(ABC):
 
     # What all have in common.
 
-    def _seconds(self, instant: int) -> float:
-        """Instant [s] of the plans' clock, in which a float keeps nanoseconds."""
-        return (instant - self._origin) * NANOSECOND
-
     @property
     def measures(self) -> bool:
         """Whether there is anything to measure: otherwise plans are made from parameters."""
@@ -167,14 +162,14 @@ class Adapter(ABC):
         self, vehicle: Vehicle, values: Mapping[str, Any], now: int, start: int
     ) -> Array:
         state, measured = vehicle.measured.fresh(now, values['start.max_age'])
-        plan = vehicle.plans.at(self._seconds(now))
+        plan = vehicle.plans.at(now)
         if vehicle.mode(now) is not Mode.FOLLOWING:
             plan = None
         return predicted_start(
             plan,
             state,
-            self._seconds(measured),
-            self._seconds(start),
+            (measured - now) * NANOSECOND,
+            (start - now) * NANOSECOND,
             vehicle.angles,
             tracked=np.zeros(0) if plan is None else self.tracked(vehicle, plan.trajectory),
             free=lambda state, duration: self.free(values, state, duration),
@@ -210,8 +205,7 @@ class Adapter(ABC):
         Until then `measured_start` reckons with the one before. Called in the worker's thread.
         """
         first = next(iter(self.vehicles.values()))  # all begin at once
-        start = first.plans.next_start(self._seconds(now))
-        return None if start is None else self._origin + round(start / NANOSECOND)
+        return first.plans.next_start(now)
 
     def publish(self, problem: Problem, solution: Solution, start: int) -> None:
         """Publish a plan whose motion starts at the instant `start` [ns], and draw it."""
@@ -223,8 +217,7 @@ class Adapter(ABC):
 
     def note(self, vehicle: Vehicle, trajectory: Trajectory, start: int) -> None:
         """Take note of a plan of instant `start` [ns], along which starts are predicted."""
-        now = self._seconds(int(self.node.get_clock().now().nanoseconds))
-        vehicle.plans.add(TimedTrajectory(trajectory, self._seconds(start)), now)
+        vehicle.plans.add(trajectory, start, int(self.node.get_clock().now().nanoseconds))
 
     def clock_was_set(self, step: int | None) -> None:
         """
@@ -233,7 +226,7 @@ class Adapter(ABC):
         The plans in force go on. With None simulated time began anew: trackers have given them up.
         """
         for vehicle in self.vehicles.values():
-            vehicle.plans.clock_was_set(None if step is None else step * NANOSECOND)
+            vehicle.plans.clock_was_set(step)
             if vehicle.tracker is not None:
                 vehicle.tracker.clock_was_set(step)
 

@@ -127,10 +127,10 @@ class Vehicle:
 
     def _applied(self) -> Array:
         """Efforts (nu,) that the plant's driver tells; 0 where it does not."""
-        efforts = [joint.effort for joint in self.kind.actuated]
         told: dict[str, float] = {}
         joints = self.measured.joints.newest
-        with suppress(InvalidProblem):
-            if joints is not None:
-                told = read_joints(self.kind.actuated, joints.message, efforts)
+        for joint in self.kind.actuated:
+            with suppress(InvalidProblem):
+                if joints is not None:
+                    told |= read_joints([joint], joints.message, [joint.effort])
         return np.array([told.get(name, 0.0) for name in self.kind.control_names])

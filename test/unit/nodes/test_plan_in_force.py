@@ -73,28 +73,25 @@ def test_after_its_end_the_plan_stays_at_the_goal(plan):
 
 
 def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
-    plans, now = ActivePlans(), START - 1.0
+    second, start = 10**9, 1_700_000_000_123_456_789
+    plans, now = ActivePlans(), start - second
     assert plans.at(now) is None
     assert plans.next_start(now) is None
-    plans.add(plan, now)
+    plans.add(plan.trajectory, start, now)
     assert plans.at(now) is None
-    assert plans.next_start(now) == START
-    assert plans.at(START) is plan
-    second, third = (plan.moved(wait) for wait in (9.0, 10.0))
-    plans.add(second, START + 8.0)
-    assert plans.at(START + 8.0) is plan
-    plans.add(third, START + 8.1)  # the second one never begins
-    assert plans.at(START + 9.0) is plan
-    assert plans.next_start(START + 9.0) == third.start
-    assert plans.at(third.start) is third
-
-
-def test_plans_move_with_a_clock_that_is_set(plan):
-    plans = ActivePlans()
-    plans.add(plan, START - 1.0)
-    plans.clock_was_set(-3600.0)
-    moved = plans.at(START - 3600.0)
-    assert moved is not None
-    assert moved.trajectory is plan.trajectory
+    assert plans.next_start(now) == start
+    found = plans.at(start + second)
+    assert (found.trajectory, found.start) == (plan.trajectory, -1.0)
+    plans.add(plan.trajectory, start + 9 * second, start + 8 * second)
+    assert plans.at(start + 8 * second).start == -8.0
+    plans.add(plan.trajectory, start + 10 * second, start + 8 * second + 1)
+    # The second one never begins.
+    assert plans.at(start + 9 * second).start == -9.0
+    assert plans.next_start(start + 10 * second - 1) == start + 10 * second
+    assert plans.next_start(start + 10 * second) is None
+    assert plans.at(start + 10 * second).start == 0.0
+    # Plans move with a clock that is set.
+    plans.clock_was_set(-3600 * second)
+    assert plans.at(start - 3590 * second).start == 0.0
     plans.clock_was_set(None)
-    assert plans.at(START) is None
+    assert plans.at(start) is None
