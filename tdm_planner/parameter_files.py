@@ -54,7 +54,7 @@ _Loader.add_implicit_resolver(
 def parse_yaml(text: str) -> Any:
     """Parse one YAML document; raises yaml.YAMLError."""
     try:
-        return yaml.load(text, Loader=_Loader)  # a SafeLoader
+        return yaml.load(text, Loader=_Loader)  # noqa: S506 - a SafeLoader
     except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError) as error:
         # What PyYAML's constructors raise for values that are not what their tag says.
         raise yaml.YAMLError(f'a value is not what it seems to be: {error}') from None

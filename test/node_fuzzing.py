@@ -10,9 +10,10 @@
 """
 Six nodes on a hostile network: every kind once, in an empty home, in the namespaces of the policy.
 
-`SixNodes.suffer` does whatever a participant of the network may do, with the types that the nodes
-themselves announce; `recover` shows that they serve afterwards as if nothing had been. Used with
-few cases by test/system/test_hostile_network.py, with many by test/nightly/fuzz/test_inputs.py.
+`SixNodes.endure` does whatever a participant of the network may do, with the types that the nodes
+themselves announce; afterwards they serve as if nothing had been. They are in the test's process
+(`stepped_ros`): test/ros/test_hostile_network.py has few cases, test/nightly/fuzz/test_inputs.py
+many new ones.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from __future__ import annotations
 from contextlib import suppress
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 from fuzzing import (
@@ -39,13 +39,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 import rclpy.parameter
-from ros_harness import MODULES, NodeProcess, Ros
+from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from stepped_ros import NodeHere, Stepped
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.tracker import tracker_specifications
@@ -128,37 +128,20 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
 class SixNodes:
     """The nodes of `NODES`, and what is done to them."""
 
-    def __init__(self, ros: Ros, home: Path) -> None:
-        self.ros, self.home = ros, home
-        for name in ('work', 'tmp', 'log'):
-            (home / name).mkdir(parents=True)
-        self._before = self._files()
-        places = {'HOME': '', 'TMPDIR': 'tmp', 'ROS_LOG_DIR': 'log',
-                  'XDG_CACHE_HOME': 'cache', 'XDG_CONFIG_HOME': 'config'}  # fmt: skip
-        environment = {name: str(home / place) for name, place in places.items()}
-        self.processes: dict[str, NodeProcess] = {}
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(home / 'work')
-            for path, (values, _) in NODES.items():
-                namespace, _, name = path.rpartition('/')
-                self.processes[path] = ros.start(
-                    MODULES[name], values, namespace=namespace, environment=environment
-                )
+    def __init__(self, ros: Stepped) -> None:
+        self.ros = ros
+        self.nodes: dict[str, NodeHere] = {}
+        for path, (values, _) in NODES.items():
+            namespace, _, name = path.rpartition('/')
+            self.nodes[path] = ros.start(MODULES[name], values, namespace=namespace)
         self._publishers: dict[str, tuple[str, Any]] = {}
 
-    def _files(self) -> set[str]:
-        return {str(path.relative_to(self.home)) for path in self.home.rglob('*')}
-
-    def written(self) -> set[str]:
-        """Return what the nodes have written elsewhere than into the folder of logs."""
-        return {name for name in self._files() - self._before if not name.startswith('log/')}
-
     def check(self) -> None:
-        """Check that all live, and that nothing was written into the log in their name."""
-        for path, process in self.processes.items():
-            assert process.running, f'{path}:\n{process.output[-3000:]}'
-            assert 'Traceback' not in process.output, process.output[-3000:]
-            assert not any(s.startswith('[ERROR] [1.0]') for s in process.output.splitlines())
+        """Check that nothing was written into the log that looks like a crash, or in its name."""
+        for _, text in self.ros.log:
+            assert 'Traceback' not in text
+            assert not any(line.startswith('[ERROR] [1.0]') for line in text.splitlines()), text
+        self.ros.log.clear()
 
     def meet(self) -> None:
         """Make a publisher for every topic that a node subscribes, with the type it names."""
@@ -270,7 +253,7 @@ class SixNodes:
                 assert self.plan(planner)
                 return self.ros.spin_until(lambda: any(any(s.effort) for s in states), 3.0)
 
-            assert self.ros.spin_until(moved, PATIENCE), self.processes[f'{plant}/tracker'].output
+            assert self.ros.spin_until(moved, PATIENCE), self.nodes[f'{plant}/tracker'].output
             for item in [*states[-100:], *commands[-100:]]:
                 assert all(map(math.isfinite, [*item.position, *item.velocity, *item.effort]))
         self.check()

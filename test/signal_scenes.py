@@ -10,14 +10,15 @@
 """
 Processes in every phase of their lives, to be ended by signals: see `SCENES`, `WAYS`, `Subject`.
 
-Some of them end once in test/system/test_ended.py, all of them in every way in
-test/nightly/faults/test_all_signals.py.
+Some end in one way in test/system/test_ended.py, all in every way in
+test/nightly/faults/test_process_faults.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 import math
 import os
 from pathlib import Path
@@ -100,9 +101,9 @@ class Subject:
 
     def begun(self) -> bool:
         """Whether the package is being imported: SIGTERM is handled, which Python does not do."""
-        lines = Path(f'/proc/{self.process.process.pid}/status').read_text().splitlines()
-        (line,) = (line for line in lines if line.startswith('SigCgt'))
-        return bool(int(line.split()[1], 16) >> (TERM - 1) & 1)
+        status = Path(f'/proc/{self.process.process.pid}/status').read_text()
+        handled = int(status.partition('SigCgt:')[2].split()[0], 16)
+        return bool(handled >> (TERM - 1) & 1)
 
     def end(self, way: str, code: int = 0) -> None:
         """Send the signals; code, output and survivors must be as they should."""
@@ -123,21 +124,15 @@ def starting(ros: Ros, name: str) -> Subject:
     """Return a process at its first import of the package."""
     arguments = ['record', '-o', str(ros.folder / uuid.uuid4().hex)] if name == 'tdm' else {}
     subject = Subject(ros, name, arguments)
-    end = time.monotonic() + PATIENCE
-    while not subject.begun():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-    return subject
+    return subject.wait(subject.begun)
 
 
 def solving_planner(ros: Ros) -> Subject:
     # So weak that it searches until the deadline.
     hopeless = {**PLANNING, 'limits.torque': 2e-3, 'solver.deadline': 60.0}
     subject = Subject(ros, 'planner', hopeless)
-    pending = subject.asked_for_a_plan()
-    ros.spin_for(0.3)
-    assert not pending.done()
-    return subject
+    subject.asked_for_a_plan()
+    return subject.wait(lambda: ros.trigger(f'/{subject.namespace}/plan')[1]['code'] == 'BUSY')
 
 
 def reviewing_planner(ros: Ros) -> Subject:
@@ -179,18 +174,10 @@ def following_tracker(ros: Ros) -> Subject:
     return subject.told('joint_states', hanging, moves)
 
 
-def driven_pendulum(ros: Ros) -> Subject:
-    return driven(ros, 'pendulum_plant', JointState(name=['disk'], effort=[0.01]))
-
-
-def driven_robot(ros: Ros) -> Subject:
+def driven_plant(ros: Ros) -> Subject:
     names = ['thruster', 'reaction_wheel']
     command = JointState(name=names, velocity=[0.1, 0.0], effort=[0.1, 0.01])
-    return driven(ros, 'robot_plant', command)
-
-
-def driven(ros: Ros, plant: str, command: JointState) -> Subject:
-    subject = Subject(ros, plant, {})
+    subject = Subject(ros, 'robot_plant', {})
     heard = subject.hears('joint_states', JointState)
     return subject.told(
         'joint_command', lambda: command, lambda: any(any(s.effort) for s in heard)
@@ -216,6 +203,7 @@ def demo(ros: Ros, phase: str) -> Subject:
     return Subject(ros, 'tdm', arguments).says(PHASES[phase])
 
 
+# Of the demo, with what it says then.
 PHASES = {
     'starting': 'starting ',
     'asking': 'asking for a plan',
@@ -224,9 +212,12 @@ PHASES = {
     'reporting': 'plan.json',
 }
 SCENES: dict[str, Callable[[Ros], Subject]] = {
-    scene.__name__: scene
-    for scene in (
-        solving_planner, reviewing_planner, idle_tracker, following_tracker, driven_pendulum,
-        driven_robot, busy_recorder,
-    )
-}  # fmt: skip
+    **{f'starting {name}': partial(starting, name=name) for name in (*MODULES, 'tdm')},
+    'solving planner': solving_planner,
+    'reviewing planner': reviewing_planner,
+    'idle tracker': idle_tracker,
+    'following tracker': following_tracker,
+    'driven plant': driven_plant,
+    'busy recorder': busy_recorder,
+    **{f'demo {phase}': partial(demo, phase=phase) for phase in PHASES},
+}

@@ -34,8 +34,7 @@ import sys
 import tempfile
 import time
 
-FOLDER = 'test/nightly/faults'
-TESTS = (f'{FOLDER}/test_process_faults.py', f'{FOLDER}/test_all_signals.py')
+TESTS = ('test/nightly/faults/test_process_faults.py',)
 FIGURES = 'TDM_FAULT_FIGURES'
 
 

@@ -12,11 +12,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any
 
-from example_node import ExampleNode
 import pytest
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -34,21 +34,48 @@ from rclpy.parameter import (
 from ros_harness import ros_arguments
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.ros_parameters import descriptor
+from tdm_planner.nodes.ros_parameters import descriptor, ParameterNode
 from tdm_planner.parameter_files import parse_yaml
-from tdm_planner.parameters import ParameterSpec, Range, ros_parameters
+from tdm_planner.parameters import (
+    parameter,
+    ParameterSpec,
+    POSITIVE,
+    Range,
+    ros_parameters,
+    specifications,
+    to_mapping,
+    Validated,
+)
 import yaml
 
-DEFAULTS = {
-    'mass': 1.0,
-    'count': 3,
-    'turns': None,
-    'kind': 'fast',
-    'names': ['a', 'b'],
-    'weights': [],
-    'switch': False,
-    'fixed': 'here',
-}
+
+@dataclass(frozen=True)
+class ExampleParameters(Validated):
+    """One of every kind."""
+
+    mass: float = parameter(1.0, 'mass of the thing', unit='kg', allowed=POSITIVE)
+    count: int = parameter(3, 'how many', allowed=Range(0, 8, lower_open=True))
+    turns: int | None = parameter(None, 'turns, or unset')
+    kind: str = parameter('fast', 'which', choices=('fast', 'slow'))
+    names: list[str] = parameter(['a', 'b'], 'names')
+    weights: list[float] = parameter([], 'weights', allowed=POSITIVE)
+    switch: bool = parameter(False, 'on or off')
+    fixed: str = parameter('here', 'cannot be changed', read_only=True)
+
+
+class ExampleNode(ParameterNode):
+    """A node with nothing but parameters."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('example', specifications(ExampleParameters), **options)
+        self.warn_of_unknown_overrides()
+
+    def check_values(self, values: Mapping[str, Any]) -> None:
+        if values['mass'] > 100 and values['kind'] == 'fast':
+            raise InvalidProblem('a mass above 100 kg cannot be fast')
+
+
+DEFAULTS = to_mapping(ExampleParameters())
 OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
 
 
@@ -68,23 +95,15 @@ def example(ros: Stepped) -> Any:
 @pytest.mark.parametrize(
     ('name', 'value', 'stored'),
     [
-        ('mass', 2.5, 2.5),
         ('mass', 2, 2.0),
         ('count', 8, 8),
-        ('turns', -1, -1),
         ('turns', None, None),
-        ('kind', 'slow', 'slow'),
-        ('names', ['c'], ['c']),
         ('names', [], []),
         ('weights', [1, 2], [1.0, 2.0]),
-        ('weights', [0.5], [0.5]),
         ('switch', True, True),
         # As `ros2 param set` and `load` hand over what is no number, list or null in YAML 1.1.
         ('mass', '1e-8', 1e-8),
-        ('mass', '1e-08', 1e-8),
-        ('mass', '2', 2.0),
         ('count', '8', 8),
-        ('turns', '-1', -1),
         *[('turns', text, None) for text in ('null', '~', 'None', '')],
         ('weights', ['1e-8', '2e-8'], [1e-8, 2e-8]),
         ('weights', '[1e-8, 2, 0.5]', [1e-8, 2.0, 0.5]),
@@ -105,27 +124,17 @@ def test_allowed_values_are_taken(
 @pytest.mark.parametrize(
     ('name', 'value', 'says'),
     [
-        ('mass', 0.0, "parameter 'mass' = 0.0 is not allowed: must be a number in (0, 1e+12] kg"),
         ('mass', -1, "parameter 'mass' = -1 is not allowed: must be a number in (0, 1e+12] kg"),
         ('mass', math.nan, "parameter 'mass' = nan is not"),
-        ('mass', math.inf, "parameter 'mass' = inf is not"),
-        ('mass', 'heavy', "parameter 'mass' = 'heavy' is not"),
         ('mass', True, "parameter 'mass' = True is not"),
         ('mass', 'null', "parameter 'mass' = 'null' is not"),
         ('mass', '[1.0', "parameter 'mass' = '[1.0' is not"),
-        ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
         ('mass', None, "parameter 'mass' = None is not"),
         ('mass', 1000.0, 'a mass above 100 kg cannot be fast'),
-        ('count', 0, 'must be an integer in (0, 8]'),
+        ('switch', 1, "parameter 'switch' = 1 is not allowed: must be true or false"),
         ('count', 2.5, 'must be an integer in (0, 8]'),
-        ('kind', 'quick', "parameter 'kind' = 'quick' is not allowed: must be one of fast, slow"),
         ('names', 'a', 'must be a list of strings'),
-        ('weights', [1.0, -1.0], 'must be a list of numbers in (0, 1e+12]'),
-        (
-            'fixed',
-            'there',
-            "parameter 'fixed' = there is not allowed: it is fixed while the node runs",
-        ),
+        ('fixed', 'there', "'fixed' = there is not allowed: it is fixed while the node runs"),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
         ('zzz', 1.0, "parameter 'zzz' is unknown: it is not declared here"),
     ],
@@ -183,23 +192,10 @@ def test_parameters_describe_themselves(ros: Stepped, example: ExampleNode) -> N
     assert (allowed.from_value, allowed.to_value) == (-(2**63), 3)
 
 
-@pytest.mark.parametrize(
-    ('given', 'taken'),
-    [
-        (
-            {'mass': 2, 'turns': 3, 'names': [], 'weights': [1, 2], 'fixed': 'there'},
-            {'mass': 2.0, 'turns': 3, 'names': [], 'weights': [1.0, 2.0], 'fixed': 'there'},
-        ),
-        (
-            {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'},
-            {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]},
-        ),
-    ],
-)
-def test_values_given_at_the_start(
-    ros: Stepped, given: dict[str, Any], taken: dict[str, Any]
-) -> None:
+def test_values_given_at_the_start_may_be_text(ros: Stepped) -> None:
+    given = {'mass': '1e-8', 'count': '"8"', 'turns': 'null', 'weights': '"[1e-8, 2]"'}
     process = start(ros, 'given', given)
+    taken = {'mass': 1e-8, 'count': 8, 'turns': None, 'weights': [1e-8, 2.0]}
     assert process.node.parameter_values == {**DEFAULTS, **taken}
     assert not process.node.invalid_overrides
     process.end_cleanly()
@@ -254,31 +250,21 @@ def section(value: int) -> dict[str, Any]:
 
 
 DOCUMENTS: list[dict[str, Any]] = [
-    {'planner': section(1)},
-    {'/planner': section(1)},
-    {'/**/planner': section(1)},
-    {'/pendulum/planner': section(1)},
-    {'pendulum/planner': section(1)},
-    {'/other/planner': section(1)},
+    *({name: section(1)} for name in (
+        'planner', '/planner', '/**/planner', '/pendulum/planner', 'pendulum/planner',
+        '/other/planner', '/*/planner', '/*/*/planner', '/pendulum/*', '/pendulum/**',
+        '/pendulum/planner/**', '/**/pendulum/**/planner', '/**', '**', '/*',
+    )),
     {'/other/planner': section(1), '/pendulum/planner': section(2)},
     {'/pendulum/planner': section(1), '/**/planner': section(2)},
     {'/**/planner': section(1), '/pendulum/planner': section(2)},
-    {'/*/planner': section(1)},
-    {'/*/*/planner': section(1)},
-    {'/pendulum/*': section(1)},
-    {'/pendulum/**': section(1)},
-    {'/pendulum/planner/**': section(1)},
-    {'/**/pendulum/**/planner': section(1)},
-    {'/**': section(1)},
-    {'**': section(1)},
-    {'/*': section(1)},
     {'/pendulum': {'planner': section(1)}},
     {'/pendulum/': {'planner': section(1)}},
     {'pendulum': {'planner': section(1), 'tracker': section(2)}},
     {'/**': {'planner': section(1)}},
     {'/**': {'planner': section(1), **section(2)}},
     {'/hall': {'pendulum': {'planner': section(1)}}},
-]
+]  # fmt: skip
 
 
 def taken_by_rcl(ros: Stepped, file: Path, namespace: str) -> Mapping[str, Any]:

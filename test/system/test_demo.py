@@ -45,17 +45,15 @@ def parameters(folder: Path, plant: str) -> list[str]:
     return ['--params', str(path)]
 
 
-def demo(ros: Ros, *words: str) -> NodeProcess:
-    return ros.run('tdm_planner.cli', ['demo', *words])
+def demo(ros: Ros, folder: Path, *words: str, **environment: str) -> NodeProcess:
+    """Start a demo; what it writes is below `folder`/out."""
+    arguments = ['demo', *words, '-o', str(folder / 'out')]
+    return ros.run('tdm_planner.cli', arguments, environment)
 
 
-def successful(ros: Ros, folder: Path, plant: str, speed: str) -> NodeProcess:
-    """Return a demo that has reached its goal; what it writes is below `folder`/out."""
-    words = ['--speed', speed, '-o', str(folder / 'out'), *parameters(folder, plant)]
-    process = demo(ros, plant, *words)
+def successful(process: NodeProcess) -> None:
     assert process.process.wait(LONG) == 0, process.output
     assert 'goal reached and held' in process.output
-    return process
 
 
 def messages(bag: Path, *topics: str) -> list[Any]:
@@ -70,7 +68,8 @@ def left(ros: Ros) -> list[int]:
 
 def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     folder = tmp_path / 'out'
-    process = successful(ros, tmp_path, 'pendulum', '0.9')
+    process = demo(ros, tmp_path, 'pendulum', '--speed=0.9', *parameters(tmp_path, 'pendulum'))
+    successful(process)
     assert 'speed of simulated time' in process.output
     plan = load_plan(folder / 'plan.json')
     assert plan['verification']['ok'] is True
@@ -89,7 +88,7 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
-    successful(ros, tmp_path, 'robots', '2')
+    successful(demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots')))
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
     for k in (1, 2, 3):
         assert counts[f'/robots/robot{k}/trajectory'] == 1
@@ -99,8 +98,7 @@ def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
 def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
     file = tmp_path / 'p.yaml'
     file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
-    words = ['--params', str(file), '--quiet', '-o', str(tmp_path / 'out')]
-    process = demo(ros, 'pendulum', *words)
+    process = demo(ros, tmp_path, 'pendulum', '--quiet', '--params', str(file))
     assert process.process.wait(LONG) == 2
     assert 'no plan' in process.output
     assert 'Traceback' not in process.output
@@ -113,8 +111,7 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     bag = tmp_path / 'bag'
     recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
     assert ros.spin_until(lambda: any(bag.glob('*.mcap')), 60.0), recorder.output
-    words = ['-o', str(tmp_path / 'out'), *parameters(tmp_path, 'pendulum')]
-    process = demo(ros, 'pendulum', *words)
+    process = demo(ros, tmp_path, 'pendulum', *parameters(tmp_path, 'pendulum'))
     assert ros.spin_until(lambda: 'upright' in process.output, 120.0), process.output
     assert process.end(signal.SIGINT, timeout=60.0) == 130, process.output
     assert 'Traceback' not in process.output
@@ -127,11 +124,8 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
 
 def test_a_plant_of_one_s_own_flies(ros: Ros, tmp_path: Path) -> None:
     """From a module that Python finds: planned, tracked, held, recorded, reported."""
-    words = ['demo', 'moon_lander:MoonLander', '-o', str(tmp_path / 'out')]
-    found = [str(SOURCE / 'docs' / 'plants'), os.environ.get('PYTHONPATH', '')]
-    process = ros.run('tdm_planner.cli', words, {'PYTHONPATH': os.pathsep.join(found)})
-    assert process.process.wait(LONG) == 0, process.output
-    assert 'goal reached and held' in process.output
+    path = os.pathsep.join([str(SOURCE / 'docs' / 'plants'), ros.environment['PYTHONPATH']])
+    successful(demo(ros, tmp_path, 'moon_lander:MoonLander', PYTHONPATH=path))
     plan = load_plan(tmp_path / 'out' / 'plan.json')
     assert plan['verification']['ok']
     assert abs(plan['states']['h'][-1]) < 1e-2

@@ -28,12 +28,14 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros: Ros) -> None:
 @pytest.mark.parametrize(
     ('scene', 'way'),
     [
-        ('solving_planner', 'double Ctrl-C'),
-        ('following_tracker', 'SIGTERM'),
-        ('driven_pendulum', 'double Ctrl-C at once'),
-        ('driven_robot', 'SIGINT'),
+        ('starting planner', 'SIGINT'),
+        ('starting tracker', 'double Ctrl-C at once'),
+        ('starting pendulum_plant', 'SIGTERM'),
+        ('solving planner', 'double Ctrl-C'),
+        ('following tracker', 'SIGTERM'),
+        ('driven plant', 'double Ctrl-C at once'),
     ],
 )
 def test_a_node_is_ended_by_signals(ros: Ros, scene: str, way: str) -> None:
-    """The demo and a recording beside it are ended in test_demo.py."""
+    """The demo and a recording beside it are ended in test_demo.py; all others by night."""
     SCENES[scene](ros).end(way)

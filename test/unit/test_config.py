@@ -12,7 +12,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from ros_harness import Ros, SOURCE
@@ -22,6 +24,18 @@ from tdm_planner.problems.base import problem_parameters
 import yaml
 
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
+# Elements, their attributes (a * may be left out) and children.
+SCHEMA: dict[str, tuple[set[str], set[str]]] = {
+    'policy': ({'version'}, {'contexts'}),
+    'contexts': (set(), {'context'}),
+    'context': ({'path'}, {'profiles'}),
+    'profiles': ({'type*'}, {'profile', 'metadata'}),
+    'profile': ({'ns', 'node'}, {'topics', 'services', 'actions'}),
+    'topics': ({'publish*', 'subscribe*'}, {'topic'}),
+    'services': ({'reply*', 'request*'}, {'service'}),
+    'topic': (set(), set()),
+    'service': (set(), set()),
+}
 PROBLEMS: dict[str, type[Problem]] = {
     'pendulum.yaml': PendulumSwingUp,
     'robots.yaml': RobotFormation,
@@ -72,29 +86,39 @@ def test_ros2_param_dump_can_nest_every_name():
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.name)
 def test_ros_reads_the_same_values_in_every_namespace(path: Path, ros: Ros):
-    import rclpy
+    from rclpy.node import Node
 
     for token in yaml.scan(path.read_text(encoding='utf-8')):
         assert not isinstance(token, yaml.AliasToken | yaml.AnchorToken | yaml.TagToken)
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=ros.domain)
-    try:
-        for name, expected in sections(path).items():
-            for namespace in ('/', '/robots/robot1'):
-                node = rclpy.create_node(
-                    name,
-                    namespace=namespace,
-                    context=context,
-                    cli_args=['--ros-args', '--params-file', str(path)],
-                    automatically_declare_parameters_from_overrides=True,
-                    start_parameter_services=False,
-                    enable_rosout=False,
-                )
-                read = {
-                    key: list(value) if hasattr(value := item.value, 'tolist') else value
-                    for key, item in node.get_parameters_by_prefix('').items()
-                }
-                node.destroy_node()
-                assert expected.items() <= read.items(), namespace
-    finally:
-        rclpy.shutdown(context=context)
+    for name, expected in sections(path).items():
+        for namespace in ('/', '/robots/robot1'):
+            node = Node(
+                name,
+                namespace=namespace,
+                context=ros.node.context,
+                cli_args=['--ros-args', '--params-file', str(path)],
+                automatically_declare_parameters_from_overrides=True,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+            read = {
+                key: list(value) if hasattr(value := item.value, 'tolist') else value
+                for key, item in node.get_parameters_by_prefix('').items()
+            }
+            node.destroy_node()
+            assert expected.items() <= read.items(), namespace
+
+
+def test_the_policy_follows_the_schema() -> None:
+    """Of sros2 (policy.xsd); that it allows what nodes use is shown in test/ros."""
+    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
+    assert (policy.tag, policy.get('version')) == ('policy', '0.2.0')
+    for element in policy.iter():
+        attributes, children = SCHEMA[element.tag]
+        assert {name for name in attributes if not name.endswith('*')} <= set(element.attrib)
+        assert set(element.attrib) <= {name.rstrip('*') for name in attributes}
+        assert {child.tag for child in element} <= children
+        if element.tag in ('topic', 'service'):
+            assert re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', element.text or '')
+    paths = [context.get('path') for context in policy.iterfind('contexts/context')]
+    assert len({*paths}) == len(paths)

@@ -37,22 +37,35 @@ import yaml
 
 @dataclass(frozen=True)
 class Inner(Validated):
-    mass: float = parameter(1.0, 'mass', unit='kg', allowed=POSITIVE)
+    mass: float = parameter(1e-8, 'mass', unit='kg', allowed=POSITIVE)
     turns: int | None = parameter(None, 'turns')
+
+
+@dataclass(frozen=True)
+class Optional(Validated):
+    limit: float | None = parameter(None, 'limit')
 
 
 @dataclass(frozen=True)
 class Outer(Validated):
     share: float = parameter(0.2, 'share', allowed=Range(0.0, 1.0, upper_open=True))
-    method: str = parameter('a', 'method', choices=('a', 'b'))
-    names: list[str] = parameter(['x'], 'names')
+    on: bool = parameter(True, 'switch')
+    names: list[str] = parameter(['x', 'no'], 'names')
     anchor: list[float] = parameter([0.0, 0.0], 'anchor', length=2)
+    zones: list[float] = parameter([], 'zones')
     plant: Inner = group(Inner)
+    method: str = parameter('a', 'the method', choices=('a', 'b'), read_only=True)
+    optional: Optional = group(Optional)
+    wordy: float = parameter(1.0, 'many words ' * 40)
+
+
+SPECS = specifications(Outer)
 
 
 def test_names_and_round_trip():
-    assert list(specifications(Outer)) == [
-        'share', 'method', 'names', 'anchor', 'plant.mass', 'plant.turns',
+    assert list(SPECS) == [
+        'share', 'on', 'names', 'anchor', 'zones', 'plant.mass', 'plant.turns', 'method',
+        'optional.limit', 'wordy',
     ]  # fmt: skip
     values = {'share': 0.5, 'plant.mass': 2, 'plant.turns': 3, 'names': ['p', 'q']}
     made = build(Outer, values)
@@ -61,6 +74,7 @@ def test_names_and_round_trip():
     assert build(Outer, to_mapping(made)) == made
     with pytest.raises(InvalidProblem, match='mass'):
         Inner(mass=-1.0)
+    assert flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3}) == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
 
 
 @pytest.mark.parametrize(
@@ -96,11 +110,11 @@ def test_one_sentence_names_parameter_value_and_range(name, value, words):
         st.none(), st.booleans(), st.integers(), st.floats(), st.text(), st.binary(),
         st.lists(st.floats()), st.lists(st.text()), st.dictionaries(st.text(), st.integers()),
     ),
-    st.sampled_from(list(specifications(Outer))),
+    st.sampled_from(list(SPECS)),
 )  # fmt: skip
 @settings(max_examples=300)
 def test_any_value_is_taken_or_refused_in_one_line(value, name):
-    spec = specifications(Outer)[name]
+    spec = SPECS[name]
     try:
         taken = spec.check(value)
     except InvalidProblem as refused:
@@ -108,10 +122,6 @@ def test_any_value_is_taken_or_refused_in_one_line(value, name):
         assert '\n' not in str(refused)
     else:
         assert spec.check(taken) == taken
-
-
-def test_nested_names_are_joined():
-    assert flatten({'a': {'b': {'c': 1}, 'd': 2}, 'e.f': 3}) == {'a.b.c': 1, 'a.d': 2, 'e.f': 3}
 
 
 @pytest.mark.parametrize(
@@ -137,53 +147,26 @@ def test_files_for_others_are_refused_or_empty():
             ros_parameters(document)
 
 
-@dataclass(frozen=True)
-class Loop(Validated):
-    gain: float = parameter(1e-8, 'gain of the loop', unit='N m/rad', allowed=POSITIVE)
-    turns: int | None = parameter(None, 'turns')
-
-
-@dataclass(frozen=True)
-class Optional(Validated):
-    limit: float | None = parameter(None, 'limit')
-
-
-@dataclass(frozen=True)
-class Written(Validated):
-    on: bool = parameter(True, 'switch')
-    names: list[str] = parameter(['one', 'no'], 'names')
-    zones: list[float] = parameter([], 'zones')
-    inner: Loop = group(Loop)
-    mode: str = parameter('a', 'the mode', choices=('a', 'b'), read_only=True)
-    optional: Optional = group(Optional)
-    wordy: float = parameter(1.0, 'many words ' * 40)
-
-
-SPECS = specifications(Written)
-
-
 def read(text: str) -> dict[str, Any]:
     return ros_parameters(yaml.safe_load(text), 'node')
 
 
-def test_a_file_holds_the_defaults_by_node_and_says_what_is_allowed():
-    text = parameter_file({'node': (SPECS, {}), 'other': (SPECS, {'mode': 'b'})}, 'Title\nline')
+def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
+    text = parameter_file({'node': (SPECS, {}), 'other': (SPECS, {'method': 'b'})}, 'Title\nline')
     assert text.startswith('# Title\n# line\n/**/node:\n  ros__parameters:\n')
-    expected = {'on': True, 'names': ['one', 'no'], 'inner.gain': 1e-8, 'mode': 'a', 'wordy': 1.0}
-    assert read(text) == expected
-    assert ros_parameters(yaml.safe_load(text), 'other')['mode'] == 'b'
-    assert '      # gain of the loop [N m/rad], in (0, 1e+12]\n      gain: 1.0e-08\n' in text
-    assert '    # the mode: a, b\n' in text
+    unset = ('zones', 'plant.turns', 'optional.limit')
+    defaults = to_mapping(Outer())
+    assert read(text) == {name: defaults[name] for name in SPECS if name not in unset}
+    assert ros_parameters(yaml.safe_load(text), 'other')['method'] == 'b'
+    assert '      # mass [kg], in (0, 1e+12]\n      mass: 1.0e-08\n' in text
+    assert '    # the method: a, b\n' in text
     assert '      # turns:\n' in text
     assert max(map(len, text.splitlines())) <= 99
-
-
-def test_values_replace_defaults_and_are_checked():
-    assert read(parameter_file({'node': (SPECS, {'inner.turns': 2})}))['inner.turns'] == 2
-    with pytest.raises(InvalidProblem, match=r"'inner\.gain' = -1"):
-        parameter_file({'node': (SPECS, {'inner.gain': -1})})
-    with pytest.raises(KeyError, match=r"no parameter 'inner\.gian'"):
-        parameter_file({'node': (SPECS, {'inner.gian': 1.0})})
+    assert read(parameter_file({'node': (SPECS, {'plant.turns': 2})}))['plant.turns'] == 2
+    with pytest.raises(InvalidProblem, match=r"'plant\.mass' = -1"):
+        parameter_file({'node': (SPECS, {'plant.mass': -1})})
+    with pytest.raises(KeyError, match=r"no parameter 'plant\.mas'"):
+        parameter_file({'node': (SPECS, {'plant.mas': 1.0})})
 
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -208,8 +191,8 @@ def test_values_keep_type_and_value_through_yaml(value: Any):
 def test_a_table_has_a_row_for_every_parameter():
     rows = parameter_table(SPECS).splitlines()
     assert len(rows) == 2 + len(SPECS)
-    assert rows[2 + list(SPECS).index('inner.gain')] == (
-        '| `inner.gain` | `1.0e-08` | a number in (0, 1e+12] N m/rad | gain of the loop |'
+    assert rows[2 + list(SPECS).index('plant.mass')] == (
+        '| `plant.mass` | `1.0e-08` | a number in (0, 1e+12] kg | mass |'
     )
-    assert rows[2 + list(SPECS).index('inner.turns')].startswith('| `inner.turns` | unset |')
-    assert 'the mode (fixed while the node runs)' in parameter_table(SPECS)
+    assert rows[2 + list(SPECS).index('plant.turns')].startswith('| `plant.turns` | unset |')
+    assert 'the method (fixed while the node runs)' in parameter_table(SPECS)

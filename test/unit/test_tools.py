@@ -7,12 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the tools measure: memory, streams of messages, warnings."""
+"""What the tools measure: memory, streams of messages, warnings; dead links of the pages."""
 
 from __future__ import annotations
 
 import math
 import os
+from pathlib import Path
+import sys
 
 import numpy as np
 import pytest
@@ -54,3 +56,26 @@ def test_only_a_warning_that_names_the_rate_counts_as_told() -> None:
     assert told_slow({'level': 1, 'message': slow})
     assert not told_slow({'level': 0, 'message': slow})
     assert not told_slow({'level': 1, 'message': 'idle'})
+
+
+@pytest.mark.parametrize(
+    'dead', ['', 'missing.html', 'folder/other.html#elsewhere', '#bottom', 'missing.png']
+)
+def test_dead_links_are_found(dead: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    links = pytest.importorskip('tools.links')
+    links._read.cache_clear()
+    monkeypatch.setattr(sys, 'argv', ['links', str(tmp_path)])
+    assert links.main() == 1  # an empty site is no success
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'index.html').write_text(
+        '<a href="folder/other.html#there">a</a> <a href="https://example.org/x">b</a>'
+        '<h1 id="top">c</h1> <a href="#top">d</a> <img src="picture.png">'
+    )
+    (tmp_path / 'folder' / 'other.html').write_text('<p id="there">e</p><a href="../">f</a>')
+    (tmp_path / 'picture.png').write_bytes(b'')
+    if dead:
+        (tmp_path / 'third.html').write_text(f'<a href="{dead}">a</a>')
+    found = links.dead_links(tmp_path)
+    assert len(found) == bool(dead)
+    assert all(dead in line for line in found)
+    assert links.main() == len(found)

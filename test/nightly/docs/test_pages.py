@@ -8,52 +8,81 @@
 # language governing permissions and limitations under the License.
 
 """
-What README and documentation tell people to type works; what they open and quote is there.
+What README and documentation tell people to type works.
 
-Commands of this package are run. Those that need a ROS 2 installation, start processes that run on
-(demo, nodes, recordings: other tests run these) or build are checked against what is declared.
+Commands of this package are run, `ros2 run` of a node as a process. What needs ROS 2 installed,
+is started by other tests (demo, recordings), or builds is checked against what is declared.
 """
 
 from __future__ import annotations
 
-import ast
+from collections import Counter
 from configparser import ConfigParser
+import itertools
+import os
 from pathlib import Path
 import re
+import shlex
 import shutil
-from typing import Any
+import signal
+import subprocess
+import sys
 from xml.etree import ElementTree
 
-from pages import blocks, name_of, PAGES, typed
 import pytest
-from ros_harness import SOURCE
+from ros_harness import MODULES, NodeProcess, Ros, SOURCE
 from tdm_planner import cli
+from tdm_planner.plan_files import load_plan
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import problem_names
 from tools.node_parameters import parameters_by_node
 from tools.node_tables import declared_arguments
 import yaml
 
-EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=name_of)
-OF_OTHER_PROJECTS = {'cd', 'mkdir', 'git', 'sudo', 'rosdep', 'colcon', '.', 'source', 'pip'}
-OF_OTHER_PROJECTS |= {'export', 'python3', '.ci/run'}
-POLICY = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml')
-ENCLAVES = {context.get('path') for context in POLICY.iter('context')}
-SERVICES = {'plan', 'reset', 'push'}
+PAGES = sorted(
+    path
+    for path in [*SOURCE.glob('*.md'), *(SOURCE / 'docs').rglob('*.md')]
+    if '_build' not in path.parts
+)
+EVERY_PAGE = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(SOURCE)))
+OF_OTHERS = {'cd', 'mkdir', 'git', 'sudo', 'rosdep', 'colcon', '.', 'source', 'pip', 'export',
+             'python3', '.ci/run'}  # fmt: skip
+SHARE = '$(ros2 pkg prefix --share tdm_planner)'  # commands are run in a folder like it
+METADATA = 'Metadata-Version: 2.1\nName: students-plant\nVersion: 1.0\n'
+ENTRY = '[tdm_planner.problems]\ndouble_integrator = students_plant:DoubleIntegrator\n'
 
 
-@pytest.fixture(autouse=True)
-def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Results are tested here, not how soon they come on a busy machine."""
-    solve = Problem.solve
-    patiently = lambda problem, deadline=None, **more: solve(problem, 60.0, **more)  # noqa: E731
-    monkeypatch.setattr(Problem, 'solve', patiently)
+def blocks(page: Path, language: str) -> list[str]:
+    """Return the code blocks in a language, which may stand in lists."""
+    text = page.read_text(encoding='utf-8')
+    found = re.findall(rf'^( *)```{language}\n(.*?)^\1```$', text, re.DOTALL | re.MULTILINE)
+    return [block for _, block in found]
+
+
+def typed(page: Path) -> list[list[str]]:
+    """Return the words of every command of the page, without the variables before it."""
+    text = ''.join(blocks(page, 'sh') + blocks(page, 'console'))
+    lines = text.replace('\\\n', ' ').replace('&&', '\n').replace(SHARE, '.').splitlines()
+    found = [shlex.split(line, comments=True) for line in lines]
+    found = [list(itertools.dropwhile(lambda word: '=' in word, words)) for words in found]
+    return [words for words in found if words]
+
+
+def install_own_plant(folder: Path) -> dict[str, str]:
+    """Leave the worked plant in a folder as pip does; return variables by which it is found."""
+    shutil.copy(SOURCE / 'docs/plants/double_integrator.py', folder / 'students_plant.py')
+    info = folder / 'students_plant-1.0.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text(METADATA)
+    (info / 'entry_points.txt').write_text(ENTRY)
+    places = [str(folder), str(SOURCE), os.environ.get('PYTHONPATH', '')]
+    return {'PYTHONPATH': os.pathsep.join(places)}
 
 
 @EVERY_PAGE
-def test_examples_run_or_can_be_parsed(page: Path):
+def test_examples_run_or_can_be_parsed(page: Path) -> None:
     for block in blocks(page, 'python'):
-        exec(compile(block, name_of(page), 'exec'), {})
+        exec(compile(block, str(page), 'exec'), {})
     for block in blocks(page, 'yaml'):
         assert yaml.safe_load(block)
     for block in blocks(page, 'xml'):
@@ -63,139 +92,104 @@ def test_examples_run_or_can_be_parsed(page: Path):
 
 
 @EVERY_PAGE
-def test_commands_do_what_they_say(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_commands_do_what_they_say(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In order, in a folder that has the package's parameter files."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SOURCE / 'config', tmp_path / 'config')
-    for command in typed(page):
-        check_command(command)
+    solve = Problem.solve
+    patiently = lambda problem, deadline=None, **more: solve(problem, 60.0, **more)  # noqa: E731
+    monkeypatch.setattr(Problem, 'solve', patiently)
+    for program, *words in typed(page):
+        if [program, *words[:3]] == ['ros2', 'run', 'tdm_planner', 'tdm']:
+            program, *words = words[2:]
+        if program == 'cp':
+            shutil.copy(*words)
+        elif program == 'tdm':
+            run_tdm(words)
+        elif program == 'make':
+            rules = (SOURCE / 'Makefile').read_text(encoding='utf-8')
+            skipped = 2 if '-C' in words else 0
+            for target in words[skipped:]:
+                assert '=' in target or re.search(rf'^{target}:', rules, re.MULTILINE), target
+        elif program == 'ros2':
+            check_ros2(*words)
+        else:
+            assert program in OF_OTHERS, program
 
 
-@EVERY_PAGE
-def test_targets_and_links_are_there(page: Path):
-    text = page.read_text(encoding='utf-8')
-    for target in re.findall(r'`make (\w+)', text):
-        check_make(['make', target])
-    for link in re.findall(r'\]\((?!https?:)([^)#\s]+)', text):
-        assert (page.parent / link).exists(), link
-
-
-def check_command(command: list[str]) -> None:
-    while '=' in command[0]:  # a variable, of which SROS2 has some
-        command = command[1:]
-    check = CHECKS.get(command[0])
-    assert check is not None or command[0] in OF_OTHER_PROJECTS, command
-    if check is not None:
-        check(command)
-
-
-def check_tdm(command: list[str]) -> None:
-    options = cli._parser().parse_args(command[1:])  # exits for what is wrong
-    runs = command[1] == 'plan' and options.problem in {*cli.SHORT_NAMES, *problem_names()}
-    if runs or (command[1] == 'report' and Path(command[2]).is_file()):
-        assert cli.main(command[1:]) == 0, command
+def run_tdm(words: list[str]) -> None:
+    options = cli._parser().parse_args(words)  # exits for what is wrong
+    runs = words[0] == 'plan' and options.problem in {*cli.SHORT_NAMES, *problem_names()}
+    if runs or (words[0] == 'report' and Path(words[1]).is_file()):
+        assert cli.main(words) == 0, words
         for path in (options.output, getattr(options, 'plot', None)):
             assert path is None or path.stat().st_size > 0
 
 
-def check_make(command: list[str]) -> None:
-    makefile = (SOURCE / 'Makefile').read_text(encoding='utf-8')
-    first = command.index('-C') + 2 if '-C' in command else 1
-    for target in command[first:]:
-        if '=' not in target:
-            assert re.search(rf'^{target}:', makefile, re.MULTILINE), target
-
-
-def check_ros2(command: list[str]) -> None:
-    _, verb, *words = command
+def check_ros2(verb: str, *words: str) -> None:
     if verb == 'launch':
         declared = declared_arguments(SOURCE / 'launch' / words[1])
-        assert {word.split(':=')[0] for word in words[2:]} <= set(declared), command
-    elif verb == 'run':
-        check_run(words[1:])
+        assert {word.split(':=')[0] for word in words[2:]} <= set(declared), words
     elif verb == 'service':
-        assert words[1].rpartition('/')[2] in SERVICES, command
-        assert words[2] == 'std_srvs/srv/Trigger', command
+        assert words[1].rpartition('/')[2] in ('plan', 'reset', 'push'), words
+        assert words[2] == 'std_srvs/srv/Trigger', words
     elif verb == 'param':
-        assert any(words[2] in names for names in parameters_of(words[1])), command
+        nodes = parameters_by_node().items()
+        name = words[1].rpartition('/')[2]
+        assert any(words[2] in specs for kind, specs in nodes if kind.split()[0] == name), words
     else:
-        assert verb in ('bag', 'lifecycle', 'security'), command
+        assert verb in ('run', 'bag', 'lifecycle', 'security'), words
 
 
-def parameters_of(node: str) -> list[Any]:
-    """Return the specifications of every kind of a node, of which it has several."""
-    name = node.rpartition('/')[2]
-    found = [specs for kind, specs in parameters_by_node().items() if kind.split()[0] == name]
-    assert found, node
-    return found
+def test_nodes_run_as_the_pages_say(
+    ros: Ros, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All at once, to save time: planners and plants that share a namespace only warn."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(SOURCE / 'config', tmp_path / 'config')
+    variables = install_own_plant(tmp_path)
+    lines: dict[tuple[str, ...], None] = {}
+    for words in itertools.chain(*map(typed, PAGES)):
+        if words[0] == 'cp':
+            shutil.copy(*words[1:])
+        elif words[:3] == ['ros2', 'run', 'tdm_planner'] and words[3] in MODULES:
+            lines[tuple(words[3:])] = None
+    assert {line[0] for line in lines} == {*MODULES}
+    processes: dict[str, list[NodeProcess]] = {}  # by the name of the node
+    for name, *words in lines:
+        spaces = [word.removeprefix('__ns:=') for word in words if word.startswith('__ns:=')]
+        made = ros.run(MODULES[name], words, variables)
+        processes.setdefault(f'{"".join(spaces)}/{name}', []).append(made)
+    wanted = {name: len(started) for name, started in processes.items()}
+
+    def all_there() -> bool:
+        nodes = ros.node.get_node_names_and_namespaces()
+        found = Counter(f'{space.rstrip("/")}/{name}' for name, space in nodes)
+        return found >= Counter(wanted)
+
+    assert ros.spin_until(all_there, 120.0), wanted
+    ros.spin_for(1.0)
+    for process in itertools.chain(*processes.values()):
+        assert process.running, process.output
+        process.process.send_signal(signal.SIGINT)
+    for process in itertools.chain(*processes.values()):
+        process.end_cleanly()
+        found = re.findall(r'^.*(?:\[ERROR\]|\[FATAL\]).*$', process.output, re.MULTILINE)
+        # A tracker that has no plan says so.
+        assert all('tracker]: idle: ' in line for line in found), process.output
 
 
-def check_run(command: list[str]) -> None:
-    """
-    Check that the executable exists, and that it has the parameters that are set.
-
-    Parameter files must be there, or made by an earlier command of the page. An enclave must be
-    in the policy.
-    """
-    executable, *arguments = command
-    if executable == 'tdm':
-        check_tdm(command)
-        return
-    found = parameters_of(executable)
-    assert not arguments or arguments[0] == '--ros-args', command
-    for option, assignment in zip(arguments[1::2], arguments[2::2], strict=True):
-        name, _, value = assignment.partition(':=')
-        if option == '--params-file':
-            assert Path(assignment).is_file(), command
-        elif option == '--enclave':
-            assert assignment in ENCLAVES, command
-        elif option == '-p' and name != 'use_sim_time':  # of every node, by rclpy
-            (specification, *_) = [specs[name] for specs in found if name in specs]
-            specification.check(yaml.safe_load(value))
-        else:
-            assert option in ('-p', '-r'), command
-
-
-CHECKS = {
-    'tdm': check_tdm,
-    'make': check_make,
-    'cp': lambda command: shutil.copy(*command[1:]),
-    'ros2': check_ros2,
-}
-
-
-# Every message that the troubleshooting page quotes is one that the code can say.
-
-HOLE = '\0'  # stands for what is filled in at run time
-
-
-def text_of(node: ast.AST) -> str | None:
-    """Return a string expression with holes for what is filled in; None for anything else."""
-    if isinstance(node, ast.Constant):
-        return node.value if isinstance(node.value, str) else None
-    if isinstance(node, ast.JoinedStr):
-        return ''.join(text_of(part) or HOLE for part in node.values)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        parts = [text_of(node.left), text_of(node.right)]
-        return None if parts == [None, None] else ''.join(part or HOLE for part in parts)
-    return HOLE if isinstance(node, ast.IfExp) else None
-
-
-def test_quoted_messages_are_in_the_code():
-    said = [' '.join((SOURCE / 'Makefile').read_text(encoding='utf-8').split())]
-    for package in ('tdm_planner', 'tdm_sim'):
-        for path in (SOURCE / package).rglob('*.py'):
-            tree = ast.parse(path.read_text(encoding='utf-8'))
-            said += [text for node in ast.walk(tree) if (text := text_of(node)) is not None]
-
-    def can_be_said(quoted: str) -> bool:
-        """Whether some string of the code holds the quoted one, dots standing for anything."""
-        parts = [re.escape(part) for part in quoted.split('...')]
-        inside = re.compile('.*?'.join(parts).removeprefix('.*?').removesuffix('.*?'), re.DOTALL)
-        return any(inside.search(text) for text in said)
-
-    page = (SOURCE / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
-    quoted = re.findall(r'^> `(.+)`$', page, re.MULTILINE)
-    assert quoted
-    assert not [text for text in quoted if not can_be_said(text)]
-    assert not can_be_said('the pendulum ... fell off')
+def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path: Path) -> None:
+    words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
+    subprocess.run(
+        [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],
+        cwd=tmp_path,
+        env={**os.environ, **install_own_plant(tmp_path)},
+        check=True,
+    )
+    plan = load_plan(tmp_path / 'plan.json')
+    assert plan['verification']['ok']
+    assert (plan['states']['x'][0], plan['states']['x'][-1]) == (3.0, pytest.approx(0.0, abs=1e-9))
+    assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5

@@ -10,16 +10,11 @@
 """The worked plants, each against what is known of its optimum."""
 
 from dataclasses import replace
-import os
-from pathlib import Path
-import subprocess
 import sys
 
 import numpy as np
-from pages import install_own_plant
 import pytest
 from ros_harness import SOURCE
-from tdm_planner.plan_files import load_plan
 from tdm_planner.problems import DirectSolverParameters
 
 DIRECT = DirectSolverParameters(deadline=120.0, refine=False)
@@ -44,23 +39,6 @@ def test_double_integrator_approaches_the_optimum_with_every_parameter():
     assert all(b < a for a, b in zip(list(times.values()), list(times.values())[1:], strict=False))
     assert 2.0 < times[20] < 2.02
     assert times[4] < 1.05 * 2.0
-
-
-def test_a_plant_that_is_installed_by_its_metadata_is_planned_for(tmp_path: Path):
-    install_own_plant(tmp_path)
-    words = ['plan', 'double_integrator', '--set', 'start.x=3.0', 'solver.deadline=20.0']
-    path = os.pathsep.join([str(tmp_path), str(SOURCE), os.environ.get('PYTHONPATH', '')])
-    subprocess.run(
-        [sys.executable, '-m', 'tdm_planner.cli', *words, '-o', 'plan.json'],
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': path},
-        check=True,
-    )
-    plan = load_plan(tmp_path / 'plan.json')
-    assert plan['verification']['ok']
-    assert plan['states']['x'][0] == 3.0
-    assert abs(plan['states']['x'][-1]) < 1e-9
-    assert 2 * 3.0**0.5 < plan['duration'] < 1.05 * 2 * 3.0**0.5
 
 
 def test_brachistochrone_is_the_cycloid():

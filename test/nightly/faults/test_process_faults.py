@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-Nodes that are killed, restarted or starved, over real DDS, over and over.
+Nodes that are ended, killed, restarted or starved, over real DDS, over and over.
 
 The figures are those of docs/reliability.md; `python -m tools.measure_faults` collects them.
 """
@@ -17,31 +17,47 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import os
+from pathlib import Path
 import subprocess
 import sys
+import time
 
 from killing import held_rig, SCENARIOS
 import numpy as np
 from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig, STATE_TIMEOUT
 import pytest
 from ros_harness import Ros
+from signal_scenes import SCENES, WAYS
 from tdm_planner.nodes.messages import seconds_of
 
 ON_THE_WAY = 0.1  # s that messages may take on a busy machine
 again = pytest.mark.parametrize('repetition', range(5))
 
 
+@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('scene', SCENES)
+def test_signals_end_a_process_in_every_phase(ros: Ros, scene: str, way: str) -> None:
+    for k in range(40 if scene.startswith('starting') else 1):
+        subject = SCENES[scene](ros)
+        time.sleep(0.05 * k)  # to meet it at another line
+        subject.end(way, code=128 + WAYS[way][0][0] if scene.startswith('demo') else 0)
+    if scene == 'busy recorder':  # what it has recorded can be read
+        highlevel = pytest.importorskip('rosbags.highlevel')
+        with highlevel.AnyReader([Path(str(subject.arguments[-1]))]) as reader:
+            assert reader.message_count > 10
+
+
 @pytest.fixture(scope='module')
-def rig(ros: Ros) -> PendulumRig:
+def held(ros: Ros) -> PendulumRig:
     return held_rig(ros)
 
 
-@pytest.fixture(autouse=True)
-def never_stale(rig: PendulumRig) -> Iterator[None]:
+@pytest.fixture
+def rig(held: PendulumRig) -> Iterator[PendulumRig]:
     """Whatever happens, no command acts for longer than `command_timeout`."""
-    rig.held_since(rig.now)
-    yield
-    assert rig.longest_torque() < COMMAND_TIMEOUT + ON_THE_WAY
+    held.held_since(held.now)
+    yield held
+    assert held.longest_torque() < COMMAND_TIMEOUT + ON_THE_WAY
 
 
 @again

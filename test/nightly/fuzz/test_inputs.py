@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from fuzzing import planned, profile, PROPERTIES, SPECIFICATIONS, try_out
@@ -20,7 +19,7 @@ from hypothesis import strategies as st
 from node_fuzzing import SixNodes
 import pytest
 from random_statements import random_statements
-from ros_harness import Ros
+from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.problems.base import Solution
 
@@ -70,9 +69,8 @@ def test_what_is_valid_is_never_refused_and_often_planned_for() -> None:
     assert sum(isinstance(answer, Solution) for answer in found) >= len(found) / 4
 
 
-def test_nodes_survive_whatever_comes_and_serve_as_before(ros: Ros, tmp_path: Path) -> None:
+def test_nodes_survive_whatever_comes_and_serve_as_before(stepped: Stepped) -> None:
     """Six nodes under a rain of messages, parameters and requests."""
-    nodes = SixNodes(ros, tmp_path / 'home')
+    nodes = SixNodes(stepped)
     for _ in range(5):
         nodes.endure(400, new=True)
-    assert not nodes.written()

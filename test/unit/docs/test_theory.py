@@ -7,94 +7,16 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Equations of docs/theory.md that define something, written down a second time."""
+"""Equations of docs/theory.md that no other test writes down a second time: cost and penalty."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
-from tdm_planner.direct_method import (
-    PowerProducts,
-    SineSeries,
-    symmetric_powers,
-    TaranenkoReference,
-)
-from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
-from tdm_planner.plants import FloatingRobot, RotaryPendulum
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_verification import penalty
-from tdm_planner.tracking import time_varying_regulator
 
 RNG = np.random.default_rng(7)
-S = np.linspace(0.0, 1.0, 11)
-
-
-@pytest.mark.parametrize(
-    ('shapes', 'phi'),
-    [
-        (SineSeries(3), lambda k, s: np.sin(k * np.pi * s)),
-        (symmetric_powers(3), lambda k, s: s**k * (s - 1) ** k),
-        (PowerProducts(((2, 3),)), lambda k, s: s**2 * (s - 1) ** 3),
-    ],
-)
-def test_taranenkos_functions_are_those_of_equation_1(shapes, phi):
-    a = RNG.normal(size=shapes.size)
-    x = TaranenkoReference(shapes, {0: 1.0}, {0: -2.0}, tau_f=5.0, tau_0=3.0, varied=a)
-    expected = 1.0 - 3.0 * S + sum(a[k - 1] * phi(k, S) for k in range(1, shapes.size + 1))
-    assert x(3.0 + 2.0 * S) == pytest.approx(expected)
-
-
-def test_the_speed_factor_and_time_along_the_arc():
-    """Time is the integral of mu, which is positive where its coefficients are."""
-    b = np.array([0.5, 2.0, 1.0])
-    expected = sum(b[i] * math.comb(2, i) * S**i * (1 - S) ** (2 - i) for i in range(3))
-    assert bernstein_basis(2, S) @ b == pytest.approx(expected)
-    assert bernstein_integral(2, 1.0) @ b == pytest.approx(b.sum() / 3)
-
-
-PENDULUM = RotaryPendulum()
-
-
-def test_equations_of_motion_of_the_pendulum():
-    theta, psi, q, w = 0.7, 0.3, 5.0, -4.0
-    torque = 0.015
-    i, m, length = PENDULUM.inertia, PENDULUM.mass, PENDULUM.com_distance
-    ml2, mlr = m * length**2, m * length * PENDULUM.arm_length
-    a, b, c = i.z + ml2, mlr * math.cos(theta), i.x - i.y + ml2
-    turning = (i.x + ml2) * math.sin(theta) ** 2 + i.y * math.cos(theta) ** 2
-    j, mgl = i.disk + m * PENDULUM.arm_length**2 + turning, m * PENDULUM.gravity * length
-    r1 = c / 2 * w**2 * math.sin(2 * theta) + mgl * math.sin(theta)
-    r2 = torque - c * q * w * math.sin(2 * theta) + mlr * q**2 * math.sin(theta)
-    d = a * j - b**2
-    expected = [q, w, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
-    state = np.array([theta, psi, q, w])
-    assert PENDULUM.derivative(state, np.array([torque])) == pytest.approx(expected)
-    energy = a * q**2 / 2 + b * q * w + j * w**2 / 2 + mgl * math.cos(theta)
-    assert PENDULUM.energy(state) == pytest.approx(energy)
-    assert PENDULUM.natural_frequency == pytest.approx(math.sqrt(mgl / a))
-    found, theta_ddot = PENDULUM.torque_for(state, np.asarray(expected[3]))
-    assert found == pytest.approx(torque)
-    assert theta_ddot == pytest.approx((r1 - b * expected[3]) / a)
-
-
-def test_the_torque_switches_and_leaves_the_reserve():
-    problem = PendulumSwingUp.from_parameters({'limits.torque': 0.09, 'torque_reserve': 0.25})
-    solution = problem.solve(deadline=20.0)
-    assert np.abs(solution.trajectory.control('torque')[:-1]) == pytest.approx(0.75 * 0.09)
-    assert solution.cost == pytest.approx(solution.duration)
-
-
-ROBOT = FloatingRobot()
-
-
-def test_equations_of_motion_of_a_robot():
-    _, _, u, v, yaw, omega, alpha = state = RNG.normal(size=7)
-    thrust, rate, torque = 0.5, 0.3, 0.01
-    f, t = thrust / ROBOT.mass, torque / ROBOT.inertia
-    expected = [u, v, f * math.cos(yaw + alpha), f * math.sin(yaw + alpha), omega, t, rate]
-    assert ROBOT.derivative(state, np.array([thrust, rate, torque])) == pytest.approx(expected)
 
 
 @pytest.fixture(scope='module')
@@ -140,17 +62,3 @@ def test_penalty_is_equation_29_mended(formation):
             delta += k[3] * square(np.hypot(*apart.T) - m)
     assert delta > 0.1
     assert penalty(task, states, controls, k) == pytest.approx(delta, rel=1e-9)
-
-
-def test_riccati_recursion():
-    a, b = np.array([[[0.0, 1.0], [2.0, 0.0]]]), np.array([[[0.0], [1.0]]])
-    q, r, h = np.diag([1.0, 0.5]), np.array([[0.1]]), 0.01
-    last = np.diag([3.0, 2.0])
-    found = time_varying_regulator(a, b, q, r, last, h)
-    block = np.zeros((3, 3))
-    block[:2, :2], block[:2, 2:] = a[0] * h, b[0] * h
-    step = sum(np.linalg.matrix_power(block, k) / math.factorial(k) for k in range(15))
-    ad, bd = step[:2, :2], step[:2, 2:]
-    gain = np.linalg.solve(h * r + bd.T @ last @ bd, bd.T @ last @ ad)
-    assert found.gains[0] == pytest.approx(gain)
-    assert found.costs_to_go[0] == pytest.approx(h * q + ad.T @ last @ (ad - bd @ gain))

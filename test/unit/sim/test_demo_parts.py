@@ -119,15 +119,16 @@ def test_the_parameter_file_is_heeded_and_ranges_are_kept(tmp_path: Path) -> Non
         assert speed_settings(node, file, 4.0, drives_clock=False)[name] == value
 
 
-@pytest.mark.parametrize('quiet', [False, True])
+@pytest.mark.parametrize(
+    ('quiet', 'lines'), [(False, r'\[ *\d+\.\d s\] first\n\[b\]\n'), (True, '')]
+)
 def test_piped_there_are_plain_lines_and_when_quiet_none(
-    capsys: pytest.CaptureFixture[str], quiet: bool
+    capsys: pytest.CaptureFixture[str], quiet: bool, lines: str
 ) -> None:
     with make_progress(quiet) as progress:
         progress.phase('first')
         progress.update('live only')
         progress.line('[b]')
-    lines = '' if quiet else r'\[ *\d+\.\d s\] first\n\[b\]\n'
     assert re.fullmatch(lines, capsys.readouterr().out)
 
 
@@ -182,36 +183,29 @@ def test_topics_are_recorded_by_name_or_all() -> None:
         assert [chosen.wants(topic) for topic in asked] == [flag == '1' for flag in wanted]
 
 
-def install(prefix: Path, package: str, program: str = '') -> None:
-    """Have a package, and one of its programs, where ROS 2 looks for them."""
-    marker = prefix / 'share/ament_index/resource_index/packages' / package
-    marker.parent.mkdir(parents=True)
-    marker.touch()
-    if program:
-        path = prefix / 'lib' / package / program
-        path.parent.mkdir(parents=True)
-        path.touch(0o755)
-
-
-def test_ros2_bag_records_where_it_is_installed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    install(tmp_path, 'ros2bag')
+@pytest.fixture
+def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return where ROS 2 looks for packages."""
+    (tmp_path / 'share/ament_index/resource_index/packages').mkdir(parents=True)
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    return tmp_path
+
+
+def test_ros2_bag_records_where_it_is_installed(prefix: Path) -> None:
+    (prefix / 'share/ament_index/resource_index/packages/ros2bag').touch()
     command = record_command('hall/a', 'my_bag')
     assert command[:3] == ['ros2', 'bag', 'record']
     assert command[3:] == ['--output', 'my_bag', '--regex', topics_pattern('hall/a')]
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [*command, '--use-sim-time']
 
 
-def test_the_installed_tdm_records_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_installed_tdm_records_elsewhere(prefix: Path) -> None:
     """Of a workspace that colcon built; its Python need not be this one."""
-    install(tmp_path, 'tdm_planner', 'tdm')
-    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path}')
+    (prefix / 'share/ament_index/resource_index/packages/tdm_planner').touch()
+    (prefix / 'lib/tdm_planner').mkdir(parents=True)
+    (prefix / 'lib/tdm_planner/tdm').touch(0o755)
     program, *words = record_command('hall/a', 'my_bag')
-    assert program == str(tmp_path / 'lib/tdm_planner/tdm')
+    assert program == str(prefix / 'lib/tdm_planner/tdm')
     options = _parser().parse_args(words)
     assert (options.output, options.namespace) == (Path('my_bag'), '/hall/a')
     assert record_command('hall/a', 'my_bag', use_sim_time=True) == [program, *words]
@@ -267,21 +261,19 @@ def test_each_way_to_miss_is_named(name: str, change: Change, words: str) -> Non
 
 @pytest.mark.parametrize('end', [0.5, 1.0, 3.9, 5.9])
 def test_measurements_that_end_before_the_hold_time_has_passed_decide_nothing(end: float) -> None:
-    verdict = judge(end)
-    assert (verdict.reasons, verdict.reached) == ((), False)
-    assert verdict.undecided.startswith(f'the recording ends at {end:.1f} s, before')
+    late = judge(theta=lambda t, x: np.where(abs(t - 3) < 0.01, x - 0.06, x))
+    for verdict, at in ((judge(end), end), (late, 7.0)):
+        assert (verdict.reasons, verdict.reached) == ((), False)
+        assert verdict.undecided.startswith(f'the recording ends at {at:.1f} s')
     missed = judge(end, torque=lambda t, x: 0 * x + 0.021)
     assert (len(missed.reasons), missed.undecided) == (1, '')
 
 
-def test_a_late_catch_is_undecided_until_it_has_been_held() -> None:
-    verdict = judge(theta=lambda t, x: np.where(abs(t - 3) < 0.01, x - 0.06, x))
-    assert (verdict.reasons, verdict.reached) == ((), False)
-    assert verdict.undecided.startswith('the recording ends at 7.0 s')
-
-
 def test_held_from_the_last_time_outside() -> None:
     times = np.arange(5.0)
-    assert held_from(times, np.array([1, 0, 1, 0, 0.0]), 0.5) == 3.0
-    assert held_from(times, np.array([0, 0, 0, 0, 1.0]), 0.5) == math.inf
-    assert held_from(times, np.zeros(5), 0.5) == 0.0
+    for values, since in (
+        ([1, 0, 1, 0, 0.0], 3.0),
+        ([0, 0, 0, 0, 1.0], math.inf),
+        (5 * [0.0], 0.0),
+    ):
+        assert held_from(times, np.array(values), 0.5) == since
