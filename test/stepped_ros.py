@@ -54,7 +54,7 @@ CLASSES = {  # by module
     MODULES['tracker']: 'TrackerNode',
     MODULES['pendulum_plant']: 'PendulumPlant',
     MODULES['robot_plant']: 'RobotPlant',
-    'tdm_sim.stated_plant': 'StatedPlant',
+    MODULES['plant']: 'StatedPlant',
 }
 
 
