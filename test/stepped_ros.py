@@ -148,7 +148,7 @@ class NodeHere:
 
     @property
     def output(self) -> str:
-        """What the node has logged so far."""
+        """Return what the node has logged so far."""
         name = self.node.get_logger().name
         return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
 
