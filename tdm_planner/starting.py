@@ -29,7 +29,13 @@ import signal
 import sys
 import threading
 
-EXECUTABLES = ('planner', 'tracker', 'plant', 'pendulum_plant', 'robot_plant')
+NODES = {  # modules, by executable
+    'planner': 'tdm_planner.nodes.planner',
+    'tracker': 'tdm_planner.nodes.tracker',
+    'plant': 'tdm_sim.stated_plant',
+    'pendulum_plant': 'tdm_sim.pendulum_plant',
+    'robot_plant': 'tdm_sim.robot_plant',
+}
 NO_ROS = (
     "this needs 'rclpy', which is not installed: source a ROS 2 installation, or run 'make setup' "
     'in the source tree'
@@ -130,9 +136,8 @@ def is_ours() -> bool:
 def is_node() -> bool:
     """Whether the process was started as a node: as a module, or as one of the executables."""
     if module := _module():
-        package, _, name = module.rpartition('.')
-        return name in EXECUTABLES and package in ('tdm_planner.nodes', 'tdm_sim')
-    return Path(_arguments()[0]).name in EXECUTABLES
+        return module in NODES.values()
+    return Path(_arguments()[0]).name in NODES
 
 
 def command() -> list[str]:

@@ -26,17 +26,13 @@ import tempfile
 import time
 from typing import Any
 
+from tdm_planner.starting import NODES as MODULES
+
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 FAINT = 1e-12  # N or N m
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
-MODULES = {  # by executable
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-}
 DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <participant profile_name="quick_discovery" is_default_profile="true">

@@ -54,7 +54,7 @@ CLASSES = {  # by module
     MODULES['tracker']: 'TrackerNode',
     MODULES['pendulum_plant']: 'PendulumPlant',
     MODULES['robot_plant']: 'RobotPlant',
-    'tdm_sim.stated_plant': 'StatedPlant',
+    MODULES['plant']: 'StatedPlant',
 }
 
 
@@ -148,7 +148,7 @@ class NodeHere:
 
     @property
     def output(self) -> str:
-        """What the node has logged so far."""
+        """Return what the node has logged so far."""
         name = self.node.get_logger().name
         return ''.join(f'{text}\n' for logger, text in self._ros.log if logger == name)
 

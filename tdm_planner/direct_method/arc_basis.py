@@ -164,7 +164,7 @@ class ArcBasis:
 
     @property
     def of_boundary(self) -> Array:
-        """The part of the table that belongs to b, (P, nw, nb)."""
+        """Return the part of the table that belongs to b, (P, nw, nb)."""
         return np.split(self.table, [self.nc, self.nc + self.nb], axis=2)[1]
 
     def coefficients(self, xi: Array) -> Array:

@@ -153,7 +153,7 @@ class Transcription(NonlinearProgram):
 
     @cached_property
     def first_guess(self) -> Array:
-        """The guessed duration, and the outputs nearest to those that `first_guess` states."""
+        """Return the guessed duration, and the outputs nearest to the stated `first_guess`."""
         xi = np.zeros(self.size)
         xi[: self.basis.timing] = 1.0
         wanted = self._stated.guess(self.nodes)
@@ -443,7 +443,7 @@ class Transcription(NonlinearProgram):
 
     @cached_property
     def _kept(self) -> Array:
-        """What is kept of every limit at the nodes, (K, nm)."""
+        """Return what is kept of every limit at the nodes, (K, nm)."""
         names, reserves = self.trace.margin_names, self._stated.reserves
         kept = np.zeros((self.nodes.size, len(names)))
         kept[:] = np.array([reserves.get(name, 0.0) for name in names])

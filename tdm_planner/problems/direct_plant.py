@@ -41,7 +41,7 @@ class DirectPlant:
 
     @cached_property
     def stated(self) -> CheckedFormulation:
-        """The functions of the formulation, checked."""
+        """Return the functions of the formulation, checked."""
         return CheckedFormulation(self.formulation)
 
     @property
@@ -104,7 +104,7 @@ class TracedPlant(DirectPlant):
 
     @cached_property
     def _slopes(self) -> Any:
-        """The Jacobians by states and controls, column by column, as a CasADi function."""
+        """Return the Jacobians by states and controls, column by column, as a CasADi function."""
         made, rates = self._trace.functions, self._trace.rates
         if 'slopes' not in made:
             x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))

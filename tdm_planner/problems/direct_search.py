@@ -344,7 +344,7 @@ class DirectSearch(Search[Candidate]):
 
     @cached_property
     def _halves(self) -> Transcription:
-        """The program on the ends and middles of the coarse intervals."""
+        """Return the program on the ends and middles of the coarse intervals."""
         return self._program_on(np.linspace(0.0, 1.0, 2 * COARSE + 1))
 
     @property

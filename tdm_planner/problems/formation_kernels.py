@@ -98,7 +98,7 @@ class FormationValues(NamedTuple):
 
     @property
     def near(self) -> int:
-        """Number of margins near active."""
+        """Count the margins near active."""
         near = np.count_nonzero(self.thrust < ACTIVE_THRUST)
         near += np.count_nonzero(self.torque < ACTIVE_TORQUE)
         near += np.count_nonzero(self.walls < ACTIVE_WALL)

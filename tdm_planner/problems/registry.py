@@ -77,7 +77,7 @@ def load_problem(name: str) -> type[Problem]:
         hint = f' (did you mean {similar[0]}?)' if similar else ''
         raise InvalidProblem(
             f"parameter 'problem' = '{name}' is not allowed: must be one of "
-            f'{", ".join(names)}{hint}'
+            f'{", ".join(names)}, or a stated problem such as my_module:MyProblem{hint}'
         )
     return _load(name, address)
 

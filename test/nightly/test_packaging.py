@@ -22,10 +22,10 @@ import sys
 import zipfile
 
 import pytest
-from ros_harness import SOURCE
+from ros_harness import MODULES, SOURCE
 import tdm_planner
 
-EXECUTABLES = {'planner', 'tracker', 'pendulum_plant', 'robot_plant', 'tdm'}
+EXECUTABLES = {*MODULES, 'tdm'}
 PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
 COLCON = 'import sys; from colcon_core.command import main; sys.exit(main())'
 NOT_SOURCES = ('.*', 'build', 'install', 'log', '__pycache__', '*.egg-info', 'pendulum', 'robots')

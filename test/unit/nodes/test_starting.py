@@ -35,6 +35,7 @@ RECORD = ['tdm', 'record', '-o', 'bag']
         ('python -c 1', [], False),
         ('python -m tdm_planner.nodes.planner --ros-args', [], True),
         ('python -X dev -m tdm_sim.robot_plant', [], True),
+        ('python -m tdm_sim.stated_plant', [], True),
         ('python /opt/lib/tdm_planner/tracker', [], True),
     ],
 )
