@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.direct_method.tracing import Trace
 
 Array = NDArray[np.float64]
 
@@ -110,12 +110,13 @@ class Ends:
     What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
 
     `complete` where they say all of it: a condition on a derivative that is neither a state nor a
-    control cannot be kept by collocation.
+    control cannot be kept by collocation. `regular` where `invert` gives numbers at both ends.
     """
 
     states: Array
     controls: Array
     complete: bool = True
+    regular: bool = True
 
     @classmethod
     def of(cls, stated: CheckedFormulation) -> Ends:
@@ -124,7 +125,8 @@ class Ends:
 
         What does not change with these is given.
         """
-        rng, states, controls, complete = np.random.default_rng(1), [], [], True
+        rng, states, controls = np.random.default_rng(1), [], []
+        complete = regular = True
         for side, where in enumerate(('start', 'end')):
             y = {}
             for name, output in stated.outputs().items():
@@ -139,6 +141,7 @@ class Ends:
                 free = state.scale * rng.normal(size=3)
                 z[name] = free if value is None else np.full(3, float(value))
             both = _inverted(stated, y, z)
+            regular = regular and bool(np.isfinite(both).all())
             same = np.ptp(both, axis=0) <= 1e-9 * (1.0 + np.abs(both[0]))
             found = np.where(same, both[0], np.nan)
             first, last = np.split(found, [len(stated.state_names)])
@@ -151,7 +154,7 @@ class Ends:
                         moved[name][order] = moved[name][order] + 0.1
                     kept = not np.array_equal(_inverted(stated, moved, z), both, equal_nan=True)
                     complete = complete and kept
-        return cls(np.array(states), np.array(controls), complete)
+        return cls(np.array(states), np.array(controls), complete, regular)
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
@@ -351,71 +354,3 @@ class _Clock(ca.Callback):
 
     def eval(self, _: Sequence[Any]) -> list[int]:  # noqa: A003
         return [int(self.budget is not None and self.budget.spent)]
-
-
-class Replay:
-    """
-    A motion integrated from its first state, controls linear: to look before the check proper.
-
-    By `SUBSTEPS` Runge-Kutta steps an interval, all of it compiled.
-    """
-
-    SUBSTEPS = 6
-
-    def __init__(self, trace: Trace, intervals: int) -> None:
-        nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
-        x, h = ca.SX.sym('x', nx), ca.SX.sym('h')
-        first, last = ca.SX.sym('a', nu), ca.SX.sym('b', nu)
-        p = ca.SX.sym('p', trace.rates.size1_in(2))
-        state, found, step = x, [], h / self.SUBSTEPS
-        for part in range(self.SUBSTEPS):
-            shares = ((part + share) / self.SUBSTEPS for share in (0.0, 0.5, 1.0))
-            u0, um, u1 = (first + (last - first) * share for share in shares)
-            k1 = trace.rates(state, u0, p)
-            k2 = trace.rates(state + step / 2 * k1, um, p)
-            k3 = trace.rates(state + step / 2 * k2, um, p)
-            k4 = trace.rates(state + step * k3, u1, p)
-            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            found.append(state)
-        one = ca.Function('step', [x, first, last, h, p], [state, ca.vertcat(*found)])
-        self._all = one.mapaccum('replay', intervals)
-        self._intervals, self._trace = intervals, trace
-
-    @classmethod
-    def of(cls, trace: Trace, intervals: int) -> Replay:
-        """Return the replay of this kind, made once."""
-        key = 'replay', intervals
-        if key not in trace.functions:
-            trace.functions[key] = cls(trace, intervals)
-        replay: Replay = trace.functions[key]
-        return replay
-
-    def __call__(self, motion: Motion, numbers: Array) -> tuple[Array, Array, Array]:
-        """Return times (N,), states (N, nx) and controls (N, nu) at all substeps."""
-        n, k = self._intervals, self.SUBSTEPS
-        u, p = motion.controls, np.tile(numbers[:, None], (1, n))
-        steps = np.full((1, n), motion.duration / n)
-        _, inside = self._all(motion.states[0], u[:-1].T, u[1:].T, steps, p)
-        states = np.asarray(inside).T.reshape(n * k, -1)
-        times = np.linspace(0.0, motion.duration, n * k + 1)
-        share = np.tile(np.arange(k) / k, n)[:, None]
-        controls = np.repeat(u[:-1], k, axis=0) * (1 - share) + np.repeat(u[1:], k, axis=0) * share
-        return times, np.vstack([motion.states[0], states]), np.vstack([controls, u[-1]])
-
-    def worst(self, times: Array, states: Array, controls: Array, numbers: Array) -> Array:
-        """Return the least margins (nm,), also between the substeps, on cubics through them."""
-        parts = 5
-        count = times.size
-        rates = Call(self._trace.rates, count)(states, controls, numbers)[0].copy()
-        h, share = np.diff(times)[:, None, None], (np.arange(parts) / parts)[None, :, None]
-        a, b = states[:-1, None], states[1:, None]
-        fa, fb = rates[:-1, None], rates[1:, None]
-        cubic = (1 - share) ** 2 * ((1 + 2 * share) * a + share * h * fa)
-        cubic = cubic + share**2 * ((3 - 2 * share) * b + (share - 1) * h * fb)
-        linear = (1 - share) * controls[:-1, None] + share * controls[1:, None]
-        t = (times[:-1, None] + np.diff(times)[:, None] * share[0, :, 0]).ravel()
-        t = np.append(t, times[-1])[:, None]
-        x = np.vstack([cubic.reshape(-1, states.shape[1]), states[-1:]])
-        u = np.vstack([linear.reshape(-1, controls.shape[1]), controls[-1:]])
-        margins = Call(self._trace.margins, t.size)(t, x, u, numbers)[0]
-        return np.asarray(margins.min(axis=0)) if margins.size else np.zeros(0)

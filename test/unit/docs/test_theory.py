@@ -15,13 +15,9 @@ import math
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import (
-    PowerProducts,
-    SineSeries,
-    symmetric_powers,
-    TaranenkoReference,
-)
+from tdm_planner.direct_method import PowerProducts, SineSeries, symmetric_powers
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.output_basis import TaranenkoShapes
 from tdm_planner.plants import FloatingRobot, RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.formation_verification import penalty
@@ -40,10 +36,12 @@ S = np.linspace(0.0, 1.0, 11)
     ],
 )
 def test_taranenkos_functions_are_those_of_equation_1(shapes, phi):
+    """Whatever the coefficients of the shapes; here the conditions leave all of them free."""
     a = RNG.normal(size=shapes.size)
-    x = TaranenkoReference(shapes, {0: 1.0}, {0: -2.0}, tau_f=5.0, tau_0=3.0, varied=a)
+    basis = TaranenkoShapes.of(shapes, (0,), (0,))
+    x = basis.given(S) @ [1.0, -2.0] + basis.varied(S) @ (basis.free.T @ a)
     expected = 1.0 - 3.0 * S + sum(a[k - 1] * phi(k, S) for k in range(1, shapes.size + 1))
-    assert x(3.0 + 2.0 * S) == pytest.approx(expected)
+    assert x == pytest.approx(expected)
 
 
 def test_the_speed_factor_and_time_along_the_arc():
