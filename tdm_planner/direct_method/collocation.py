@@ -33,7 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.rounding import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
 Array = NDArray[np.float64]
@@ -56,17 +58,19 @@ class Settings:
     How a program is solved: most `iterations` of Ipopt, its first barrier parameter `barrier`.
 
     `smoothing` is the share of J that is charged for the controls' changes: where they do not
-    matter they rest.
+    matter they rest. `rounding` is the share of what stands in a kink of the running cost by which
+    that is rounded, see `rounding.Rounded`.
     """
 
     iterations: int
     barrier: float
     smoothing: float
+    rounding: float
 
 
-COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3)
+COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
 # A barrier of 1e-3 stalls: the multipliers begin at nothing.
-WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4)
+WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +184,8 @@ class Collocation:
             ca.SX.sym('su', nu),
         )
         st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
+        self._rounded = Rounded(trace.running)
+        e = ca.SX.sym('e', self._rounded.count)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
         u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
         h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
@@ -208,10 +214,18 @@ class Collocation:
                     at(trace.margins, instants, state, control)[self.inner_limits.tolist(), :]
                 )
         cost = trace.final(duration, x[:, -1], p)
+        rounded = cost
         if trace.has_running_cost:
-            q = at(trace.running, duration * times, x, u)
-            qm = at(trace.running, duration * (times[:, :-1] + 0.5 / n), m, middle_u)
-            cost += h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
+            ends = duration * times, x, u, ca.repmat(p, 1, n + 1)
+            middles = duration * (times[:, :-1] + 0.5 / n), m, middle_u, ca.repmat(p, 1, n)
+
+            def integral(function: Any, *more: Any) -> Any:
+                q = function.map(n + 1)(*ends, *(ca.repmat(one, 1, n + 1) for one in more))
+                qm = function.map(n)(*middles, *(ca.repmat(one, 1, n) for one in more))
+                return h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
+
+            rounded = cost + integral(self._rounded.value, e)
+            cost += integral(trace.running)
         conditions = ca.vertcat(
             trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
         )
@@ -219,10 +233,10 @@ class Collocation:
             ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
         )
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, st, charged)
+        given = ca.vertcat(p, sx, su, e, st, charged)
         self._equalities = 2 * n * nx + conditions.numel()
         self._sizes, self._rows = (nx, nu), rows.numel()
-        smoothed = cost + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
+        smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
         self._cost = ca.Function('cost', [z, given], [cost])
         ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
         self._clock = _Clock(z.numel(), rows.numel(), given.numel())
@@ -239,6 +253,15 @@ class Collocation:
                 'iteration_callback': self._clock,
             },
         )
+
+    def _rounding(self, guess: Motion, numbers: Array) -> Array:
+        """Return how far the kinks of the running cost are rounded, (k,)."""
+        if not self._rounded.count:
+            return np.zeros(0)
+        times = np.linspace(0.0, guess.duration, len(guess.states))[:, None]
+        call = Call(self._rounded.sizes, times.size)
+        sizes = np.abs(np.nan_to_num(call(times, guess.states, guess.controls, numbers)[0]))
+        return np.asarray(self._settings.rounding * sizes.max(axis=0) + _LEAST_SCALE[1])
 
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
@@ -295,7 +318,7 @@ class Collocation:
         if not self.inner_limits.size:
             inside = np.zeros(0)
         least[rows:] = np.concatenate([kept.ravel(), inside])
-        given = np.concatenate([numbers, sx, su, [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, self._rounding(guess, numbers), [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)

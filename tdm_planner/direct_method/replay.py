@@ -92,3 +92,13 @@ class Replay:
         u = np.vstack([linear.reshape(-1, controls.shape[1]), controls[-1:]])
         margins = Call(self._trace.margins, t.size)(t, x, u, numbers)[0]
         return np.asarray(margins.min(axis=0)) if margins.size else np.zeros(0)
+
+
+def cost_along(
+    trace: Trace, numbers: Array, times: Array, states: Array, controls: Array
+) -> float:
+    """Return J of a motion given at the ends and in the middle of intervals, (2 n + 1, ...)."""
+    rows = Call(trace.running, times.size)(times[:, None], states, controls, numbers)[0][:, 0]
+    pairs = rows[:-2:2] + 4.0 * rows[1::2] + rows[2::2]  # Simpson's rule
+    final = Call(trace.final)(times[-1], states[-1], numbers)[0]
+    return float((times[2::2] - times[:-2:2]) @ pairs / 6.0 + final[0])

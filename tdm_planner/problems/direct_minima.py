@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _GUESS_NODES = 25
+_PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers
 _TIGHT = TrustRegionOptions(
     penalties=(5.0, 5.0),
     largest_penalty=1e4,
@@ -62,7 +63,8 @@ class DirectMinima:
     """
     Minima of the direct method for one problem; `budget` counts what they took.
 
-    `program` is that on the nodes at which limits are kept; `rough` that of a first look.
+    `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
+    `parts` times as many nodes as usual.
 
     Raises
     ------
@@ -78,12 +80,11 @@ class DirectMinima:
     ) -> None:
         self._problem, self._stated = problem, CheckedFormulation(problem)
         self._trace, self._budget, self._rng = trace, budget, rng
-        self.rough = self.on(chebyshev_nodes(_GUESS_NODES))
+        self.parts, self.rough, changed = self._begun()
         steering = self.rough.has_end_conditions
         self._loose = replace(_LOOSE, steering=steering)
         feasibility = (problem.solver.tolerance, _FEASIBLE)
         self._tight = replace(_TIGHT, steering=steering, feasibility=feasibility)
-        changed = self._begin()
         check_dynamics(self.rough, changed)
         check_costs(trace, self.rough.motion(changed), trace.values(problem))
 
@@ -96,24 +97,28 @@ class DirectMinima:
         """The program on the nodes of the direct method's own plans."""
         outputs = self._stated.outputs().values()
         free = max(o.free if o.shapes is None else o.shapes.size for o in outputs)
-        return self.rough.refine(chebyshev_nodes(max(self._problem.nodes, 3 * free + 15)), {})
+        count = self.parts * max(self._problem.nodes, 3 * free + 15)
+        return self.rough.refine(chebyshev_nodes(count), {})
 
-    def _begin(self) -> Array:
-        """Scale the cost at the first guess, or at a change of it that is finite everywhere."""
-        program = self.rough
-        try:
-            program.begin(program.first_guess)
-            return self._change(program, 0.5)
-        except NotFinite as error:
-            refusal = error
-        for size in np.linspace(0.1, 1.0, _CHANGES):
-            xi = self._change(program, float(size))
-            try:
-                program.begin(xi)
-                return xi
-            except NotFinite:
-                pass
-        raise refusal
+    def _begun(self) -> tuple[int, Transcription, Array]:
+        """
+        Return the program of a first look and a change of the first guess to check it along.
+
+        Its cost is scaled at the first guess, or at a change of it that is finite everywhere.
+        """
+        refusals = []
+        for parts in _PARTS:
+            program = self.on(chebyshev_nodes(parts * _GUESS_NODES))
+            for size in (0.0, *np.linspace(0.1, 1.0, _CHANGES)):
+                xi = self._change(program, float(size)) if size else program.first_guess
+                try:
+                    program.begin(xi)
+                    return parts, program, xi if size else self._change(program, 0.5)
+                except NotFinite as error:
+                    refusals.append(error)
+            if not program.integrated:
+                break
+        raise refusals[0]
 
     def loose(self, attempt: int) -> Array | None:
         """Minimise roughly from the first guess or, from `attempt` 1 on, from a change of it."""

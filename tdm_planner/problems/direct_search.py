@@ -52,7 +52,7 @@ from tdm_planner.problems.direct_statement import (
     constraints_of,
     MARGIN_TOLERANCE,
 )
-from tdm_planner.problems.refinement import COARSE, FINE, Refinement
+from tdm_planner.problems.refinement import COARSE, FINE, FINEST, Refinement
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
@@ -67,6 +67,7 @@ _MOST = 8  # first guesses; fewer where the best solution
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
 _PLAIN, _STRAIGHT = 2, (3, 5, 7)  # attempts: boundary conditions alone, lines in state space
 _STARTS_SHARE = 0.4  # of the time allowed, after which one solution is enough
+_SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 
 _ROUNDS = 4  # of refinement of one candidate
@@ -200,10 +201,9 @@ class DirectSearch(Search[Candidate]):
                 raise
             minima = None
         for attempt in range(_MOST):
-            if attempt in _STRAIGHT:
-                bend = 0.5 if attempt > _STRAIGHT[0] else 0.0
-                yield self._refinement.straight(COARSE, bend, self._rng)
             if attempt in _STRAIGHT or minima is None:
+                bend = 0.5 if attempt not in (0, _STRAIGHT[0]) else 0.0
+                yield self._refinement.straight(COARSE, bend, self._rng)
                 continue
             xi = minima.rough.first_guess if attempt == _PLAIN else minima.loose(attempt)
             if xi is not None:
@@ -217,10 +217,11 @@ class DirectSearch(Search[Candidate]):
 
     def _motion_of(self, xi: Array) -> Motion:
         """Return the direct method's motion on the coarse intervals, which are even in time."""
-        motion = self._halves.motion(xi)
-        even = np.linspace(0.0, motion.times[-1], motion.times.size)
+        motion, parts = self._halves.motion(xi), self._minima.parts
+        times = motion.times[::parts]
+        even = np.linspace(0.0, times[-1], times.size)
         states, controls = (
-            np.stack([np.interp(even, motion.times, column) for column in values.T], axis=-1)
+            np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
         return Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
@@ -229,7 +230,7 @@ class DirectSearch(Search[Candidate]):
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
         motion, quick = coarse, self._warm or self._hurried
         if not quick:
-            motion = self._refinement.finer(coarse, FINE) or coarse
+            motion = self._settled(coarse)
         for found, states in self._refinement.refined(motion):
             times = np.linspace(0.0, found.duration, found.intervals + 1)
             parameters = np.concatenate([[found.duration], found.controls.ravel()])
@@ -237,6 +238,19 @@ class DirectSearch(Search[Candidate]):
             if plan is None:
                 return
             yield plan
+
+    def _settled(self, motion: Motion) -> Motion:
+        """Solve on more intervals, as many as J asks for."""
+        intervals = FINE
+        while intervals <= FINEST and not self._late:
+            finer = self._refinement.finer(motion, intervals)
+            if finer is None:
+                break
+            gain = abs(motion.cost - finer.cost)
+            motion, intervals = finer, 2 * intervals
+            if gain <= _SETTLED * abs(motion.cost):
+                break
+        return motion
 
     # The direct method by itself.
 
@@ -281,7 +295,7 @@ class DirectSearch(Search[Candidate]):
     @cached_property
     def _halves(self) -> Transcription:
         """The program on the ends and middles of the coarse intervals."""
-        return self._minima.on(np.linspace(0.0, 1.0, 2 * COARSE + 1))
+        return self._minima.on(np.linspace(0.0, 1.0, 2 * COARSE * self._minima.parts + 1))
 
     @property
     def _latest(self) -> float:

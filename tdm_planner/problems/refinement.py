@@ -38,7 +38,7 @@ from tdm_planner.direct_method.collocation import (
 )
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.replay import Replay
+from tdm_planner.direct_method.replay import cost_along, Replay
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
@@ -50,6 +50,7 @@ _REPAIRS = 7
 _SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
 _SHIFTS = 3
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
+_COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _LONGER = 1.3  # share by which a second guess of a warm start takes longer
 _SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
@@ -165,7 +166,8 @@ class Refinement:
         """
         Yield a motion that its replay confirms, then on ever more intervals.
 
-        With each the states at its nodes by replay, (n + 1, nx).
+        With each, whose cost is that of the replay, the states at its nodes by replay,
+        (n + 1, nx).
         """
         found: Motion | None = motion
         while found is not None:
@@ -184,11 +186,15 @@ class Refinement:
             times, states, controls = replay(motion, self.numbers)
             miss, gap = self._missed(states)
             least = replay.worst(times, states, controls, self.numbers)
+            cost = cost_along(self.trace, self.numbers, times, states, controls)
+            near = abs(cost - motion.cost) <= _COARSE * abs(cost)
             kept = bool((least >= -_TOUCHED).all())
-            if (gap <= _SHARE and kept) or turn == _REPAIRS or self._late:
+            if (gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
                 break
             intervals, guess = motion.intervals, motion
-            if not gap <= _NEAR or (gap > _SHARE and shifts >= _SHIFTS):  # too coarse to correct
+            if not (near and gap <= _NEAR) or (
+                gap > _SHARE and shifts >= _SHIFTS
+            ):  # too coarse to correct
                 intervals, shift, shifts = 2 * motion.intervals, 0.0 * shift, 0
                 if intervals > FINEST:
                     break
@@ -205,7 +211,7 @@ class Refinement:
             if again is None:
                 break
             motion = again
-        return motion, states[:: Replay.SUBSTEPS]
+        return replace(motion, cost=cost), states[:: Replay.SUBSTEPS]
 
     @property
     def _late(self) -> bool:
