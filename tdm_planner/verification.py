@@ -145,15 +145,18 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
     pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
+    short = trajectory.interpolation == 'linear'  # pieces, that mostly take one step
     for first, last in itertools.pairwise(_smooth_pieces(trajectory)):
+        ends = float(trajectory.times[first]), float(trajectory.times[last])
         result = solve_ivp(
             _limited(_right_hand_side(plant, trajectory, first), left, until),
-            (trajectory.times[first], trajectory.times[last]),
+            ends,
             current,
             method='DOP853',
             rtol=1e-9,
             atol=1e-11,
             dense_output=True,
+            first_step=ends[1] - ends[0] if short else None,
         )
         if not result.success:
             break
@@ -281,15 +284,16 @@ def resolved(
     """
     knots = np.union1d(trajectory.times, flight.steps)
     times = np.union1d(_divided(knots, _PER_STEP), knots)
+    states = flight.states(times)
     for _ in range(_ROUNDS):
-        states = flight.states(times)
         hidden = _hidden(constraints, times, states, trajectory.controls_at(times))
         if not hidden.size or times.size > MOST_INSTANTS:
             break
         edges = np.stack([times[hidden], times[hidden + 1]], axis=1)
         more = [_divided(edge, _PARTS) for edge in edges]
         times = np.union1d(times, np.concatenate(more))
-    return times, flight.states(times)
+        states = flight.states(times)
+    return times, states
 
 
 def _divided(edges: Array, parts: int) -> Array:

@@ -150,7 +150,7 @@ class Program:
         try:
             value = self.opti.solve().value
         except RuntimeError:
-            return guess._replace(cpu=process_time() - began)
+            return guess._replace(cost=np.inf, cpu=process_time() - began)
         cpu, cost = process_time() - began, float(value(self.cost))
         x, u, t = (value(v) * s for v, s in zip(self.free, self.scales, strict=True))
         return Motion(np.reshape(x, guess.x.shape), np.reshape(u, guess.u.shape), t, cost, cpu)

@@ -29,10 +29,10 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method import PolynomialReference
+from scipy.interpolate import BPoly
 
-START = ({0: 0.0, 1: 1.0, 2: 0.0}, {0: 0.0, 1: 0.2, 2: 0.1})
-END = ({0: 4.0, 1: 0.3, 2: 0.0}, {0: 3.0, 1: 1.0, 2: 0.0})
+START = (0.0, 1.0, 0.0), (0.0, 0.2, 0.1)  # x, x', x'' of either coordinate
+END = (4.0, 0.3, 0.0), (3.0, 1.0, 0.0)
 ARCS = (2.0, 4.0, 6.0, 8.0, 10.0)
 CURVATURES = (-1.0, 0.0, 1.0)
 
@@ -40,9 +40,9 @@ CURVATURES = (-1.0, 0.0, 1.0)
 def path(tau_f: float, curvature: float = 0.0) -> NDArray[np.float64]:
     """Return the path, (101, 2), for an arc's length tau_f and a final x_1'' of `curvature`."""
     tau = np.linspace(0.0, tau_f, 101)
-    ends = ({**END[0], 2: curvature}, END[1])
-    columns = [PolynomialReference(a, b, tau_f)(tau) for a, b in zip(START, ends, strict=True)]
-    return np.stack(columns, axis=1)
+    ends = (*END[0][:2], curvature), END[1]
+    both = zip(START, ends, strict=True)
+    return np.stack([BPoly.from_derivatives([0.0, tau_f], pair)(tau) for pair in both], axis=1)
 
 
 def draw(file: Path) -> None:

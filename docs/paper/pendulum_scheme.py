@@ -38,8 +38,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.interpolate import BPoly
 from scipy.optimize import brentq
-from tdm_planner.direct_method import Budget, minimise, PolynomialReference, TrustRegionOptions
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp, Plan
@@ -84,9 +86,9 @@ def printed(count: int, switches: Array, completed: bool = False) -> End:
     The reference function begins at rest with P'' = -1: where P'' vanishes too, no time passes
     in the first step, or it passes at the wrong rate.
     """
-    reference = PolynomialReference({0: START, 1: 0.0, 2: -1.0}, {0: GOAL, 1: 0.0, 2: 1.0}, 3.0)
-    tau = np.linspace(0.0, reference.tau_f, count)
-    theta = reference(tau)
+    tau = np.linspace(0.0, 3.0, count)
+    ends = (START, 0.0, -1.0), (GOAL, 0.0, 1.0)
+    theta = BPoly.from_derivatives([0.0, 3.0], ends)(tau)
     omega, psi, psi_dot, time, speed_factor = 0.0, 0.0, 0.0, 0.0, 1.0
     step = tau[1]
     for j in range(1, count):

@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method import PolynomialReference
+from scipy.interpolate import BPoly
 
 Array = NDArray[np.float64]
 
@@ -53,24 +53,21 @@ class Controls(NamedTuple):
 class Move(NamedTuple):
     """Reference functions of x, y and yaw on a common arc."""
 
-    x: PolynomialReference
-    y: PolynomialReference
-    yaw: PolynomialReference
+    x: BPoly
+    y: BPoly
+    yaw: BPoly
 
     @property
     def tau_f(self) -> float:
         """Length of the virtual arc."""
-        return self.x.tau_f
+        return float(self.x.x[-1])
 
 
 def move(velocity: float = 0.0, tau_f: float = 30.0, yaw_error: float = 0.0) -> Move:
     """Return a move by (2, 1) m and 1 rad, from a `velocity` along x or from rest, to rest."""
-    rest = {1: 0.0, 2: 0.0}
-    return Move(
-        PolynomialReference({0: 0.0, 1: velocity, 2: 0.0}, {0: 2.0, **rest}, tau_f),
-        PolynomialReference({0: 0.0, **rest}, {0: 1.0, **rest}, tau_f),
-        PolynomialReference({0: 0.0, 1: yaw_error, 2: 0.0}, {0: 1.0, **rest}, tau_f),
-    )
+    ways = (velocity, 2.0), (0.0, 1.0), (yaw_error, 1.0)
+    ends = [((0.0, rate, 0.0), (goal, 0.0, 0.0)) for rate, goal in ways]
+    return Move(*(BPoly.from_derivatives([0.0, tau_f], pair) for pair in ends))
 
 
 def printed(motion: Move, nodes: int, first_yaw_rate: float = 0.0) -> Controls:

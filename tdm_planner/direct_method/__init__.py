@@ -14,68 +14,18 @@
 
 """The direct method itself, free of any plant: sections 2 and 3 of Yakimenko (2006)."""
 
-from typing import Any, TYPE_CHECKING
-
 from tdm_planner.direct_method.formulation import Duration, Formulation, Integrated, Output
-from tdm_planner.direct_method.nonlinear_program import (
-    Budget,
-    Linearisation,
-    Multipliers,
-    NonlinearProgram,
-    Point,
-)
-from tdm_planner.direct_method.polynomial import PolynomialBasis, PolynomialReference
-from tdm_planner.direct_method.reference_function import ReferenceBasis, ReferenceFunction
-from tdm_planner.direct_method.shapes import (
-    CombinedShapes,
-    power_products,
-    PowerProducts,
-    Shapes,
-    SineSeries,
-    symmetric_powers,
-)
-from tdm_planner.direct_method.taranenko import TaranenkoBasis, TaranenkoReference
-from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
-from tdm_planner.direct_method.virtual_domain import arc_derivatives, time_derivatives
-
-if TYPE_CHECKING:
-    from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.shapes import PowerProducts, Shapes, SineSeries, symmetric_powers
 
 __all__ = [
     'Budget',
-    'CombinedShapes',
     'Duration',
     'Formulation',
     'Integrated',
-    'Linearisation',
-    'Minimum',
-    'Multipliers',
-    'NonlinearProgram',
     'Output',
-    'Point',
-    'PolynomialBasis',
-    'PolynomialReference',
     'PowerProducts',
-    'ReferenceBasis',
-    'ReferenceFunction',
     'Shapes',
     'SineSeries',
-    'TaranenkoBasis',
-    'TaranenkoReference',
-    'Transcription',
-    'TrustRegionOptions',
-    'arc_derivatives',
-    'minimise',
-    'power_products',
     'symmetric_powers',
-    'time_derivatives',
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Import what traces, which takes CasADi, when it is used."""
-    if name == 'Transcription':
-        from tdm_planner.direct_method.transcription import Transcription
-
-        return Transcription
-    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -32,12 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.direct_method.formulation import Duration, Output
+from tdm_planner.direct_method.graphs import Differentiated
 from tdm_planner.direct_method.output_basis import output_basis
-from tdm_planner.direct_method.tracing import Differentiated
 from tdm_planner.direct_method.virtual_domain import (
-    candidate_arc_derivatives,
-    candidate_time_derivatives,
+    arc_derivatives,
     reciprocal,
+    time_derivatives,
 )
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class ArcLayout:
             if self.degree == 0:
                 found[name] = [value / mu[0] ** k if k else value for k, value in enumerate(jet)]
             else:
-                found[name] = candidate_time_derivatives(jet, reciprocal(mu[: max(1, order)]))
+                found[name] = time_derivatives(jet, reciprocal(mu[: max(1, order)]))
         return mu[0], w[self.rates], found
 
 
@@ -107,7 +107,7 @@ def boundary_values(layout: ArcLayout) -> Differentiated:
                 found += [known[k] * mu[0] ** k for k in orders]
             elif size:
                 jet = [known.get(k, ca.SX(0)) for k in range(size)]
-                by_arc = candidate_arc_derivatives(jet, reciprocal(mu))
+                by_arc = arc_derivatives(jet, reciprocal(mu))
                 found += [by_arc[k] for k in orders]
     column = [ca.vertcat(ca.SX(0, 1), *values) for values in (given, found)]
     return Differentiated('boundary', c, *column)

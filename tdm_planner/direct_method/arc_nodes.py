@@ -16,14 +16,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.interpolate import CubicSpline
-from tdm_planner.direct_method.checks import real_array, whole
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.direct_method.checks import whole
 
 Array = NDArray[np.float64]
 
@@ -42,23 +39,6 @@ def chebyshev_nodes(count: int) -> Array:
     """
     last = whole(count, 'the number of nodes', 3, _MOST_NODES) - 1
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(last + 1) / last))
-
-
-def check_nodes(nodes: Any) -> Array:
-    """
-    Return nodes (K,), K >= 3.
-
-    Raises
-    ------
-    InvalidProblem
-        If they do not increase from 0 to 1.
-
-    """
-    found = real_array(nodes, 'the nodes')
-    increasing = found.ndim == 1 and found.size >= 3 and bool((np.diff(found) > 0).all())
-    if not increasing or found[0] != 0 or abs(found[-1] - 1.0) > 1e-12:
-        raise InvalidProblem('the nodes of an arc must increase from 0 to 1, at least 3 of them')
-    return found
 
 
 def quadrature_weights(nodes: Array) -> Array:

@@ -33,8 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.direct_method.rounding import Rounded
+from tdm_planner.direct_method.tracing import Trace
 
 Array = NDArray[np.float64]
 
@@ -56,17 +58,19 @@ class Settings:
     How a program is solved: most `iterations` of Ipopt, its first barrier parameter `barrier`.
 
     `smoothing` is the share of J that is charged for the controls' changes: where they do not
-    matter they rest.
+    matter they rest. `rounding` is the share of what stands in a kink of the running cost by which
+    that is rounded, see `rounding.Rounded`.
     """
 
     iterations: int
     barrier: float
     smoothing: float
+    rounding: float
 
 
-COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3)
+COLD = Settings(iterations=80, barrier=1e-1, smoothing=1e-3, rounding=1e-2)
 # A barrier of 1e-3 stalls: the multipliers begin at nothing.
-WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4)
+WARM = Settings(iterations=100, barrier=1e-2, smoothing=1e-4, rounding=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +114,13 @@ class Ends:
     What the boundary conditions say of states (2, nx) and controls (2, nu); NaN where free.
 
     `complete` where they say all of it: a condition on a derivative that is neither a state nor a
-    control cannot be kept by collocation.
+    control cannot be kept by collocation. `regular` where `invert` gives numbers at both ends.
     """
 
     states: Array
     controls: Array
     complete: bool = True
+    regular: bool = True
 
     @classmethod
     def of(cls, stated: CheckedFormulation) -> Ends:
@@ -124,7 +129,8 @@ class Ends:
 
         What does not change with these is given.
         """
-        rng, states, controls, complete = np.random.default_rng(1), [], [], True
+        rng, states, controls = np.random.default_rng(1), [], []
+        complete = regular = True
         for side, where in enumerate(('start', 'end')):
             y = {}
             for name, output in stated.outputs().items():
@@ -139,6 +145,7 @@ class Ends:
                 free = state.scale * rng.normal(size=3)
                 z[name] = free if value is None else np.full(3, float(value))
             both = _inverted(stated, y, z)
+            regular = regular and bool(np.isfinite(both).all())
             same = np.ptp(both, axis=0) <= 1e-9 * (1.0 + np.abs(both[0]))
             found = np.where(same, both[0], np.nan)
             first, last = np.split(found, [len(stated.state_names)])
@@ -151,7 +158,7 @@ class Ends:
                         moved[name][order] = moved[name][order] + 0.1
                     kept = not np.array_equal(_inverted(stated, moved, z), both, equal_nan=True)
                     complete = complete and kept
-        return cls(np.array(states), np.array(controls), complete)
+        return cls(np.array(states), np.array(controls), complete, regular)
 
 
 def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
@@ -177,6 +184,8 @@ class Collocation:
             ca.SX.sym('su', nu),
         )
         st, charged = ca.SX.sym('st'), ca.SX.sym('charged')
+        self._rounded = Rounded(trace.running)
+        e = ca.SX.sym('e', self._rounded.count)
         x, m = x_ * ca.repmat(sx, 1, n + 1), m_ * ca.repmat(sx, 1, n)
         u, duration = u_ * ca.repmat(su, 1, n + 1), t_ * st
         h, middle_u = duration / n, 0.5 * (u[:, :-1] + u[:, 1:])
@@ -205,10 +214,18 @@ class Collocation:
                     at(trace.margins, instants, state, control)[self.inner_limits.tolist(), :]
                 )
         cost = trace.final(duration, x[:, -1], p)
+        rounded = cost
         if trace.has_running_cost:
-            q = at(trace.running, duration * times, x, u)
-            qm = at(trace.running, duration * (times[:, :-1] + 0.5 / n), m, middle_u)
-            cost += h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
+            ends = duration * times, x, u, ca.repmat(p, 1, n + 1)
+            middles = duration * (times[:, :-1] + 0.5 / n), m, middle_u, ca.repmat(p, 1, n)
+
+            def integral(function: Any, *more: Any) -> Any:
+                q = function.map(n + 1)(*ends, *(ca.repmat(one, 1, n + 1) for one in more))
+                qm = function.map(n)(*middles, *(ca.repmat(one, 1, n) for one in more))
+                return h / 6 * ca.sum2(q[:, :-1] + 4 * qm + q[:, 1:])
+
+            rounded = cost + integral(self._rounded.value, e)
+            cost += integral(trace.running)
         conditions = ca.vertcat(
             trace.start_conditions(0.0, x[:, 0], p), trace.end_conditions(duration, x[:, -1], p)
         )
@@ -216,10 +233,10 @@ class Collocation:
             ca.vec(simpson), ca.vec(hermite), conditions, ca.vec(limits), *map(ca.vec, inner)
         )
         z = ca.vertcat(ca.vec(x_), ca.vec(m_), ca.vec(u_), t_)
-        given = ca.vertcat(p, sx, su, st, charged)
+        given = ca.vertcat(p, sx, su, e, st, charged)
         self._equalities = 2 * n * nx + conditions.numel()
         self._sizes, self._rows = (nx, nu), rows.numel()
-        smoothed = cost + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
+        smoothed = rounded + charged * ca.sumsqr(u_[:, 1:] - u_[:, :-1])
         self._cost = ca.Function('cost', [z, given], [cost])
         ipopt = {**_IPOPT, 'max_iter': settings.iterations, 'mu_init': settings.barrier}
         self._clock = _Clock(z.numel(), rows.numel(), given.numel())
@@ -236,6 +253,15 @@ class Collocation:
                 'iteration_callback': self._clock,
             },
         )
+
+    def _rounding(self, guess: Motion, numbers: Array) -> Array:
+        """Return how far the kinks of the running cost are rounded, (k,)."""
+        if not self._rounded.count:
+            return np.zeros(0)
+        times = np.linspace(0.0, guess.duration, len(guess.states))[:, None]
+        call = Call(self._rounded.sizes, times.size)
+        sizes = np.abs(np.nan_to_num(call(times, guess.states, guess.controls, numbers)[0]))
+        return np.asarray(self._settings.rounding * sizes.max(axis=0) + _LEAST_SCALE[1])
 
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
@@ -292,7 +318,7 @@ class Collocation:
         if not self.inner_limits.size:
             inside = np.zeros(0)
         least[rows:] = np.concatenate([kept.ravel(), inside])
-        given = np.concatenate([numbers, sx, su, [st, 1.0]])
+        given = np.concatenate([numbers, sx, su, self._rounding(guess, numbers), [st, 1.0]])
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
@@ -351,71 +377,3 @@ class _Clock(ca.Callback):
 
     def eval(self, _: Sequence[Any]) -> list[int]:  # noqa: A003
         return [int(self.budget is not None and self.budget.spent)]
-
-
-class Replay:
-    """
-    A motion integrated from its first state, controls linear: to look before the check proper.
-
-    By `SUBSTEPS` Runge-Kutta steps an interval, all of it compiled.
-    """
-
-    SUBSTEPS = 6
-
-    def __init__(self, trace: Trace, intervals: int) -> None:
-        nx, nu = trace.rates.size1_in(0), trace.rates.size1_in(1)
-        x, h = ca.SX.sym('x', nx), ca.SX.sym('h')
-        first, last = ca.SX.sym('a', nu), ca.SX.sym('b', nu)
-        p = ca.SX.sym('p', trace.rates.size1_in(2))
-        state, found, step = x, [], h / self.SUBSTEPS
-        for part in range(self.SUBSTEPS):
-            shares = ((part + share) / self.SUBSTEPS for share in (0.0, 0.5, 1.0))
-            u0, um, u1 = (first + (last - first) * share for share in shares)
-            k1 = trace.rates(state, u0, p)
-            k2 = trace.rates(state + step / 2 * k1, um, p)
-            k3 = trace.rates(state + step / 2 * k2, um, p)
-            k4 = trace.rates(state + step * k3, u1, p)
-            state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            found.append(state)
-        one = ca.Function('step', [x, first, last, h, p], [state, ca.vertcat(*found)])
-        self._all = one.mapaccum('replay', intervals)
-        self._intervals, self._trace = intervals, trace
-
-    @classmethod
-    def of(cls, trace: Trace, intervals: int) -> Replay:
-        """Return the replay of this kind, made once."""
-        key = 'replay', intervals
-        if key not in trace.functions:
-            trace.functions[key] = cls(trace, intervals)
-        replay: Replay = trace.functions[key]
-        return replay
-
-    def __call__(self, motion: Motion, numbers: Array) -> tuple[Array, Array, Array]:
-        """Return times (N,), states (N, nx) and controls (N, nu) at all substeps."""
-        n, k = self._intervals, self.SUBSTEPS
-        u, p = motion.controls, np.tile(numbers[:, None], (1, n))
-        steps = np.full((1, n), motion.duration / n)
-        _, inside = self._all(motion.states[0], u[:-1].T, u[1:].T, steps, p)
-        states = np.asarray(inside).T.reshape(n * k, -1)
-        times = np.linspace(0.0, motion.duration, n * k + 1)
-        share = np.tile(np.arange(k) / k, n)[:, None]
-        controls = np.repeat(u[:-1], k, axis=0) * (1 - share) + np.repeat(u[1:], k, axis=0) * share
-        return times, np.vstack([motion.states[0], states]), np.vstack([controls, u[-1]])
-
-    def worst(self, times: Array, states: Array, controls: Array, numbers: Array) -> Array:
-        """Return the least margins (nm,), also between the substeps, on cubics through them."""
-        parts = 5
-        count = times.size
-        rates = Call(self._trace.rates, count)(states, controls, numbers)[0].copy()
-        h, share = np.diff(times)[:, None, None], (np.arange(parts) / parts)[None, :, None]
-        a, b = states[:-1, None], states[1:, None]
-        fa, fb = rates[:-1, None], rates[1:, None]
-        cubic = (1 - share) ** 2 * ((1 + 2 * share) * a + share * h * fa)
-        cubic = cubic + share**2 * ((3 - 2 * share) * b + (share - 1) * h * fb)
-        linear = (1 - share) * controls[:-1, None] + share * controls[1:, None]
-        t = (times[:-1, None] + np.diff(times)[:, None] * share[0, :, 0]).ravel()
-        t = np.append(t, times[-1])[:, None]
-        x = np.vstack([cubic.reshape(-1, states.shape[1]), states[-1:]])
-        u = np.vstack([linear.reshape(-1, controls.shape[1]), controls[-1:]])
-        margins = Call(self._trace.margins, t.size)(t, x, u, numbers)[0]
-        return np.asarray(margins.min(axis=0)) if margins.size else np.zeros(0)

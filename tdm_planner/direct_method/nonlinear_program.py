@@ -28,12 +28,21 @@ Array = NDArray[np.float64]
 
 
 class Budget:
-    """The time a search may take, and a count of what it did."""
+    """The time a search may take, and a count of what it did: of its parts as well."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, whole: Budget | None = None) -> None:
         self.started = time.perf_counter()
         self.seconds = seconds
-        self.evaluations = 0
+        self._count: list[int] = [0] if whole is None else whole._count
+
+    @property
+    def evaluations(self) -> int:
+        """How often the dynamics were computed along a candidate."""
+        return self._count[0]
+
+    @evaluations.setter
+    def evaluations(self, count: int) -> None:
+        self._count[0] = count
 
     @property
     def elapsed(self) -> float:
@@ -49,6 +58,10 @@ class Budget:
     def spent(self) -> bool:
         """Whether the deadline has passed."""
         return self.remaining <= 0
+
+    def part(self, seconds: float) -> Budget:
+        """Return a budget of so many seconds [s] from now, whose count is that of the whole."""
+        return Budget(seconds, self)
 
     def leaving(self, seconds: float, share: float) -> Budget:
         """Return what remains but for `seconds` [s], at most that `share` of the whole."""

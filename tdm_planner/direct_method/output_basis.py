@@ -19,18 +19,42 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 from tdm_planner.direct_method.formulation import Output
 from tdm_planner.direct_method.polynomial import PolynomialBasis
-from tdm_planner.direct_method.reference_function import ReferenceBasis
 from tdm_planner.direct_method.shapes import product_derivative, Shapes
-from tdm_planner.direct_method.taranenko import TaranenkoBasis
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
+
+_DEPENDENT = 1e-9  # share of a shape, or of a condition, that the others leave of it
+
+
+class ReferenceBasis(Protocol):
+    """
+    A family of reference functions on the unit interval, split by what determines them.
+
+    x(s) = given(s) @ b + varied(s) @ a, where b holds the derivatives of orders `start` at s = 0,
+    then those of orders `end` at s = 1, and a is free: whatever a is, the conditions hold.
+    """
+
+    @property
+    def start(self) -> tuple[int, ...]:
+        """Orders of the derivatives given at s = 0."""
+
+    @property
+    def end(self) -> tuple[int, ...]:
+        """Orders of the derivatives given at s = 1."""
+
+    def given(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the derivative at s (...) of the part of every condition, (..., mg)."""
+
+    def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the derivative at s (...) of every free shape, (..., mv)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +130,71 @@ class LegendrePolynomials:
 
 
 @dataclass(frozen=True, eq=False)
+class TaranenkoShapes:
+    """
+    Functions (1) of Yakimenko (2006): linear interpolation plus shapes Phi.
+
+    Derivatives that are given at the ends fix some combinations of the coefficients A_k
+    (`by_given` (m, mg) @ b), the others (`free` (m, mv) @ a) are varied.
+    """
+
+    shapes: Shapes
+    start: tuple[int, ...]
+    end: tuple[int, ...]
+    by_given: Array
+    free: Array
+
+    @classmethod
+    def of(cls, shapes: Shapes, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoShapes:
+        """
+        Return the basis for derivatives of these orders at the ends.
+
+        Raises
+        ------
+        InvalidProblem
+            If the value itself is missing at an end, or the shapes cannot meet the conditions.
+
+        """
+        for where, orders in (('start', start), ('end', end)):
+            if 0 not in orders:
+                raise InvalidProblem(
+                    f'the value at the {where} is missing: shapes are added to a line between '
+                    'both ends'
+                )
+        count = len(start) + len(end)
+        plain = cls(shapes, start, end, np.zeros((shapes.size, count)), np.eye(shapes.size))
+        slopes = [(i, 0.0, k) for i, k in enumerate(start) if k]
+        slopes += [(len(start) + i, 1.0, k) for i, k in enumerate(end) if k]
+        # Rows of different orders are made comparable.
+        rows = [shapes.values(at, order) / np.pi**order for _, at, order in slopes]
+        missing = [(np.eye(count)[i] - plain.given(at, k)) / np.pi**k for i, at, k in slopes]
+        matrix = np.array(rows).reshape(len(slopes), shapes.size)
+        wanted = np.array(missing).reshape(len(slopes), count)
+        by_given = np.linalg.pinv(matrix, rcond=_DEPENDENT) @ wanted
+        if np.abs(matrix @ by_given - wanted).max(initial=0.0) > _DEPENDENT:
+            raise InvalidProblem(
+                f'{shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
+                f'{list(end)} at the end; take more, or others'
+            )
+        _, sizes, directions = np.linalg.svd(matrix)
+        rank = int((sizes > _DEPENDENT * sizes.max(initial=0.0)).sum())
+        return cls(shapes, start, end, by_given, directions[rank:].T)
+
+    def given(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return the part of every condition, (..., mg)."""
+        at = np.asarray(s, dtype=float)
+        line = np.zeros((*at.shape, len(self.start) + len(self.end)))
+        if derivative < 2:
+            line[..., self.start.index(0)] = -1.0 if derivative else 1.0 - at
+            line[..., len(self.start) + self.end.index(0)] = 1.0 if derivative else at
+        return np.asarray(line + self.shapes.values(at, derivative) @ self.by_given)
+
+    def varied(self, s: ArrayLike, derivative: int = 0) -> Array:
+        """Return every free combination of shapes, (..., mv)."""
+        return np.asarray(self.shapes.values(s, derivative) @ self.free)
+
+
+@dataclass(frozen=True, eq=False)
 class OrthonormalBasis:
     """A basis with orthonormal free shapes, by default in the mean of f g + f'' g''."""
 
@@ -114,7 +203,15 @@ class OrthonormalBasis:
 
     @classmethod
     def of(cls, basis: ReferenceBasis, derivatives: tuple[int, ...] = (0, 2)) -> OrthonormalBasis:
-        """Make the free shapes orthonormal in the mean of these derivatives' products."""
+        """
+        Make the free shapes orthonormal in the mean of these derivatives' products.
+
+        Raises
+        ------
+        InvalidProblem
+            If they depend on one another.
+
+        """
         count = len(basis.start) + len(basis.end) + basis.varied(0.0).size
         points, weights = np.polynomial.legendre.leggauss(max(64, count + 8))
         root = np.sqrt(weights / 2.0)[:, None]
@@ -122,6 +219,8 @@ class OrthonormalBasis:
         sampled = np.concatenate([root * basis.varied(at, k) for k in derivatives])
         sizes = np.linalg.norm(sampled, axis=0)
         _, triangle = np.linalg.qr(sampled / sizes)
+        if np.abs(np.diag(triangle)).min(initial=1.0) < 1e-3 * _DEPENDENT:
+            raise InvalidProblem('some shapes are sums of others: take fewer, or others')
         return cls(basis, np.linalg.inv(triangle) / sizes[:, None])
 
     @property
@@ -177,23 +276,9 @@ def output_basis(name: str, output: Output, speed_factor_order: int) -> Orthonor
 def _orthonormal(
     shapes: Shapes | None, start: tuple[int, ...], end: tuple[int, ...], free: int
 ) -> OrthonormalBasis:
-    if shapes is None:
-        return OrthonormalBasis.of(_polynomials(start, end, free))
-    return OrthonormalBasis.of(_taranenko(shapes, start, end))
-
-
-def _polynomials(start: tuple[int, ...], end: tuple[int, ...], free: int) -> ReferenceBasis:
+    if shapes is not None:
+        return OrthonormalBasis.of(TaranenkoShapes.of(shapes, start, end))
     complete = all(sorted(orders) == list(range(len(orders))) for orders in (start, end))
     if free and complete:
-        return LegendrePolynomials(start, end, free)
-    return VariedPolynomials.of(start, end, free)
-
-
-def _taranenko(shapes: Shapes, start: tuple[int, ...], end: tuple[int, ...]) -> TaranenkoBasis:
-    basis = TaranenkoBasis.of(shapes, start, end)
-    if not basis.unconditional:
-        raise InvalidProblem(
-            f'{shapes.size} shapes cannot meet derivatives {list(start)} at the start and '
-            f'{list(end)} at the end; take more, or others'
-        )
-    return basis
+        return OrthonormalBasis.of(LegendrePolynomials(start, end, free))
+    return OrthonormalBasis.of(VariedPolynomials.of(start, end, free))

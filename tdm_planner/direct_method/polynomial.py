@@ -25,7 +25,6 @@ so that the boundary conditions hold to the last bits whatever the span and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -33,16 +32,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.direct_method.checks import (
-    arc_power,
-    check_arc,
-    check_conditions,
-    check_derivative,
-    check_orders,
-    common_shape,
-    real_array,
-    scaled_values,
-)
+from tdm_planner.direct_method.checks import check_orders
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -164,59 +154,3 @@ def _differentiated(basis: PolynomialBasis, derivative: int) -> Array:
     found: Array = np.array(factors, dtype=float)[:, None] * both
     found.flags.writeable = False
     return found
-
-
-class PolynomialReference:
-    """
-    A polynomial reference function x(tau) on [tau_0, tau_f] given by its end derivatives.
-
-    `start` and `end` map the order of a derivative d^k x / d tau^k to its value at tau_0 and at
-    tau_f; a value is a number or an array (...,), the same shape for all. Prescribed and varied
-    derivatives are treated alike: x is linear in all of them, and `jacobian` is its exact
-    derivative with respect to them.
-
-    Beyond the ends of the arc the function goes on as it is, and can be evaluated there.
-
-    Raises
-    ------
-    InvalidProblem
-        If tau_f <= tau_0, a value is not finite, or the conditions do not determine a polynomial.
-
-    """
-
-    def __init__(
-        self,
-        start: Mapping[int, ArrayLike],
-        end: Mapping[int, ArrayLike],
-        tau_f: float,
-        tau_0: float = 0.0,
-    ) -> None:
-        self.tau_0, self.tau_f = check_arc(tau_0, tau_f)
-        for where, given in (('start', start), ('end', end)):
-            check_conditions(where, given)
-        self.basis = PolynomialBasis.of(tuple(start), tuple(end))
-        values = common_shape([*start.values(), *end.values()], 'the boundary values')
-        self._span = self.tau_f - self.tau_0
-        self._scales = np.array([arc_power(self._span, k) for k in (*start, *end)])
-        scales = self._scales.reshape(-1, *(1,) * (values.ndim - 1))
-        self._data = scaled_values(values, scales)
-
-    @property
-    def order(self) -> int:
-        """Order of the polynomial."""
-        return self.basis.order
-
-    def __call__(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Return the `order`-th derivative at tau (n...,): shape (n..., value shape)."""
-        shapes = self.basis.values(self._unit(tau), check_derivative(order))
-        return np.asarray(
-            np.tensordot(shapes, self._data, axes=(-1, 0)) / arc_power(self._span, order)
-        )
-
-    def jacobian(self, tau: ArrayLike, order: int = 0) -> Array:
-        """Return the derivative of `x(tau, order)` by the end derivatives, (n..., m)."""
-        shapes = self.basis.values(self._unit(tau), check_derivative(order))
-        return np.asarray(shapes * self._scales / arc_power(self._span, order))
-
-    def _unit(self, tau: ArrayLike) -> Array:
-        return (real_array(tau, 'tau') - self.tau_0) / self._span

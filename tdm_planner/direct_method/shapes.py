@@ -17,9 +17,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,10 +47,6 @@ class Shapes(ABC):
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the `derivative`-th derivative of every shape at s (...), (..., m)."""
 
-    def names(self) -> tuple[Hashable, ...]:
-        """Return what tells every shape from others, (m,): by default family and index."""
-        return tuple((self, index) for index in range(self.size))
-
     def __add__(self, other: Shapes) -> Shapes:
         """Return the shapes of both families."""
         if not isinstance(other, Shapes):
@@ -60,34 +56,9 @@ class Shapes(ABC):
 
 @dataclass(frozen=True)
 class CombinedShapes(Shapes):
-    """
-    The shapes of several families, one after the other.
-
-    Raises
-    ------
-    InvalidProblem
-        If a shape belongs to more than one of them: its coefficients could not be told apart.
-
-    """
+    """The shapes of several families, one after the other."""
 
     families: tuple[Shapes, ...]
-
-    def __post_init__(self) -> None:
-        """Check that no shape is there twice."""
-        known: set[Hashable] = set()
-        for family in self.families:
-            names = family.names()
-            twice = next((name for name in names if name in known), None)
-            if twice is not None:
-                raise InvalidProblem(
-                    f'the shape {shown(twice)} is in more than one of the families that are '
-                    'combined: their coefficients could not be told apart'
-                )
-            known.update(names)
-
-    def names(self) -> tuple[Hashable, ...]:
-        """Return what tells every shape from others."""
-        return tuple(name for family in self.families for name in family.names())
 
     @property
     def size(self) -> int:
@@ -114,10 +85,6 @@ class SineSeries(Shapes):
         """Return the number of shapes."""
         return self.terms
 
-    def names(self) -> tuple[Hashable, ...]:
-        """Return what tells every shape from others."""
-        return tuple(f'sin({k} pi s)' for k in range(1, self.terms + 1))
-
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m)."""
         k = np.arange(1, self.terms + 1)
@@ -140,38 +107,32 @@ class PowerProducts(Shapes):
     are the paper's times (tau_f - tau_0)^(m1 + m2), in the unit of x.
     """
 
-    exponents: tuple[tuple[int, int], ...]
+    exponents: Any  # kept as a tuple of pairs
 
     def __post_init__(self) -> None:
         """Check the exponents."""
-        if not isinstance(self.exponents, tuple):  # families are told apart by their hash
+        try:
+            pairs = tuple((first, second) for first, second in self.exponents)
+        except (TypeError, ValueError):
+            pairs = ()
+        if not pairs:
             raise InvalidProblem(
-                f'exponents = {shown(self.exponents)} must be a tuple of pairs, such as '
-                '((1, 2), (2, 2)); power_products takes any sequence of them'
+                f'exponents = {shown(self.exponents)} must be pairs, such as [(1, 2), (2, 2)]'
             )
-        if not self.exponents:
-            raise InvalidProblem('a family of power products needs at least one pair of exponents')
-        for pair in self.exponents:
-            if not isinstance(pair, tuple) or len(pair) != 2:
-                raise InvalidProblem(f'exponents {shown(pair)} are not a pair (m1, m2)')
+        for pair in pairs:
             for exponent in pair:  # at least 1, for the product to vanish at both ends
                 whole(exponent, f'an exponent of {shown(pair)}', 1, _MOST)
-        if len(set(self.exponents)) != len(self.exponents):
-            raise InvalidProblem(f'the exponents {self.exponents} must be distinct')
+        object.__setattr__(self, 'exponents', pairs)
 
     @property
     def size(self) -> int:
         """Return the number of shapes."""
         return len(self.exponents)
 
-    def names(self) -> tuple[Hashable, ...]:
-        """Return what tells every shape from others."""
-        return tuple(f's^{first} (s - 1)^{second}' for first, second in self.exponents)
-
     def values(self, s: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives of all shapes, (..., m), by Leibniz' rule."""
         at = np.asarray(s, dtype=float)
-        shapes = [product_derivative(at, *pair, derivative) for pair in self.exponents]
+        shapes = [product_derivative(at, a, b, derivative) for a, b in self.exponents]
         return np.stack(shapes, axis=-1)
 
 
@@ -188,14 +149,3 @@ def symmetric_powers(terms: int) -> PowerProducts:
     """Return s^k (s - 1)^k, k = 1..`terms`: symmetric about the middle of the arc."""
     count = whole(terms, 'the number of terms of a series of powers', 1, _MOST)
     return PowerProducts(tuple((k, k) for k in range(1, count + 1)))
-
-
-def power_products(exponents: Sequence[tuple[int, int]]) -> PowerProducts:
-    """Return s^m1 (s - 1)^m2 for every pair (m1, m2)."""
-    try:
-        pairs = tuple(tuple(pair) for pair in exponents)
-    except TypeError:
-        raise InvalidProblem(
-            f'the exponents {shown(exponents)} must be pairs, such as [(1, 2), (2, 2)]'
-        ) from None
-    return PowerProducts(pairs)  # type: ignore[arg-type]  # checked when it is made

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-import copy
 import dataclasses
 import inspect
 import linecache
@@ -38,6 +37,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.statement_numbers import numbers, structure, twin_of
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -65,92 +66,6 @@ _HINTS = {
 }
 _LIBRARIES = tuple(f'{Path(path).parent}/' for path in (ca.__file__, np.__file__, __file__))
 _HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
-
-
-class Call:
-    """A CasADi function on numpy arrays without copies, for `count` nodes at once if given."""
-
-    def __init__(self, function: Any, count: int | None = None) -> None:
-        mapped = function if count is None else function.map(count)
-        self._buffer, self._run = mapped.buffer()
-
-        def flat(size: tuple[int, int]) -> tuple[int, ...]:
-            return (size[0] * size[1],) if count is None else (size[1], size[0])
-
-        self._given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
-        self._found = [np.zeros(flat(mapped.size_out(i))) for i in range(mapped.n_out())]
-        for arrays, attach in (
-            (self._given, self._buffer.set_arg),
-            (self._found, self._buffer.set_res),
-        ):
-            for index, values in enumerate(arrays):
-                buffer: Any = values
-                if values.size:
-                    attach(index, memoryview(buffer))
-
-    def __call__(self, *arguments: Any) -> list[Array]:
-        """Return the values, (m,) each, or (count, m); they are overwritten by the next call."""
-        for values, argument in zip(self._given, arguments, strict=True):
-            values[...] = argument
-        self._run()
-        return self._found
-
-
-class Differentiated:
-    """A vector f(x; p), its Jacobian, and the Hessian of l'f: dense CasADi functions."""
-
-    def __init__(self, name: str, x: Any, p: Any, f: Any) -> None:
-        multipliers = ca.SX.sym('l', f.numel())
-        jacobian = ca.densify(ca.jacobian(f, x))
-        hessian = ca.densify(ca.hessian(ca.dot(multipliers, f), x)[0])
-        f = ca.densify(f)
-        self.value = ca.Function(name, [x, p], [f])
-        # Rows contiguous in memory.
-        self.linear = ca.Function(f'{name}_j', [x, p], [f, jacobian.T.reshape((-1, 1))])
-        self.second = ca.Function(f'{name}_h', [x, p, multipliers], [hessian.reshape((-1, 1))])
-
-
-def numbers(formulation: Any, prefix: str = '') -> dict[str, Array]:
-    """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
-    found: dict[str, Array] = {}
-    for name, value in _fields(formulation).items():
-        if isinstance(value, float):
-            found[prefix + name] = np.array([value])
-        elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
-            found[prefix + name] = np.array(value, dtype=float)
-        elif dataclasses.is_dataclass(value):
-            found.update(numbers(value, f'{prefix}{name}.'))
-    return found
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _fields(formulation: Any) -> dict[str, Any]:
-    """Values of a dataclass's fields; how it is solved is no part of the statement."""
-    if not dataclasses.is_dataclass(formulation):
-        return {}
-    names = [field.name for field in dataclasses.fields(formulation)]
-    return {name: getattr(formulation, name) for name in names if name != 'solver'}
-
-
-def _twin(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
-    """Return a copy with symbols for some of its numbers, not validated."""
-    twin, fields = copy.copy(formulation), _fields(formulation)
-    if not dataclasses.is_dataclass(formulation):
-        return twin
-    for name in set(vars(twin)) - {*fields, 'solver'}:
-        del twin.__dict__[name]  # what was computed from the numbers before
-    for name, value in fields.items():
-        found, path = value, prefix + name
-        if path in symbols:
-            parts = ca.vertsplit(symbols[path])
-            found = parts[0] if isinstance(value, float) else type(value)(parts)
-        elif dataclasses.is_dataclass(value):
-            found = _twin(value, symbols, f'{path}.')
-        object.__setattr__(twin, name, found)
-    return twin
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -210,7 +125,7 @@ class Trace:
         self.margin_names = stated.limit_names
         self.functions: dict[Any, Any] = {}  # what else was made of this trace
         symbols = {name: ca.SX.sym(name, found[name].size) for name in symbolic}
-        twin = CheckedFormulation(_twin(stated.formulation, symbols))
+        twin = CheckedFormulation(twin_of(stated.formulation, symbols))
         vars(twin)['control_limits'] = stated.control_limits  # which of them are finite
         p = ca.vertcat(*symbols.values()) if symbols else ca.SX(0, 1)
         outputs, integrated = stated.outputs(), stated.integrated()
@@ -248,8 +163,8 @@ class Trace:
         both = self.invert(y, z, p)
         x, u = ca.vertsplit(both, [0, len(names), both.numel()])
         rates = self.rates(x, u, p)
-        slopes = rates[[names.index(name) for name in integrated]]
-        along = ca.vertcat(*(jet[1:] for jet in jets), slopes)
+        slopes = [rates[names.index(name)] for name in integrated]
+        along = ca.vertcat(*(jet[1:] for jet in jets), *slopes)
         by_inverse = ca.jacobian(x, ca.vertcat(y, z)) @ along
         return ca.Function('flow', [ca.vertcat(*jets), z, p], [ca.densify(by_inverse), rates])
 
@@ -285,20 +200,9 @@ def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, 
     outputs = [(name, output.derivatives) for name, output in stated.outputs().items()]
     limits = {name: np.isfinite(pair).tolist() for name, pair in stated.control_limits.items()}
     sizes = [(name, value.size) for name, value in found.items()]
-    rest = _structure(formulation, found)
+    rest = structure(formulation, found)
     parts = (outputs, list(stated.integrated()), stated.margin_names, limits, sizes, rest)
     return type(formulation), repr(parts)
-
-
-def _structure(formulation: Any, found: Mapping[str, Array], prefix: str = '') -> list[Any]:
-    """Return the fields that are no numbers."""
-    rest: list[Any] = []
-    for name, value in _fields(formulation).items():
-        if dataclasses.is_dataclass(value):
-            rest.append((name, _structure(value, found, f'{prefix}{name}.')))
-        elif prefix + name not in found:
-            rest.append((name, value))
-    return rest
 
 
 def _make(

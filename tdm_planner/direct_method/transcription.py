@@ -33,65 +33,27 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_basis import ArcBasis, ArcLayout
+from tdm_planner.direct_method.arc_basis import ArcBasis
 from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite, check_integrated
-from tdm_planner.direct_method.arc_nodes import check_nodes, quadrature_weights
+from tdm_planner.direct_method.arc_nodes import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.node_graphs import NodeGraphs
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
     NonlinearProgram,
     Point,
 )
-from tdm_planner.direct_method.tracing import Call, Differentiated, Trace
+from tdm_planner.direct_method.tracing import Trace
 
 Array = NDArray[np.float64]
 
 _NEAR = 1.0  # margin within which a node gets a row
 _LEAST_CURVATURE = 1e-4
-
-
-class _NodeGraphs:
-    """
-    The graphs of a node: from w (see `ArcBasis`) and the integrated states z to all values.
-
-    `motion` gives states and controls, `node` the integrand of J by s and the margins, `start`
-    and `end` the conditions there (`end` after the final cost), `step` a Runge-Kutta step of z.
-    """
-
-    def __init__(self, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> None:
-        names = list(stated.integrated())
-        w, z = ca.SX.sym('w', layout.size), ca.SX.sym('z', len(names))
-        p = ca.SX.sym('p', trace.invert.numel_in(2))
-        mu, t, y = layout.read(w)
-        wz = ca.vertcat(w, z)
-        jets = ca.vertcat(*(value for jet in y.values() for value in jet))
-        both = trace.invert(jets, z, p)
-        x, u = ca.vertsplit(both, [0, len(stated.state_names), both.numel()])
-        self.motion = ca.Function('motion', [wz, p], [both])
-        rows = ca.vertcat(trace.running(t, x, u, p) * mu, trace.margins(t, x, u, p))
-        ends = ca.vertcat(trace.final(t, x, p), trace.end_conditions(t, x, p))
-        self.node = Differentiated('node', wz, p, rows)
-        self.start = Differentiated('start', wz, p, trace.start_conditions(t, x, p))
-        self.end = Differentiated('end', wz, p, ends)
-        self.starts, self.ends = int(trace.start_conditions.numel_out()), int(ends.numel()) - 1
-        if not names:
-            return
-        index = [stated.state_names.index(name) for name in names]
-        rate = ca.Function('rate', [w, z, p], [trace.rates(x, u, p)[index] * mu])
-        here, middle, there = (ca.SX.sym(name, layout.size) for name in 'amb')
-        h = ca.SX.sym('h')
-        k1 = rate(here, z, p)
-        k2 = rate(middle, z + h / 2 * k1, p)
-        k3 = rate(middle, z + h / 2 * k2, p)
-        k4 = rate(there, z + h * k3, p)
-        following = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        arguments = ca.vertcat(here, middle, there, z), ca.vertcat(p, h)
-        self.step = Differentiated('step', *arguments, following)
 
 
 class Transcription(NonlinearProgram):
@@ -118,7 +80,7 @@ class Transcription(NonlinearProgram):
         trace: Trace | None = None,
     ) -> None:
         self.formulation = formulation
-        self.nodes = check_nodes(nodes)
+        self.nodes = nodes
         self.reserve = dict(reserve or {})
         self.evaluations = 0
         self.cost_scale = 1.0
@@ -139,11 +101,11 @@ class Transcription(NonlinearProgram):
         self.lower[: self.basis.timing] = shortest / duration.guess
         self.upper[: self.basis.timing] = longest / duration.guess
 
-    def _graphs_of_kind(self) -> _NodeGraphs:
+    def _graphs_of_kind(self) -> NodeGraphs:
         made, layout = self.trace.functions, self.basis.layout
         if layout not in made:
-            made[layout] = _NodeGraphs(self.trace, layout, self._stated)
-        graphs: _NodeGraphs = made[layout]
+            made[layout] = NodeGraphs(self.trace, layout, self._stated)
+        graphs: NodeGraphs = made[layout]
         return graphs
 
     @property
@@ -219,11 +181,6 @@ class Transcription(NonlinearProgram):
     @property
     def _equality_count(self) -> int:
         return len(self._ended) + self._graphs.ends + self._graphs.starts
-
-    def misses(self, xi: Array) -> Array:
-        """Return by how much candidates (B, n) miss the conditions at the ends, summed: (B,)."""
-        ends, _ = self._parts
-        return np.array([np.abs(self.evaluate(one).cache[0][ends]).sum() for one in xi])
 
     def cost(self, xi: Array) -> float:
         """Return J of a candidate (n,)."""

@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
 
 Array = NDArray[np.float64]

@@ -46,11 +46,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.replay import cost_along
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.parameters import parameter, POSITIVE
@@ -144,10 +144,11 @@ class DirectProblem(Formulation, Problem):
         whole = solution.trajectory
         if elapsed >= whole.duration:
             return 0.0
-        rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
-        running = stated.running_cost(rest.times, rest.states, rest.controls)
-        final = stated.final_cost(rest.times[-1:], rest.states[-1:])
-        return float(trapezoid(running, rest.times) + final[0])
+        rest, trace = whole.after(max(elapsed, 0.0)), Trace.of(CheckedFormulation(self))
+        middles = 0.5 * (rest.times[1:] + rest.times[:-1])
+        times = np.sort(np.concatenate([rest.times, middles]))
+        sample = rest.sample(times)
+        return cost_along(trace, trace.values(self), times, sample.state, sample.control)
 
     def describe(self, plan: Plan) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""

@@ -27,7 +27,8 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory

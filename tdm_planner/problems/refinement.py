@@ -33,12 +33,13 @@ from tdm_planner.direct_method.collocation import (
     Collocation,
     Ends,
     Motion,
-    Replay,
     Settings,
     WARM,
 )
+from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Call, Trace
+from tdm_planner.direct_method.replay import cost_along, Replay
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
 
@@ -49,6 +50,7 @@ _REPAIRS = 7
 _SHARE, _NEAR = 0.1, 10.0  # of the end's tolerance: to be content, and to correct by a shift
 _SHIFTS = 3
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
+_COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
 _LONGER = 1.3  # share by which a second guess of a warm start takes longer
 _SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
@@ -110,7 +112,6 @@ class Refinement:
         program = Collocation.of(self.trace, intervals, settings)
         kept = np.tile(self._reserve + reserve, (intervals + 1, 1))
         kept[[0, -1]] = self._reserve * self.trace.of_controls
-        self._budget.evaluations += 1
         return program.solve(self.numbers, guess, ends, self._durations, kept, until)
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
@@ -161,26 +162,39 @@ class Refinement:
         """Solve again on more intervals."""
         return self.solve(intervals, self._on(motion, intervals), WARM)
 
-    def refined(self, motion: Motion) -> Iterator[Motion]:
-        """Yield a motion that its replay confirms; then on ever more intervals."""
+    def refined(self, motion: Motion) -> Iterator[tuple[Motion, Array]]:
+        """
+        Yield a motion that its replay confirms, then on ever more intervals.
+
+        With each, whose cost is that of the replay, the states at its nodes by replay,
+        (n + 1, nx).
+        """
         found: Motion | None = motion
         while found is not None:
-            found = self._repaired(found)
-            yield found
+            found, states = self._repaired(found)
+            yield found, states
             if 2 * found.intervals > FINEST or self._late:
                 return
             found = self.finer(found, 2 * found.intervals)
 
-    def _repaired(self, motion: Motion) -> Motion:
+    def _repaired(self, motion: Motion) -> tuple[Motion, Array]:
         """Solve again until the replay ends at the goal and keeps the limits."""
         reserve, shifts = np.zeros(self._reserve.size), 0
         shift = np.zeros(self.ends.states.shape[1])
-        for turn in range(_REPAIRS):
-            miss, gap, least = self._judged(motion)
-            if (gap <= _SHARE and (least >= -_TOUCHED).all()) or self._late:
+        for turn in range(_REPAIRS + 1):
+            replay = Replay.of(self.trace, motion.intervals)
+            times, states, controls = replay(motion, self.numbers)
+            miss, gap = self._missed(states)
+            least = replay.worst(times, states, controls, self.numbers)
+            cost = cost_along(self.trace, self.numbers, times, states, controls)
+            near = abs(cost - motion.cost) <= _COARSE * abs(cost)
+            kept = bool((least >= -_TOUCHED).all())
+            if (gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
                 break
             intervals, guess = motion.intervals, motion
-            if not gap <= _NEAR or (gap > _SHARE and shifts >= _SHIFTS):  # too coarse to correct
+            if not (near and gap <= _NEAR) or (
+                gap > _SHARE and shifts >= _SHIFTS
+            ):  # too coarse to correct
                 intervals, shift, shifts = 2 * motion.intervals, 0.0 * shift, 0
                 if intervals > FINEST:
                     break
@@ -190,34 +204,25 @@ class Refinement:
                     shift, shifts = shift - miss, shifts + 1
                 more = 1e-5 - (1.1 if turn < 2 else 2.0) * least
                 reserve = np.where(least < -_TOUCHED, reserve + more, reserve)
-            states = self.ends.states.copy()
-            states[1] += shift
-            ends = replace(self.ends, states=states)
+            pinned = self.ends.states.copy()
+            pinned[1] += shift
+            ends = replace(self.ends, states=pinned)
             again = self._solve(intervals, guess, WARM, ends, reserve, self._budget)
             if again is None:
                 break
             motion = again
-        return motion
+        return replace(motion, cost=cost), states[:: Replay.SUBSTEPS]
 
     @property
     def _late(self) -> bool:
         """Whether the time that is left is for the check."""
         return self._budget.remaining < _CHECK_SHARE * self._budget.seconds
 
-    def _judged(self, motion: Motion) -> tuple[Array, float, Array]:
-        """Return the replay's miss of the end, its size in tolerances, the least margins."""
-        replay = Replay.of(self.trace, motion.intervals)
-        times, states, controls = replay(motion, self.numbers)
-        if not np.isfinite(states).all():
-            return np.zeros(states.shape[1]), np.inf, np.zeros(self._reserve.size)
+    def _missed(self, states: Array) -> tuple[Array, float]:
+        """Return by how much replayed states (N, nx) miss the end, and that in tolerances."""
         miss = states[-1] - self.goal(states)
         gap = float(np.abs(miss / self.tolerance(states)).max())
-        return miss, gap, replay.worst(times, states, controls, self.numbers)
-
-    def replayed(self, motion: Motion) -> Array:
-        """Return the states at the nodes by replay, (n + 1, nx)."""
-        replay = Replay.of(self.trace, motion.intervals)
-        return replay(motion, self.numbers)[1][:: replay.SUBSTEPS]
+        return miss, gap if np.isfinite(states).all() else np.inf
 
     def _on(self, motion: Motion, intervals: int) -> Motion:
         rates: Any = Call(self.trace.rates, motion.intervals + 1)

@@ -15,15 +15,9 @@ import warnings
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import (
-    Duration,
-    Formulation,
-    Integrated,
-    Output,
-    SineSeries,
-    Transcription,
-)
+from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
+from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.exceptions import InvalidProblem
 
 
@@ -250,22 +244,6 @@ def test_names(kind, names, words):
     message = refused({f'{kind}_names': names})
     assert f'{kind}_names = ' in message
     assert words in message
-
-
-@pytest.mark.parametrize(
-    'nodes',
-    [
-        np.linspace(0, 1, 2),
-        [0.0, 0.6, 0.5, 1.0],
-        [0.1, 0.5, 1.0],
-        [0.0, np.nan, 1.0],
-        'many',
-        None,
-    ],
-)
-def test_nodes(nodes):
-    with pytest.raises(InvalidProblem, match='nodes'):
-        Transcription(Cart(), nodes)
 
 
 @pytest.mark.parametrize('count', [2, 0, -1, 2.5, None, '41', 10**9])

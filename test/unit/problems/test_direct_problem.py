@@ -22,7 +22,7 @@ from tdm_planner.direct_method import (
     Duration,
     Integrated,
     Output,
-    power_products,
+    PowerProducts,
     SineSeries,
 )
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -83,7 +83,7 @@ def solve(change: dict[str, Any], solver: SolverParameters = LONG) -> Any:
         return type('Changed', (Cart,), change)(solver=solver).solve()
 
 
-SHAPES = power_products([(1, 2), (2, 1), (2, 2)]) + SineSeries(2)
+SHAPES = PowerProducts([(1, 2), (2, 1), (2, 2)]) + SineSeries(2)
 KINDS = {
     'polynomial': {},
     'Taranenko': {'outputs': lambda s: {'x': Output((s.start, 0.0), (0.0, 0.0), shapes=SHAPES)}},
@@ -322,7 +322,7 @@ def test_a_candidate_whose_refinement_was_cut_short_says_so():
     plans = search.plans(candidate)
     assert not next(plans).verification.ok
     budget.seconds = 0.0
-    search._program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
+    search._minima.program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
     assert next(plans, None) is None
     assert search.rejected.endswith('it was not refined further: the time was up')
     assert isinstance(search.failure(), DeadlineExceeded)

@@ -17,9 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method import time_derivatives
 from tdm_planner.direct_method.bernstein import bernstein_integral
-from tdm_planner.direct_method.virtual_domain import reciprocal
+from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
 from tdm_planner.problems.reference_motion import end_derivatives, ReferenceMotion

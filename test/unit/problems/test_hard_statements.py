@@ -1,0 +1,155 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What makes plans of stated problems hard: stiff layers, kinks in the cost, unstable guesses."""
+
+from dataclasses import dataclass
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.direct_method.rounding import Rounded
+from tdm_planner.parameters import group, parameter, Validated
+from tdm_planner.problem_check import check_problem
+from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.verification import replay
+
+
+@dataclass(frozen=True)
+class Layered(DirectProblem, Validated):
+    """One state that is at rest but for layers at both ends, of Rao and Mease."""
+
+    state_names, state_units = ('x',), ('',)
+    control_names, control_units = ('u',), ('',)
+    goal: float = parameter(1.0, 'goal')
+    time: float = parameter(25.0, 'time', unit='s')
+    solver: DirectSolverParameters = group(DirectSolverParameters)
+
+    def outputs(self):
+        return {'x': Output((1.5,), (self.goal,), 10, derivatives=1)}
+
+    def duration(self):
+        return Duration(self.time, fixed=True)
+
+    def invert(self, y, z):
+        x, rate = y['x']
+        return (x,), (rate + x**3,)
+
+    def derivative(self, x, u):
+        return (u[0] - x[0] ** 3,)
+
+    def running_cost(self, t, x, u):
+        return 0.5 * (x[0] ** 2 + u[0] ** 2)
+
+
+@pytest.mark.parametrize(('given', 'best'), [({}, 1.33084), ({'time': 50.0}, 1.33104)])
+def test_the_cost_of_a_plan_is_that_of_its_motion(given, best):
+    """However coarse the intervals it was first found on; `best` by 160 to 640 of them."""
+    problem = Layered.from_parameters(given)
+    plan = problem.solve(deadline=30.0)
+    assert plan.cost == pytest.approx(best, rel=2e-3)
+    t = np.linspace(0.0, plan.duration, 20001)
+    x = replay(DirectPlant(problem), plan.trajectory, t)[:, 0]
+    along = 0.5 * (x**2 + plan.trajectory.controls_at(t)[:, 0] ** 2)
+    mean = np.mean(0.5 * (along[1:] + along[:-1]))
+    assert plan.cost == pytest.approx(mean * plan.duration, rel=1e-4)
+
+
+def test_one_state_is_a_problem_too():
+    assert check_problem(Layered()).reasons == []
+
+
+@dataclass(frozen=True)
+class Frugal(DirectProblem, Validated):
+    """A double integrator from rest to rest with the least fuel: thrust, coast, brake."""
+
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
+
+    def outputs(self):
+        return {'x': Output((0.0, 0.0), (1.0, 0.0), 6)}
+
+    def duration(self):
+        return Duration(3.0, fixed=True)
+
+    def invert(self, y, z):
+        x, v, a = y['x']
+        return (x, v), (a,)
+
+    def derivative(self, x, u):
+        return x[1], u[0]
+
+    def control_limits(self):
+        return {'u': (-1.0, 1.0)}
+
+    def running_cost(self, t, x, u):
+        return np.abs(u[0])
+
+
+@pytest.mark.parametrize(
+    'cost',
+    [np.abs, lambda u: np.sqrt(u**2), lambda u: np.maximum(u, -u), lambda u: np.hypot(u, 0.0)],
+)
+def test_a_cost_may_have_kinks(cost):
+    changed = {'running_cost': lambda self, t, x, u: cost(u[0])}
+    plan = type('Changed', (Frugal,), changed)().solve(deadline=30.0)
+    assert plan.cost == pytest.approx(3.0 - math.sqrt(5.0), rel=0.02)
+
+
+def test_rounding_by_nothing_leaves_a_function_as_it_is_and_by_more_makes_it_smooth():
+    x, p = ca.SX.sym('x', 2), ca.SX.sym('p')
+    a, b = x[0], x[1]
+    value = p * ca.fabs(a) + ca.fmax(a, b) - ca.fmin(a, 2.0) + ca.hypot(a, b) + ca.sin(b)
+    function = ca.Function('f', [x, p], [value + ca.sqrt(a**2 + 1.0)])
+    rounded = Rounded(function)
+    given = [-0.4, 0.7], 2.0
+    assert rounded.count == 5
+    assert float(rounded.value(*given, np.zeros(5))) == pytest.approx(float(function(*given)))
+    sizes = np.abs(np.asarray(rounded.sizes(*given)).ravel())
+    assert sorted(sizes) == pytest.approx(sorted([0.4, 1.1, 2.4, math.hypot(0.4, 0.7), 1.16**0.5]))
+    slopes = ca.Function('s', [x, p], [ca.gradient(rounded.value(x, p, 0.1 * np.ones(5)), x)])
+    apart = np.asarray(slopes([1e-9, 1e-9], 2.0) - slopes([-1e-9, -1e-9], 2.0))
+    assert np.abs(apart).max() < 1e-6
+
+
+@dataclass(frozen=True)
+class Swinging(DirectProblem, Validated):
+    """An oscillator that is integrated over many periods, too far for a step from node to node."""
+
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+    solver: DirectSolverParameters = group(DirectSolverParameters)
+
+    def outputs(self):
+        return {'u': Output(free=6, derivatives=0, scale=0.1)}
+
+    def integrated(self):
+        return {'x': Integrated(1.0, 0.0), 'v': Integrated(0.0, 0.0)}
+
+    def duration(self):
+        return Duration(60.0, fixed=True)
+
+    def invert(self, y, z):
+        return (z['x'], z['v']), (y['u'][0],)
+
+    def derivative(self, x, u):
+        return x[1], u[0] - x[0] - x[0] ** 3
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2
+
+
+def test_a_first_guess_may_be_too_quick_for_a_few_nodes():
+    plan = Swinging().solve(deadline=30.0)
+    assert plan.verification.ok
+    assert 0.0 < plan.cost < 0.1
