@@ -14,13 +14,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.markers import LIFETIME
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.problems.registry import load_problem
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 
 GALLERY = Path(__file__).resolve().parents[2] / 'docs' / 'plants'
 LOOPS = {  # module:Class, whether its end can be held, largest deviation there as a share
@@ -99,6 +104,32 @@ def test_a_push_while_holding_is_brought_back(ros: Stepped) -> None:
     loop.run_to(ros.now + 5 * 10**9)
     assert np.abs(loop.states[-1].position).max() < 0.1
     loop.end()
+
+
+def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
+    loop = Loop(ros, 'drawn_plant:Rail')
+    moving = ros.subscribe('/own/plant_markers', MarkerArray)
+    plan = ros.subscribe('/own/markers', MarkerArray, LATCHED)
+    there, later = loop.fly(0.5)
+    assert max(there.max(), later.max()) < 0.02
+    assert list(loop.states[-1].name) == list(loop.plans[-1].joint_names) == ['cart', 'u']
+    for array in moving:
+        check_markers(array, 'world', LIFETIME)
+    shown = Scene(moving[-1])
+    assert shown.names == {('limit', 0), ('body', 1), ('body', 2), ('trail', 2)}
+    assert shown['body', 1].type == Marker.CUBE
+    assert shown['body', 2].pose.position.x == pytest.approx(loop.states[-1].position[0], abs=0.05)
+    check_markers(plan[-1], 'world', 0.0)
+    way = Scene(plan[-1])
+    assert way.names == {('planned_path', 2), ('goal', 1), ('goal', 2)}
+    path = way['planned_path', 2].points
+    assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
+    loop.end()
+
+
+def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
+    with pytest.raises(InvalidProblem, match='drawing fails with IndexError'):
+        ros.start('tdm_sim.stated_plant', {'problem': 'drawn_plant:Blurred'}, namespace='own')
 
 
 def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:
