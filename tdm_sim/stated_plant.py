@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.nodes.drawn_markers import DrawnPicture, has_drawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.stated_plants import stated_problem, with_parameters_of
 from tdm_planner.parameters import (
@@ -97,11 +98,15 @@ class StatedModel(PlantModel):
         self.kind = kind_of(problem())
         self.parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
 
-    def make_setup(self, parameters: Any) -> PlantSetup:
-        """Return the plant, its limits and its disturbances as `parameters` say."""
+    def _with(self, parameters: Any) -> DirectProblem:
         kind: Any = self._problem
         names = {item.name for item in fields(kind)} - {'solver'}
         problem: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
+        return problem
+
+    def make_setup(self, parameters: Any) -> PlantSetup:
+        """Return the plant, its limits and its disturbances as `parameters` say."""
+        problem = self._with(parameters)
         plant = TracedPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
         begin = np.nan_to_num(TracedPlant(problem).stated.start())
         limits = plant.stated.control_limits
@@ -117,6 +122,14 @@ class StatedModel(PlantModel):
             command_loss=parameters.disturbance.command_loss,
             held=parameters.held,
         )
+
+    def parameters_changed(self, parameters: Any) -> None:
+        """Draw the plant as its `drawing` has it with these parameters, if it has one."""
+        if has_drawing(self._problem):
+            problem = self._with(parameters)
+            self.picture = DrawnPicture(
+                problem, np.nan_to_num(TracedPlant(problem).stated.start())
+            )
 
     def push(
         self, parameters: Any, simulation: SimulatedPlant

@@ -19,6 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 # Which of the scale's components a kind of marker reads.
 SCALES = {
     Marker.ARROW: 'xyz',
+    Marker.CUBE: 'xyz',
     Marker.CYLINDER: 'xyz',
     Marker.SPHERE: 'xyz',
     Marker.TRIANGLE_LIST: 'xyz',

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 import itertools
+import json
 import math
 from typing import Any
 
@@ -71,7 +72,8 @@ NODES: dict[str, tuple[dict[str, Any], dict[str, ParameterSpec]]] = {
 }  # fmt: skip
 NEVER_SET = ('solver.deadline', 'robot_name')  # what is asked for is kept: tests wait for it
 SPACES = {'/pendulum': '/pendulum', '/robots': '/robots/robot1'}  # of planners, of their plants
-ACTIONS = ['message'] * 5 + ['parameters'] * 4 + ['plan', 'push', 'reset', 'transition', 'restart']
+ACTIONS = ['message'] * 5 + ['parameters'] * 4 + ['plan', 'plan_with'] * 2
+ACTIONS += ['push', 'reset', 'transition', 'restart']
 PATIENCE = 60.0  # s
 
 _odd_numbers = st.sampled_from(
@@ -186,6 +188,8 @@ class SixNodes:
             self.set_items(node, draw(parameters(node)), draw(st.booleans()))
         elif action == 'plan':
             self.plan(space)
+        elif action == 'plan_with':
+            self.plan_with(space, draw(parameters(f'{space}/planner')))
         elif action == 'transition':
             assert not self.change(space, draw(transitions))
         elif action == 'restart':  # with whatever latched topics hold
@@ -216,6 +220,15 @@ class SixNodes:
         assert fine or answer['code'] in CODES
         assert fine or 'internal error' not in answer['reason'], answer
         return fine
+
+    def plan_with(self, space: str, items: list[Parameter]) -> None:
+        items = [item for item in items if item.name not in NEVER_SET]
+        request = SetParametersAtomically.Request(parameters=items)
+        service = f'{space}/plan_with'
+        result = self.ros.call(service, SetParametersAtomically, request, PATIENCE).result
+        answer = json.loads(result.reason)
+        assert result.successful or answer['code'] in CODES, answer
+        assert result.successful or answer['code'] != 'INTERNAL', (items, answer)
 
     def change(self, space: str, transition: Transition) -> bool:
         request = ChangeState.Request(transition=transition)

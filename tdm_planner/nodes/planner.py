@@ -80,7 +80,7 @@ class _Request:
     """
 
     message: Any = None
-    send: Answer = print
+    send: Answer = lambda _: None
     own: Mapping[str, Any] = field(default_factory=dict)
     title: str = 'no plan'  # of the log's line about a failure
 
@@ -175,16 +175,11 @@ class Planner(ManagedNode):
         """Declare the problem's parameters; which exist may depend on values (robots' names)."""
         if self._problem_class is None:
             return
-        declared: set[str] = set()
-        while (wanted := self._wanted_parameters()).keys() != declared:
-            self.declare(wanted)
-            declared = set(wanted)
-        kept = declared | set(_REQUEST)
+        wanted = self._problem_class.parameter_specifications
+        while not (found := wanted(self.parameter_values)).keys() <= self.parameter_values.keys():
+            self.declare(found)
+        kept = found.keys() | _REQUEST.keys()
         self.withdraw([name for name in self.parameter_values if name not in kept])
-
-    def _wanted_parameters(self) -> Mapping[str, Any]:
-        assert self._problem_class is not None
-        return self._problem_class.parameter_specifications(self.parameter_values)
 
     def _on_first(self) -> None:
         """Begin to prepare the problem as soon as the node is served; once: what is made stays."""
@@ -232,11 +227,11 @@ class Planner(ManagedNode):
                 partial(make_plan, problem_class, values, adapter, self._now),
                 partial(self._settle, request),
             )
+            self._diagnostics.update()
         except (Busy, Inactive) as error:
             self._answer(request, Failure.of(error))
         except Exception as error:  # noqa: B902
             self._settle(request, error)
-        self._diagnostics.update()
 
     def _own_parameters(self, messages: Sequence[Any]) -> dict[str, Any]:
         """Return the parameters of a request, checked as the node's own are."""

@@ -199,7 +199,11 @@ class ParameterNode(Node):
             item.name in self._specifications.keys() - self._values.keys() for item in parameters
         ):
             return parameters  # being declared
-        checked = self.checked(item for item in parameters if not _is_of_rclpy(item.name))
+        checked = self.checked(
+            item
+            for item in parameters
+            if not (_is_of_rclpy(item.name) and self.has_parameter(item.name))
+        )
         return [
             self._as_ros(item.name, checked[item.name]) if item.name in checked else item
             for item in parameters

@@ -21,7 +21,7 @@ the planner's service and the diagnostics.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 import sys
 import time
 from typing import Any, NamedTuple
@@ -35,8 +35,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import Level, Report
-from tdm_planner.nodes.in_force import InForce
 from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
+from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import (
     command_message,
     from_wire,
@@ -51,7 +51,6 @@ from tdm_planner.nodes.ration import Ration
 from tdm_planner.nodes.reading import read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.sole_publisher import SolePublisher
-from tdm_planner.nodes.state_topics import StateTopics
 from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
@@ -149,7 +148,6 @@ class TrackerNode(ManagedNode):
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
-        self._in_force = InForce(self)
         self._status = TrackerStatus(self)
         self._planners = SolePublisher(
             self,
@@ -160,9 +158,14 @@ class TrackerNode(ManagedNode):
         self.create_subscription(
             JointTrajectory, 'trajectory', self._on_trajectory, LATCHED, raw=True
         )
-        StateTopics(
-            self.plant.kind, lambda: self.tracker.parameters.state_timeout, self._on_state
-        ).subscribe(self)
+        self._measured = MeasuredState(
+            self,
+            self.plant.kind,
+            '',
+            self._on_state,
+            self._ignore_state,
+            lambda: self.tracker.parameters.state_timeout,
+        )
 
     def activate(self) -> None:
         """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
@@ -187,7 +190,6 @@ class TrackerNode(ManagedNode):
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
         self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
-        self._in_force.update(None, None)
         self._status.cancel()
 
     def cleanup(self) -> None:
@@ -233,28 +235,24 @@ class TrackerNode(ManagedNode):
         nanoseconds = nanoseconds_of(stamp)
         return self._time.instant(nanoseconds) if nanoseconds else self._time.now()
 
-    def _on_state(self, stamp: Any, read: Callable[[], Array]) -> None:
-        """Take a state; one that cannot be read, or is from the future, is ignored."""
-        try:
-            state = read()
-            if not self._time.runs:
-                return
-            now, at = self._time.now(), self._instant(stamp)
-            self._delay = now - at
-            timeout = self.tracker.parameters.state_timeout
-            if at > now + timeout:
-                raise InvalidProblem(
-                    f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
-                )
-        except InvalidProblem as error:
-            self._states_ignored += 1
-            self.get_logger().warning(
-                f'state ignored: {error}', throttle_duration_sec=WARNING_PERIOD
+    def _on_state(self, state: Array, instant: int) -> None:
+        """Take a state (nx,) of the instant [ns]; one from the future is ignored."""
+        if not self._time.runs:
+            return
+        now, at = self._time.now(), self._time.instant(instant)
+        self._delay = now - at
+        if at > now + self.tracker.parameters.state_timeout:
+            self._ignore_state(
+                f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
             )
             return
         self._newest = state, at
         if self.active:
             self.tracker.observe(state, at)
+
+    def _ignore_state(self, reason: str) -> None:
+        self._states_ignored += 1
+        self.get_logger().warning(f'state ignored: {reason}', throttle_duration_sec=WARNING_PERIOD)
 
     def _on_trajectory(self, data: bytes) -> None:
         """
@@ -316,8 +314,7 @@ class TrackerNode(ManagedNode):
             self._accepted += 1
             self._refusal = ''
             self._preparation = time.perf_counter() - began
-            self._in_force.accepted(trajectory, offered.data)
-            self._status.accepted(trajectory, begins)
+            self._status.accepted(trajectory, begins, offered.data)
             self.get_logger().info(
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
@@ -360,7 +357,6 @@ class TrackerNode(ManagedNode):
             error.header.stamp = stamp.to_msg()
             self._error_publisher.publish(error)
         self._note_changes(command)
-        self._in_force.update(self.tracker.current, self.tracker.following)
         self._status.update(self.tracker)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
             self._ask_for_plan()

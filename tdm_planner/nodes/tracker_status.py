@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""What a tracker does with every plan, as action servers tell it: `tracker_status`."""
+"""What a tracker does with every plan, as action servers tell it, and the plan it follows."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.tracking.tracker import Phase, TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'tracker_status'
 
@@ -54,12 +55,16 @@ def goal_status(start: int, status: int) -> GoalStatus:
 class _Plan:
     trajectory: Trajectory | None  # of a rejected plan: none
     start: int
+    message: bytes = b''  # it came in
     status: int = GoalStatus.STATUS_UNKNOWN
 
 
 class TrackerStatus:
     """
     Publishes the status of every plan on `tracker_status`, whenever one changes.
+
+    And on `trajectory_in_force` the plan that is followed, or is to take over, as it came; empty
+    when it is given up. Both are latched for whoever joins: viewers, planners that were restarted.
 
     ACCEPTED   to be executed from its start on
     EXECUTING  being tracked
@@ -73,6 +78,8 @@ class TrackerStatus:
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(GoalStatusArray, TOPIC, LATCHED)
+        self._followed = node.create_publisher(JointTrajectory, 'trajectory_in_force', LATCHED)
+        self._announced: Trajectory | None = None
         self._plans: list[_Plan] = []
         self._changed = False
 
@@ -81,9 +88,9 @@ class TrackerStatus:
         self._plans = []
         self._publish()
 
-    def accepted(self, trajectory: Trajectory, start: int) -> None:
-        """Take note of a plan that starts at the instant `start` [ns]."""
-        self._plans.append(_Plan(trajectory, start))
+    def accepted(self, trajectory: Trajectory, start: int, message: bytes) -> None:
+        """Take note of a plan that starts at the instant `start` [ns], and of its message."""
+        self._plans.append(_Plan(trajectory, start, message))
 
     def rejected(self, start: int, tracker: TrajectoryTracker) -> None:
         """Take note of a plan that the tracker did not accept."""
@@ -91,11 +98,13 @@ class TrackerStatus:
             return
         canceling = GoalStatus.STATUS_CANCELING
         begun = tracker.unquiet and all(plan.status != canceling for plan in self._plans)
-        self._plans.append(_Plan(None, start, canceling if begun else GoalStatus.STATUS_ABORTED))
+        status = canceling if begun else GoalStatus.STATUS_ABORTED
+        self._plans.append(_Plan(None, start, status=status))
         self._changed = True
 
     def update(self, tracker: TrajectoryTracker) -> None:
         """Tell what has changed since the last call."""
+        self._announce(None if tracker.newest is None else tracker.newest.trajectory)
         active = {id(m.trajectory) for m in (tracker.current, tracker.following) if m is not None}
         newest = max(
             (i for i, p in enumerate(self._plans) if id(p.trajectory) in active), default=-1
@@ -116,9 +125,17 @@ class TrackerStatus:
 
     def cancel(self) -> None:
         """Tell that the tracker executes nothing any more."""
+        self._announce(None)
         for plan in self._plans:
             plan.status = GoalStatus.STATUS_CANCELED
         self._publish()
+
+    def _announce(self, followed: Trajectory | None) -> None:
+        if followed is self._announced:
+            return
+        self._announced = followed
+        told = [plan.message for plan in self._plans if plan.trajectory is followed]
+        self._followed.publish(JointTrajectory() if followed is None else told[0])
 
     @staticmethod
     def _status(plan: _Plan, tracker: TrajectoryTracker, superseded: bool) -> int:

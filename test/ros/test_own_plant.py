@@ -13,13 +13,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.qos import LATCHED
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import Marker, MarkerArray
 
 GALLERY = Path(__file__).resolve().parents[2] / 'docs' / 'plants'
 LOOPS = {  # module:Class, whether its end can be held
@@ -31,6 +36,11 @@ LOOPS = {  # module:Class, whether its end can be held
     'overtaking:Overtaking': False,
 }
 ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
+
+
+@pytest.fixture(autouse=True)
+def _gallery(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(GALLERY)
 
 
 class Loop:
@@ -46,7 +56,7 @@ class Loop:
             ros.start('tdm_planner.nodes.planner', asked, namespace='own'),
         ]
         self.states = ros.subscribe('/own/joint_states', JointState)
-        plans = ros.subscribe('/own/trajectory', JointTrajectory)
+        plans = self.plans = ros.subscribe('/own/trajectory', JointTrajectory)
         done, answer = ros.trigger('/own/plan')
         assert done, answer
         assert ros.spin_until(lambda: bool(plans))
@@ -66,10 +76,7 @@ class Loop:
 
 
 @pytest.mark.parametrize('problem', LOOPS)
-def test_a_stated_plant_is_simulated_tracked_and_held(
-    ros: Stepped, problem: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(GALLERY)
+def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str) -> None:
     loop = Loop(ros, problem)
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
@@ -80,6 +87,32 @@ def test_a_stated_plant_is_simulated_tracked_and_held(
         assert np.abs(loop.states[-1].position).max() < 0.1
     for node in loop.nodes:
         node.end_cleanly()
+
+
+def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
+    loop = Loop(ros, 'drawn_plant:Rail')
+    moving = ros.subscribe('/own/plant_markers', MarkerArray)
+    plan = ros.subscribe('/own/markers', MarkerArray, LATCHED)
+    assert max(loop.away(loop.end), loop.away(loop.end + 5 * 10**8)) < ALLOWED
+    assert list(loop.states[-1].name) == list(loop.plans[-1].joint_names) == ['cart', 'u']
+    for array in moving:
+        check_markers(array, 'world', LIFETIME)
+    shown = Scene(moving[-1])
+    assert shown.names == {('limit', 0), ('body', 1), ('body', 2), ('trail', 2)}
+    assert shown['body', 1].type == Marker.CUBE
+    assert shown['body', 2].pose.position.x == pytest.approx(loop.states[-1].position[0], abs=0.05)
+    check_markers(plan[-1], 'world', 0.0)
+    way = Scene(plan[-1])
+    assert way.names == {('planned_path', 2), ('goal', 1), ('goal', 2)}
+    path = way['planned_path', 2].points
+    assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
+    for node in loop.nodes:
+        node.end_cleanly()
+
+
+def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
+    with pytest.raises(InvalidProblem, match='drawing fails with IndexError'):
+        ros.start('tdm_sim.stated_plant', {'problem': 'drawn_plant:Blurred'}, namespace='own')
 
 
 def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:

@@ -273,50 +273,6 @@ def test_a_disk_in_motion_is_planned_for_sooner(
     assert 1.0 < abs(trajectory.points[0].positions[1]) < 2.0
 
 
-def test_values_that_are_not_allowed_are_refused_and_the_node_serves_on(
-    planner: Planner,
-) -> None:
-    for name, value, allowed in [
-        ('plant.mass', -0.024, 'a number in (0, 1e+12] kg'),
-        ('solver.deadline', 'soon', 'a number in (0, 1e+12] s'),
-        ('start.source', 'guessed', 'one of measured, parameters'),
-        ('goal.turns', 1.5, 'an integer'),
-        ('problem', 'robot_formation', 'is fixed while the node runs'),
-        ('limits.torqe', 0.1, 'did you mean limits.torque'),
-    ]:
-        (reason,) = planner.set({name: value})
-        assert f"parameter '{name}'" in reason
-        assert allowed in reason
-    planner.plan()
-
-
-@pytest.mark.parametrize(
-    ('changes', 'codes', 'says'),
-    [
-        ({'start.psi': 2.5}, ['INVALID_PROBLEM'], "'start.psi' = 2.5"),
-        ({'plant.gravity': 1e-200}, ['INVALID_PROBLEM'], "'plant.*'"),
-        (
-            {'limits.torque': 1e-4, 'solver.deadline': 0.3},
-            ['DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED'],
-            '',
-        ),
-    ],
-)
-def test_a_failed_request_leaves_the_plan_in_force(
-    planner: Planner, changes: dict[str, Any], codes: list[str], says: str
-) -> None:
-    in_force, count = planner.plan(), len(planner.trajectories)
-    defaults = PendulumSwingUp.parameter_specifications({})
-    assert set(planner.set(changes)) == {''}
-    code, reason = planner.failure()
-    assert code in codes
-    assert says in reason
-    planner.set({name: STRONG.get(name, defaults[name].default) for name in changes})
-    planner.ros.settle()
-    assert len(planner.trajectories) == count
-    assert planner.latched('trajectory', JointTrajectory) == in_force
-
-
 def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Planner) -> None:
     before = planner.here.node.parameter_values
     for torque, turns in ((0.08, 1), ('6e-2', -1)):  # text for what it says, as on the node
@@ -346,6 +302,8 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Pla
         ({'replan__rate': 1.0}, "parameter 'replan.rate' is not one of a request: set it on the"),
         ({'problem': 'robot_formation'}, 'it is fixed while the node runs'),
         ({'start__psi': 2.5}, "'start.psi' = 2.5"),
+        ({'plant__gravity': 1e-200}, "'plant.*'"),
+        ({'limits__torque': 1e-4, 'solver__deadline': 0.3}, ''),
     ],
     ids=str,
 )
@@ -355,7 +313,8 @@ def test_a_request_that_cannot_be_met_says_why_and_leaves_everything(
     active, values = planner.plan(), planner.here.node.parameter_values
     done, answer = planner.plan_with(**own)
     assert not done
-    assert answer['code'] == 'INVALID_PROBLEM'
+    found = ['DEADLINE', 'INFEASIBLE', 'VERIFICATION_FAILED']
+    assert answer['code'] in (['INVALID_PROBLEM'] if says else found)
     assert says in answer['reason']
     assert planner.here.node.parameter_values == values
     assert planner.latched('trajectory', JointTrajectory) == active

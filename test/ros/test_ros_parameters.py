@@ -137,6 +137,7 @@ def test_allowed_values_are_taken(
         ('fixed', 'there', "'fixed' = there is not allowed: it is fixed while the node runs"),
         ('mas', 1.0, "parameter 'mas' is unknown: did you mean mass?"),
         ('zzz', 1.0, "parameter 'zzz' is unknown: it is not declared here"),
+        ('qos_overrides.a', None, "parameter 'qos_overrides.a' is unknown"),
     ],
 )
 def test_other_values_are_refused_with_a_sentence(

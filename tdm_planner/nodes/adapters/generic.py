@@ -23,11 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.nodes.adapters.base import Adapter, Found
 from tdm_planner.nodes.adapters.vehicle import Vehicle
+from tdm_planner.nodes.drawn_markers import drawn_plan, DrawnPicture, has_drawing
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.nodes.tracked_plants import tracked_problem
-from tdm_planner.plant_kind import named_kind, plan_kind
+from tdm_planner.plant_kind import named_kind, plan_kind, PlantKind
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.registry import load_problem
@@ -35,6 +37,7 @@ from tdm_planner.replanning import GenericExecution
 from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -66,7 +69,9 @@ class GenericAdapter(Adapter):
             if set(self._wanted) <= set(tracked.kind.state_names):
                 known = [name for name in tracked.kind.state_names if name in self._wanted]
                 kind = replace(tracked.kind, state_names=tuple(known))
-        super().__init__(node, [Vehicle(node, VEHICLE, '', kind, parameters)])
+        picture = _picture(problem, kind)
+        super().__init__(node, [Vehicle(node, VEHICLE, '', kind, parameters, picture)])
+        self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._several: dict[str, Any] = {}
         self._execution: GenericExecution | None = None
         self.values_changed(values)
@@ -108,6 +113,8 @@ class GenericAdapter(Adapter):
             publisher.publish(plan_message(kind, trajectory, to_stamp(start)))
             if trajectory.state_names == vehicle.kind.state_names and not several:
                 self.note(vehicle, trajectory, start)
+        if isinstance(problem, DirectProblem) and has_drawing(type(problem)):
+            self._markers.publish(drawn_plan(problem, solution.trajectory))
 
     def _publisher(self, topic: str) -> Any:
         if topic not in self._several:
@@ -122,3 +129,12 @@ class GenericAdapter(Adapter):
         (vehicle,) = self.vehicles.values()
         self._execution = GenericExecution(vehicle.kind.state_names, self._deviation)
         return self._execution
+
+
+def _picture(problem: type[Problem], kind: PlantKind) -> DrawnPicture | None:
+    """Return the picture of a problem that has one, where all of its state is measured."""
+    if not (issubclass(problem, DirectProblem) and has_drawing(problem)):
+        return None
+    made = problem()
+    whole = kind.state_names == tuple(made.state_names)
+    return DrawnPicture(made, np.nan_to_num(CheckedFormulation(made).start())) if whole else None

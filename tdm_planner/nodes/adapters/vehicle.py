@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.active_plans import ActivePlans
-from tdm_planner.nodes.adapters.measurement import MeasuredState
 from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
 from tdm_planner.nodes.markers import MARKER_DEPTH
+from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_plan
 from tdm_planner.plant_kind import PlantKind

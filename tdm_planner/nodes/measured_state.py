@@ -12,21 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The newest measured state of a plant, and whether it is fresh enough to plan from."""
+"""A plant's measured state from the topics it comes on, for planners and trackers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.qos import NEWEST
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 from tdm_planner.trajectory import NANOSECOND
@@ -48,8 +49,8 @@ class NewestMeasurement:
     Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
 
     `read` raises InvalidProblem for a message that does not hold the states; such messages are
-    ignored (others may publish on the topic), but named when there is no better one. After every
-    other message `observer` is called.
+    ignored (others may publish on the topic), but named when there is no better one, and told to
+    `ignored`. After every other message `observer` is called.
     """
 
     def __init__(
@@ -59,15 +60,14 @@ class NewestMeasurement:
         topic: str,
         read: Callable[[Any], Mapping[str, float]],
         observer: Callable[[], None],
+        ignored: Callable[[str], None],
     ) -> None:
         self._node = node
         self._read = read
-        self._observer = observer
+        self._observer, self._ignored = observer, ignored
         self._newest: Received | None = None
         self._fault = ''
-        self._subscription = node.create_subscription(
-            message_type, topic, self._receive, qos_profile_sensor_data
-        )
+        self._subscription = node.create_subscription(message_type, topic, self._receive, NEWEST)
         self.topic: str = self._subscription.topic_name
 
     @property
@@ -120,6 +120,7 @@ class NewestMeasurement:
             states = self._read(message)
         except InvalidProblem as error:
             self._fault = str(error)
+            self._ignored(self._fault)
             return
         self._fault = ''
         stamp = nanoseconds_of(message.header.stamp)
@@ -133,19 +134,28 @@ class MeasuredState:
     The newest state of a plant, from `odom` where it has one and from `joint_states`.
 
     `prefix` is the plant's namespace ('' or 'robot1/'). `observer` is called with every state that
-    comes and its instant [ns].
+    comes and its instant [ns], `ignored` with the reason for ignoring a message: one is that its
+    parts are more than `longest()` [s] apart.
     """
 
     def __init__(
-        self, node: Node, kind: PlantKind, prefix: str, observer: Callable[[Array, int], None]
+        self,
+        node: Node,
+        kind: PlantKind,
+        prefix: str,
+        observer: Callable[[Array, int], None],
+        ignored: Callable[[str], None] = lambda _: None,
+        longest: Callable[[], float] = lambda: math.inf,
     ) -> None:
-        self._kind, self._prefix, self._told = kind, prefix, observer
+        self._kind, self._prefix, self._observer = kind, prefix, observer
+        self._ignored, self._longest = ignored, longest
         self.joints = NewestMeasurement(
             node,
             JointState,
             f'{prefix}joint_states',
             lambda message: read_joints(kind.measured, message, kind.state_names),
             lambda: None if kind.odometry else self._observe(),
+            ignored,
         )
         self._parts = {'joint_states': self.joints}
         if kind.odometry:
@@ -155,6 +165,7 @@ class MeasuredState:
                 f'{prefix}odom',
                 lambda message: read_odometry(kind, message),
                 self._observe,
+                ignored,
             )
             self._parts = {'odom': odometry, **self._parts}
 
@@ -197,5 +208,14 @@ class MeasuredState:
 
     def _observe(self) -> None:
         newest = self.newest
-        if newest is not None:
-            self._told(*newest)
+        if newest is None:
+            return
+        instants = [part.newest.instant for part in self._parts.values() if part.newest]
+        apart, longest = (max(instants) - min(instants)) * NANOSECOND, self._longest()
+        if apart > longest:
+            self._ignored(
+                f'odom and the newest joint_states are {apart:.3g} s apart, more than '
+                f'state_timeout = {longest:g} s'
+            )
+        else:
+            self._observer(*newest)
