@@ -29,7 +29,6 @@ from typing import Any
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
-FAINT = 1e-12  # N or N m
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
 MODULES = {  # by executable
@@ -263,19 +262,6 @@ class Ros:
             return self.spin_until(heard, every)
 
         return self.spin_until(sent, timeout)
-
-    def commands_act(
-        self,
-        command: Callable[[float], Any],
-        effort: Callable[[], float],
-        timeout: float = PATIENCE,
-    ) -> bool:
-        """Command a plant an effort that moves nothing, then none, until each is seen to act."""
-
-        def acts(value: float) -> bool:
-            return self.publish_until(lambda: command(value), lambda: effort() == value, timeout)
-
-        return acts(FAINT) and acts(0.0)
 
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""
