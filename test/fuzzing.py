@@ -94,15 +94,11 @@ robot_lists = st.one_of(
 
 def inside(allowed: Range) -> st.SearchStrategy[float]:
     """Numbers of an interval, its ends and its smallest and largest members above all."""
-    lower = allowed.lower if math.isfinite(allowed.lower) else -BIGGEST
-    upper = allowed.upper if math.isfinite(allowed.upper) else BIGGEST
-    ends = [x for x in (lower, upper, *SPECIAL_NUMBERS) if math.isfinite(x) and x in allowed]
-    if allowed.lower_open:
-        ends.append(math.nextafter(lower, math.inf))
-    if allowed.upper_open:
-        ends.append(math.nextafter(upper, -math.inf))
+    lower, upper = max(allowed.lower, -BIGGEST), min(allowed.upper, BIGGEST)
+    ends = [lower, upper, math.nextafter(lower, upper), math.nextafter(upper, lower)]
+    found = [x for x in (*ends, *SPECIAL_NUMBERS) if math.isfinite(x) and x in allowed]
     whole = st.floats(lower, upper, exclude_min=allowed.lower_open, exclude_max=allowed.upper_open)
-    return st.one_of(st.sampled_from(ends), whole)
+    return st.sampled_from(found) | whole
 
 
 def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
@@ -172,26 +168,6 @@ def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
     elif spec.kind == list[str]:
         wrong += [1.5, [1, 2], [None], ['a', 'a'], ['']]
     return problem, name, draw(st.sampled_from(wrong))
-
-
-@st.composite
-def arenas(draw: Any) -> dict[str, Any]:
-    """Robots anywhere in an arena: mostly valid, often too near to one another or to a wall."""
-    names = [f'robot{k + 1}' for k in range(draw(st.integers(1, 4)))]
-    place, offset = st.floats(0.1, 3.9), st.floats(-1.5, 1.5)
-    rate = st.sampled_from([0.0, 0.0, 0.05, -0.2, 3.0])
-    values: dict[str, Any] = {
-        'robots': names,
-        'formation.anchor': [2.0, 2.0, draw(st.floats(-4.0, 4.0))],
-        'arena.minimum_separation': draw(st.sampled_from([0.05, 0.3, 0.4, 0.6, 5.0])),
-    }
-    for name in names:
-        for axis, how in {'x': place, 'y': place, 'u': rate, 'v': rate, 'omega': rate}.items():
-            values[f'{name}.start.{axis}'] = draw(how)
-        values[f'formation.{name}'] = [draw(offset), draw(offset), draw(st.floats(-7.0, 7.0))]
-    if draw(st.booleans()):
-        values['arena.obstacles'] = [draw(place), draw(place), draw(st.floats(0.05, 0.5))]
-    return values
 
 
 # Parameter files.
@@ -266,10 +242,8 @@ def quaternions(draw: Any) -> dict[str, float]:
     """About the vertical, also of another length, or of anything."""
     if draw(st.integers(0, 4)) == 0:
         return {axis: draw(doubles) for axis in 'xyzw'}
-    yaw, scale = (
-        draw(st.floats(-10, 10)),
-        draw(st.sampled_from([1.0] * 12 + [0.0, 0.999, 2.0, 1e200])),
-    )
+    yaw = draw(st.floats(-10, 10))
+    scale = draw(st.sampled_from([1.0] * 12 + [0.0, 0.999, 2.0, 1e200]))
     return {'x': 0.0, 'y': 0.0, 'z': scale * math.sin(yaw / 2), 'w': scale * math.cos(yaw / 2)}
 
 
@@ -589,7 +563,6 @@ def survived(history: dict[str, Any]) -> bool:
 PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] = {
     **{kind: (parameter_sets(SPECIFICATIONS[kind]), partial(planned, kind), 20)
        for kind in PROBLEMS},
-    'arenas': (arenas(), partial(planned, 'robot_formation'), 10),
     'forbidden settings': (forbidden_settings(), refused_by_name, 60),
     'no mappings': (anything, becomes(PendulumSwingUp.from_parameters, PendulumSwingUp), 20),
     'files': (yaml_texts(), becomes(read_file, PendulumSwingUp), 60),

@@ -28,7 +28,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from ros_harness import MODULES, Ros
+from ros_harness import MODULES, PATIENCE, Ros
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, seconds_of
@@ -36,7 +36,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 TORQUE = 0.09  # N m, the strong motor
 COMMAND_TIMEOUT = STATE_TIMEOUT = 0.1  # s, the defaults of plant and tracker
-PATIENCE = 60.0  # s that anything may take on a busy machine
 STEPPED_PATIENCE = 20.0  # s, where that changes nothing
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held
@@ -122,7 +121,7 @@ class PendulumRig:
         answers: list[dict[str, Any]] = []
 
         def planned() -> bool:
-            answers.append(self.ros.trigger(f'/{self.namespace}/plan', PATIENCE)[1])
+            answers.append(self.ros.trigger(f'/{self.namespace}/plan')[1])
             return 'duration' in answers[-1]
 
         # It may be busy with a request of the tracker's own, or have no fresh state yet.
@@ -133,7 +132,7 @@ class PendulumRig:
 
     def fall(self) -> None:
         """Let the pendulum hang at rest, as if somebody had taken it down."""
-        self.ros.call(f'/{self.namespace}/reset', Trigger, timeout=PATIENCE)
+        self.ros.call(f'/{self.namespace}/reset', Trigger)
         self.wait(lambda: abs(self.angle) > UPRIGHT and not self.says('tracker', 'holding'))
 
     def wait(self, condition: Callable[[], Any]) -> None:

@@ -30,7 +30,7 @@ from tdm_planner.starting import NODES as MODULES
 
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
-FAINT = 1e-12  # N or N m
+PATIENCE = 60.0  # s that anything may take on a busy machine
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
 DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -125,7 +125,7 @@ class NodeProcess:
     def running(self) -> bool:
         return self.process.poll() is None
 
-    def end(self, number: int = signal.SIGINT, timeout: float = 10.0) -> int:
+    def end(self, number: int = signal.SIGINT, timeout: float = PATIENCE) -> int:
         """Signal the process group and return the exit code."""
         if self.running:
             os.killpg(self.process.pid, number)
@@ -206,7 +206,7 @@ class Ros:
         self._processes.append(process)
         return process
 
-    def spin_until(self, condition: Callable[[], bool], timeout: float = 10.0) -> bool:
+    def spin_until(self, condition: Callable[[], bool], timeout: float = PATIENCE) -> bool:
         """Serve callbacks until `condition` holds; False when `timeout` s have passed."""
         end = time.monotonic() + timeout
         while not condition():
@@ -240,7 +240,7 @@ class Ros:
         The other side may match later; until then it misses best-effort messages and answers. On a
         busy machine this is not enough: what must be heard is sent with `publish_until`.
         """
-        met = self.spin_until(known, 20.0)
+        met = self.spin_until(known)
         self.spin_for(MATCHING)
         return met
 
@@ -248,7 +248,7 @@ class Ros:
         self,
         publish: Callable[[], Any],
         heard: Callable[[], bool],
-        timeout: float = 10.0,
+        timeout: float = PATIENCE,
         every: float = 0.02,
     ) -> bool:
         """Publish every so many s until it was heard; False when `timeout` s have passed."""
@@ -259,16 +259,6 @@ class Ros:
 
         return self.spin_until(sent, timeout)
 
-    def commands_act(
-        self, command: Callable[[float], Any], effort: Callable[[], float], timeout: float = 10.0
-    ) -> bool:
-        """Command a plant an effort that moves nothing, then none, until each is seen to act."""
-
-        def acts(value: float) -> bool:
-            return self.publish_until(lambda: command(value), lambda: effort() == value, timeout)
-
-        return acts(FAINT) and acts(0.0)
-
     def request(self, service: str, service_type: Any, request: Any | None = None) -> Any:
         """Send a request without waiting for its answer; returns a Future."""
         client = self._clients.get(service)
@@ -276,18 +266,22 @@ class Ros:
             client = self.node.create_client(service_type, service)
             self._clients[service] = client
             assert self.meet(client.service_is_ready), f'no service {service}'
-        assert self.spin_until(client.service_is_ready, 20.0), f'no service {service}'
+        assert self.spin_until(client.service_is_ready), f'no service {service}'
         return client.call_async(request or service_type.Request())
 
     def call(
-        self, service: str, service_type: Any, request: Any | None = None, timeout: float = 20.0
+        self,
+        service: str,
+        service_type: Any,
+        request: Any | None = None,
+        timeout: float = PATIENCE,
     ) -> Any:
         """Call a service and return its response."""
         future = self.request(service, service_type, request)
         assert self.spin_until(future.done, timeout), f'{service} did not answer'
         return future.result()
 
-    def trigger(self, service: str, timeout: float = 20.0) -> tuple[bool, dict[str, Any]]:
+    def trigger(self, service: str, timeout: float = PATIENCE) -> tuple[bool, dict[str, Any]]:
         """Call a std_srvs/Trigger whose message is one line of JSON."""
         from std_srvs.srv import Trigger
 

@@ -27,8 +27,8 @@ import time
 from typing import Any
 import uuid
 
-from pendulum_rig import note, PATIENCE
-from ros_harness import ENOUGH, MODULES, NodeProcess, Ros, ros_arguments
+from pendulum_rig import note
+from ros_harness import ENOUGH, MODULES, NodeProcess, PATIENCE, Ros, ros_arguments
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
@@ -80,7 +80,7 @@ class Subject:
             assert self.process.running, self.process.output
             return bool(condition())
 
-        assert self.ros.spin_until(holds, PATIENCE), self.process.output
+        assert self.ros.spin_until(holds), self.process.output
         return self
 
     def says(self, text: str) -> Subject:

@@ -60,9 +60,19 @@ def sources(root: Path = ROOT) -> Iterator[Path]:
                 yield path
 
 
+def words(text: str) -> list[str]:
+    """Return what is said, however the lines are broken, as ament_copyright compares it."""
+    return [word for word in text.split() if word not in COMMENTS.values()]
+
+
 def bare(root: Path = ROOT) -> list[Path]:
     """Return the sources without the header."""
-    return [p for p in sources(root) if not p.read_text(encoding='utf-8').startswith(header(p))]
+
+    def begins(path: Path) -> bool:
+        wanted, found = words(header(path)), words(path.read_text(encoding='utf-8'))
+        return found[: len(wanted)] == wanted
+
+    return [path for path in sources(root) if not begins(path)]
 
 
 def main() -> int:

@@ -11,19 +11,13 @@
 
 from __future__ import annotations
 
-import re
-from typing import Any
-
 import numpy as np
 import pytest
-from ros_harness import MODULES, SOURCE
+from ros_harness import MODULES
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
-from tdm_planner.parameter_files import parse_yaml
-from tdm_planner.parameters import build, ros_parameters
-from tdm_sim.robot_plant import RobotPlantParameters
 from trajectory_msgs.msg import JointTrajectory
 
 STEP = 10_000_000  # ns
@@ -116,14 +110,3 @@ def test_a_second_clock_is_told_of(told: Told) -> None:
     assert told.ros.meet(lambda: told.ros.node.count_publishers('/clock') == 1)
     told.ros.spin_for(2.5)
     assert not told.ros.said(f'{PLANT}: simulation', two)
-
-
-def test_one_plant_of_several_drives_the_clock_as_the_page_says() -> None:
-    page = (SOURCE / 'docs' / 'nodes' / 'simulated_time.md').read_text(encoding='utf-8')
-    (appended,) = re.findall(r'^```yaml\n(.*?)^```$', page, re.DOTALL | re.MULTILINE)
-    file = (SOURCE / 'config' / 'robots.yaml').read_text(encoding='utf-8') + appended
-    drives: dict[str, Any] = {}
-    for robot in ('robot1', 'robot2', 'robot3'):
-        values = ros_parameters(parse_yaml(file), 'robot_plant', f'/robots/{robot}')
-        drives[robot] = build(RobotPlantParameters, values).publish_clock
-    assert drives == {'robot1': True, 'robot2': False, 'robot3': False}

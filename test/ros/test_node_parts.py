@@ -27,7 +27,6 @@ from tdm_planner.nodes.tracker_status import goal_status
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 
-MENDED = 'tdm_planner/nodes/managed.py relies on it: look there what this rclpy has instead'
 ACCEPTED, EXECUTING, CANCELING, SUCCEEDED, CANCELED, ABORTED = range(1, 7)
 
 
@@ -59,31 +58,20 @@ def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> N
     assert len(received) == 5
 
 
-# What of rclpy's own the managed nodes rely on, so that a new rclpy says what is missing.
-
-
 def test_rclpy_has_what_managed_nodes_rely_on(ros: Stepped) -> None:
+    """Where a new rclpy has it not, look in nodes/managed.py for what it has instead."""
     node = LifecycleNode('managed_by_rclpy', context=ros.node.context)
-    service = getattr(node, '_service_change_state', None)
-    assert service is not None, f'no _service_change_state: {MENDED}'
+    service, machine = node._service_change_state, node._state_machine
     assert service.srv_name.endswith('change_state')
-    assert service in list(node.services), f'services has it not: {MENDED}'
-    assert callable(getattr(service, 'callback', None)), f'its callback is none: {MENDED}'
-
-    def mine(request: object, response: object) -> object:
-        return response
-
+    assert service in list(node.services)
+    mine = lambda request, response: response  # noqa: E731
     service.callback = mine
-    assert service.callback is mine, f'its callback cannot be exchanged: {MENDED}'
-    machine = getattr(node, '_state_machine', None)
-    assert machine is not None, f'no _state_machine: {MENDED}'
-    possible = getattr(machine, 'available_transitions', None)
-    assert possible is not None, f'no _state_machine.available_transitions: {MENDED}'
-    found = {transition[0]: transition[1] for transition in possible}
-    assert found == {
-        Transition.TRANSITION_CONFIGURE: 'configure',
-        Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: 'shutdown',
-    }, MENDED
+    assert service.callback is mine
+    found = [transition[:2] for transition in machine.available_transitions]
+    assert sorted(map(tuple, found)) == [
+        (Transition.TRANSITION_CONFIGURE, 'configure'),
+        (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'shutdown'),
+    ]
     node.destroy_node()
 
 

@@ -58,12 +58,12 @@ def test_two_robots_are_launched_planned_for_recorded_and_ended(ros: Ros, tmp_pa
     )
     assert reasons == ['', '', '']
     states = ros.subscribe('/hall/robot2/joint_states', JointState)
-    assert ros.spin_until(lambda: bool(states), 60.0)
-    done, answer = ros.trigger('/hall/plan', 60.0)
+    assert ros.spin_until(lambda: bool(states))
+    done, answer = ros.trigger('/hall/plan')
     assert done, answer
     assert answer['summary'].startswith('2 robots')
     # Without anything recorded a recorder ends without a bag.
-    assert ros.spin_until(lambda: any(bag.glob('*.mcap')), 60.0)
+    assert ros.spin_until(lambda: any(bag.glob('*.mcap')))
     for process in processes.values():
         assert process.running, process.output
         process.process.send_signal(signal.SIGINT)

@@ -192,7 +192,7 @@ def test_an_outsider_asks_for_plans_and_reads_them(
     # Both ask at once: each gets one answer, and a client of ROS its own.
     future = ros.request('/pendulum/plan', Trigger)
     client.ask()
-    assert ros.spin_until(future.done, 30.0)
+    assert ros.spin_until(future.done)
     assert any(fine for fine, _ in (client.reply(), client.reply()))
     done, answer = ros.trigger('/pendulum/plan')
     assert done, answer

@@ -28,7 +28,7 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 def start(ros: Ros, output: Path, *arguments: str) -> NodeProcess:
     process = ros.run('tdm_planner.cli', ['record', '-o', str(output), *arguments])
-    assert ros.spin_until(output.is_dir, 20.0), process.output
+    assert ros.spin_until(output.is_dir), process.output
     return process
 
 
@@ -93,7 +93,7 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
         sent[0] += 1
 
     file = bag / 'bag.mcap'
-    assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), 20.0, 0.05)
+    assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), every=0.05)
     assert recorder.end() == 0
     received = len(read_with_mcap(bag)['/lost'])
     lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
