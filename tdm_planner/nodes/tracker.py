@@ -430,6 +430,7 @@ class TrackerNode(ManagedNode):
             '' if self._time.runs else NO_TIME,
             self._refusal,
             self._planners.warning,
+            self.tracker.warning if self.configured else '',
             f'commands at {slow}' if slow else '',
         ]
         told = [text for text in told if text]

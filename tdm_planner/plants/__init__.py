@@ -19,7 +19,6 @@ from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_planner.plants.rotary_pendulum import (
     PendulumInertia,
     PendulumLimits,
-    PendulumMotor,
     RotaryPendulum,
 )
 
@@ -27,7 +26,6 @@ __all__ = [
     'FloatingRobot',
     'PendulumInertia',
     'PendulumLimits',
-    'PendulumMotor',
     'Plant',
     'RobotLimits',
     'RotaryPendulum',

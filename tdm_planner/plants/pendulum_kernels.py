@@ -96,6 +96,26 @@ quick_accelerations = _written()
 accelerations_with_slopes = _written('theta', 'theta_dot', 'psi_dot')
 
 
+@inlined
+def runge_kutta(
+    k: Coefficients, theta: float, psi: float, w: float, v: float, torque: float, h: float
+) -> tuple[float, float, float, float]:
+    """Return theta, psi, theta', psi' after one classical step of `h` s under a held torque."""
+    a1, c1 = quick_accelerations(k, theta, w, v, torque)
+    w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
+    a2, c2 = quick_accelerations(k, theta + 0.5 * h * w, w2, v2, torque)
+    w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
+    a3, c3 = quick_accelerations(k, theta + 0.5 * h * w2, w3, v3, torque)
+    w4, v4 = w + h * a3, v + h * c3
+    a4, c4 = quick_accelerations(k, theta + h * w3, w4, v4, torque)
+    return (
+        theta + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
+        psi + h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
+        w + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
+        v + h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4),
+    )
+
+
 @compiled
 def roll_arcs(
     k: Coefficients,
@@ -337,7 +357,7 @@ def _roll(
     h: float,
     states: Array,
 ) -> None:
-    x, rates, y = start.copy(), np.empty((4, 4)), np.empty(4)
+    x = start.copy()
     states[0] = x
     for interval in range(torques.size):
         away = (x[0] - references[interval, 0] + math.pi) % (2.0 * math.pi) - math.pi
@@ -346,14 +366,5 @@ def _roll(
             torque -= gains[interval, m] * (x[m] - references[interval, m])
         torque = min(max(torque, -limit), limit)
         for _ in range(_SUBSTEPS):
-            for s in range(4):
-                reach = 0.0 if s == 0 else (0.5 * h if s < 3 else h)
-                for m in range(4):
-                    y[m] = x[m] + (reach * rates[s - 1, m] if s > 0 else 0.0)
-                rates[s, 0], rates[s, 1] = y[2], y[3]
-                rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torque)
-            for m in range(4):
-                x[m] += (
-                    h / 6.0 * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])
-                )
+            x[0], x[1], x[2], x[3] = runge_kutta(k, x[0], x[1], x[2], x[3], torque, h)
         states[interval + 1] = x

@@ -20,26 +20,24 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import quick_accelerations
-from tdm_planner.plants.pendulum_pumping import slowness
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 
-_STEP = 0.05  # of the time scale of the quickest swings, of the midpoint rule
 _SWITCHES = 24  # intervals of the grid of either switch
 
 
 @compiled
 def least_peak(
-    k: Coefficients, start: Array, torque: float, horizon: float, w0: float, limit: float
+    k: Coefficients, start: Array, torque: float, horizon: float, h: float, limit: float
 ) -> float:
     """
     Return the least |psi| [rad] found that is not exceeded for `horizon` [s] from `start` (4,).
 
     Tried are +-`torque` [N m] with two switches, each at any of 25 instants, denser at first; the
-    search ends where a peak is below `limit` [rad].
+    search ends where a peak is below `limit` [rad]. The midpoint rule takes steps of `h` s.
     """
-    h, best = _STEP / w0 * min(1.0, 2.0 * slowness(k)), np.inf
+    best = np.inf
     for first in range(_SWITCHES + 1):
         one = (first / _SWITCHES) ** 2 * horizon
         for second in range(first, _SWITCHES + 1):

@@ -33,7 +33,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import quick_accelerations, sine_and_cosine
+from tdm_planner.plants.pendulum_kernels import (
+    quick_accelerations,
+    runge_kutta,
+    sine_and_cosine,
+)
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
@@ -169,17 +173,7 @@ def _pumped(
                 break
             durations[arc], torques[arc] = age, held
             arc, age, held = arc + 1, 0.0, want
-        a1, c1 = quick_accelerations(k, theta, w, v, held)
-        w2, v2 = w + 0.5 * h * a1, v + 0.5 * h * c1
-        a2, c2 = quick_accelerations(k, theta + 0.5 * h * w, w2, v2, held)
-        w3, v3 = w + 0.5 * h * a2, v + 0.5 * h * c2
-        a3, c3 = quick_accelerations(k, theta + 0.5 * h * w2, w3, v3, held)
-        w4, v4 = w + h * a3, v + h * c3
-        a4, c4 = quick_accelerations(k, theta + h * w3, w4, v4, held)
-        theta += h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        psi += h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
-        w += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        v += h / 6.0 * (c1 + 2.0 * (c2 + c3) + c4)
+        theta, psi, w, v = runge_kutta(k, theta, psi, w, v, held, h)
         age += h
         total += h
         if not (abs(psi) < _BEYOND * p.psi_max and abs(w) < 1e3 * w0):

@@ -103,18 +103,12 @@ def driven(
 
 
 @dataclass(frozen=True)
-class PendulumMotor(Validated):
-    """What the disk's motor can do."""
+class PendulumLimits(Validated):
+    """Limits of motor and rig."""
 
     torque: float = parameter(
         0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=PHYSICAL
     )
-
-
-@dataclass(frozen=True)
-class PendulumLimits(PendulumMotor):
-    """Limits of motor and rig."""
-
     disk_angle: float = parameter(
         2.0, 'largest angle of the disk, either way', unit='rad', allowed=PHYSICAL
     )
@@ -185,7 +179,7 @@ class RotaryPendulum(Validated, StatedPlant):
         super().__post_init__()
         k = self.coefficients
         scale = k.pendulum * (k.disk + k.disk_cosine)
-        determinant = scale - k.arm**2
+        determinant = self.determinant
         usable = 1e-200 < scale < 1e200 and 1e-100 < k.gravity < 1e100
         if not (usable and determinant > _SMALLEST_DETERMINANT * scale):
             raise InvalidProblem(
@@ -213,6 +207,22 @@ class RotaryPendulum(Validated, StatedPlant):
     def natural_frequency(self) -> float:
         """Angular frequency of small swings about hanging with the disk held, w0 [rad/s]."""
         return math.sqrt(self.coefficients.gravity / self.coefficients.pendulum)
+
+    @property
+    def determinant(self) -> float:
+        """Determinant of the mass matrix upright or hanging [kg^2 m^4], where it is least."""
+        k = self.coefficients
+        return k.pendulum * (k.disk + k.disk_cosine) - k.arm**2
+
+    @property
+    def quickness(self) -> float:
+        """How many times as many steps as usual a light disk's quick swings take; at least 1."""
+        scale = self.determinant + self.coefficients.arm**2
+        return max(1.0, 0.5 * math.sqrt(scale / self.determinant))
+
+    def disk_acceleration(self, torque: float) -> float:
+        """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""
+        return torque * self.coefficients.pendulum / self.determinant
 
     @staticmethod
     def equations(
@@ -243,13 +253,3 @@ class RotaryPendulum(Validated, StatedPlant):
         kinetic = 0.5 * k.pendulum * theta_dot**2 + b * theta_dot * psi_dot + 0.5 * j * psi_dot**2
         total: Array = kinetic + k.gravity * np.cos(theta)
         return total
-
-    def torque_for(self, state: Array, psi_ddot: Array) -> tuple[Array, Array]:
-        """
-        Inverse dynamics: torque [N m] and theta'' [rad/s^2] at which the disk has psi''.
-
-        States (..., 4) and psi'' (...) -> two arrays (...).
-        """
-        theta, theta_dot, psi_dot = state[..., 0], state[..., 2], state[..., 3]
-        theta_ddot, torque = driven(self.coefficients, theta, theta_dot, psi_dot, psi_ddot)
-        return torque, theta_ddot

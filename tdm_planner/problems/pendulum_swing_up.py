@@ -182,15 +182,18 @@ class PendulumSwingUp(Problem, Validated):
         return self.task.constraints
 
     def describe(self, plan: Plan) -> str:
-        """Return when the pendulum is upright, and by what torque."""
+        """Return when the pendulum is upright, by what torque, and how weak that is."""
         motion = plan.trajectories[VEHICLE]
         torques = motion.control('torque')
         kind = 'a smooth torque'
         if motion.interpolation == 'zero_order_hold':
             kind = f'{np.count_nonzero(np.diff(torques[:-1]))} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
+        speeds = np.sign(motion.state('theta_dot')[1:-1])
+        swings = 1 + np.count_nonzero(np.diff(speeds[speeds != 0.0]))
         return (
             f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
             f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
-            f'{np.abs(motion.state("psi")).max():.2f} rad'
+            f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
+            f'{swings} swings'
         )

@@ -22,7 +22,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_peaks import least_peak
-from tdm_planner.plants.pendulum_pumping import slowness
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
@@ -34,6 +33,7 @@ TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
+_PEAK_STEP = 0.05  # of the time scale of the quickest swings, to look for peaks
 _RESOLUTION, _INSTANTS = 1e-3, 20_000  # s, of the check; in so many instants where it is longer
 
 
@@ -68,18 +68,16 @@ class SwingUpTask:
 
     def steps(self, usual: int) -> int:
         """Return the RK4 steps an arc: more than usual where a light disk makes swings quick."""
-        return math.ceil(usual / min(1.0, 2.0 * slowness(self.plant.coefficients)))
+        return math.ceil(usual * self.plant.quickness)
 
     def fine_time(self, share: float) -> float:
         """Return that share of the time scale of the quickest swings [s]."""
-        slow = slowness(self.plant.coefficients)
-        return share / self.plant.natural_frequency * min(1.0, 2.0 * slow)
+        return share / self.plant.natural_frequency / self.plant.quickness
 
     @property
     def disk_acceleration(self) -> float:
         """Acceleration that the torque gives the disk with the pendulum upright [rad/s^2]."""
-        k = self.plant.coefficients
-        return self.torque * k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm**2)
+        return self.plant.disk_acceleration(self.torque)
 
     @property
     def quickest(self) -> float:
@@ -90,11 +88,10 @@ class SwingUpTask:
         """
         k = self.plant.coefficients
         longest = 1e3 / self.plant.natural_frequency
-        determinant = k.pendulum * (k.disk + k.disk_cosine) - k.arm**2
         times = [0.0]
         error = np.abs(self.start - self.goal_nearest(self.start)).tolist()
         for inertia, distance, speed in ((k.arm, *error[::2]), (k.pendulum, *error[1::2])):
-            acceleration = self.torque * inertia / determinant
+            acceleration = self.torque * inertia / self.plant.determinant
             if acceleration * longest**2 < distance or acceleration * longest < speed:
                 return longest
             times += [math.sqrt(distance / acceleration), speed / acceleration]
@@ -120,7 +117,8 @@ class SwingUpTask:
         """
         w0, limit = self.plant.natural_frequency, self.disk_angle
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
-        return least_peak(self.plant.coefficients, self.start, self.torque, horizon, w0, limit)
+        step, k = self.fine_time(_PEAK_STEP), self.plant.coefficients
+        return least_peak(k, self.start, self.torque, horizon, step, limit)
 
     def turns_nearest(self, state: Array) -> int:
         """

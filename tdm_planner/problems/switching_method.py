@@ -227,8 +227,8 @@ class SwitchingMethod(Search[Candidate]):
         search += 'gave no swing-up'
         if task.drive < _WEAK:
             search += (
-                '; a torque this weak takes many swings: a longer solver.deadline or more torque '
-                'may help'
+                f'; a torque this weak (drive {task.drive:.2g}) takes many swings: a longer '
+                'solver.deadline or more torque may help'
             )
         if self._closest is None or not math.isfinite(self._closest[0]):
             return search

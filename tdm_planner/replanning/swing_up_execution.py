@@ -23,7 +23,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
-from tdm_planner.plants.rotary_pendulum import PendulumMotor
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning.decision import Outlook
@@ -34,11 +33,8 @@ from tdm_planner.replanning.execution import (
     Observation,
 )
 from tdm_planner.replanning.plan_in_force import PlanInForce
-from tdm_planner.tracking.pendulum_tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
-    SwingUpLaw,
-)
+from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 
@@ -49,7 +45,7 @@ _DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond
 @dataclass(frozen=True, eq=False)
 class _Law:
     plan: PlanInForce
-    law: SwingUpLaw
+    law: PlanLaw
 
 
 class SwingUpExecution(Execution):
@@ -64,9 +60,7 @@ class SwingUpExecution(Execution):
         self, problem: PendulumSwingUp, parameters: PendulumTrackerParameters | None = None
     ) -> None:
         if parameters is None:
-            parameters = PendulumTrackerParameters(
-                plant=problem.plant, limits=PendulumMotor(torque=problem.limits.torque)
-            )
+            parameters = PendulumTrackerParameters(plant=problem.plant, limits=problem.limits)
         self._plant = problem.plant
         self._interval = parameters.interval
         self._limit = parameters.limits.torque
@@ -99,11 +93,11 @@ class SwingUpExecution(Execution):
             return Outlook(trouble='the plan in force is not followed any more')
         left = max(plan.end - at, 0.0)
         goal = plan.solution.trajectory.states[-1]
-        if self._level(now.state, goal) < 1.0:
+        if self._tracker.level(now.state, goal) < 1.0:
             return Outlook(left, settled=True)
         until = at + left + _SETTLING / plant.natural_frequency
         states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
-        if not np.isfinite(states).all() or not self._level(states[-1], goal) < 1.0:
+        if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
             return Outlook(left, trouble='the feedback cannot bring it back to the plan in force')
         assert isinstance(plan.problem, PendulumSwingUp)
         limit = _DISK_SLACK * plan.problem.limits.disk_angle
@@ -125,12 +119,6 @@ class SwingUpExecution(Execution):
         """Whether two swing-ups differ in nothing but start and solver."""
         return replace(problem, start=other.start, solver=other.solver) == other
 
-    def _level(self, state: Array, goal: Array) -> float:
-        """Cost to go about upright, as a share of what its regulator takes without saturating."""
-        error = self._tracker.error(state.copy(), goal)
-        cost = float(error @ self._tracker.upright.cost_to_go @ error)
-        return cost / self._tracker.capture_level
-
     def _table(self, plan: PlanInForce, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
@@ -149,9 +137,6 @@ class SwingUpExecution(Execution):
             references = law.trajectory.sample(elapsed).state
             references[after, 2:] = 0.0
             torques = law.feedforward.means(edges)[:, 0]
-            last = len(law.regulator.gains) - 1
-            index = np.clip(np.round(elapsed / law.step), 0, last).astype(np.intp)
-            gains = np.where(
-                after[:, None], self._tracker.upright.gain, law.regulator.gains[index, 0]
-            )
+            along = law.gains[law.places(elapsed), 0]
+            gains = np.where(after[:, None], self._tracker.upright.gain, along)
         return FeedbackTable(references, torques, gains, step, self._limit)

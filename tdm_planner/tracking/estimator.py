@@ -28,7 +28,7 @@ from tdm_planner.plants.base import Plant
 
 Array = NDArray[np.float64]
 
-_LONGEST_STEP = 5e-3  # s, of the Runge-Kutta prediction; error about 1e-8 rad for a fast rig
+_LONGEST_STEP = 5e-3  # s, of the Runge-Kutta prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 
@@ -105,7 +105,8 @@ class StateEstimator:
     Samples carry the instant they were taken; between samples the estimate follows the plant's
     equations of motion under the commands of `history`. `angles` (nx,) marks states that sensors
     may report modulo 2 pi: the estimate runs on continuously. A sample that noise and model cannot
-    explain (a push, a reset) is believed.
+    explain (a push, a reset) is believed. No step of the prediction is longer than `longest_step`
+    s.
     """
 
     def __init__(
@@ -115,12 +116,13 @@ class StateEstimator:
         angles: NDArray[np.bool_],
         history: CommandHistory,
         longest_gap: float,
+        longest_step: float = _LONGEST_STEP,
     ) -> None:
         self._plant = plant
         self.noise = noise
         self._angles = angles
         self.history = history
-        self._longest_gap = longest_gap
+        self._longest_gap, self._longest_step = longest_gap, longest_step
         self._measurement_covariance = np.diag(noise.measurement**2)
         prior = noise.measurement if noise.prior is None else noise.prior
         self._prior_covariance = np.diag(prior**2)
@@ -148,12 +150,12 @@ class StateEstimator:
         assert self.stamp is not None
         state = self._state
         for duration, control in self.history.between(self.stamp, time):
-            state = flow(self._plant, state, control, duration)
+            state = self.move(state, control, duration)
         return state
 
     def move(self, state: Array, control: Array, duration: float) -> Array:
         """State (nx,) after `duration` s under a held control (nu,), as the model has it."""
-        return flow(self._plant, state, control, duration)
+        return flow(self._plant, state, control, duration, self._longest_step)
 
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
@@ -167,7 +169,7 @@ class StateEstimator:
             self._covariance = transition @ self._covariance @ transition.T
             # The model's error is about constant over an interval: it adds up with the time.
             self._covariance += np.diag((spread * duration) ** 2)
-            self._state = flow(self._plant, self._state, control, duration)
+            self._state = self.move(self._state, control, duration)
 
     def _correct(self, measured: Array) -> None:
         innovation = measured - self._state
@@ -184,9 +186,15 @@ class StateEstimator:
         self._covariance = 0.5 * (covariance + covariance.T)
 
 
-def flow(plant: Plant, state: Array, control: Array, duration: float) -> Array:
-    """State (nx,) after `duration` s under a held control (nu,), by classical Runge-Kutta."""
-    steps = max(1, math.ceil(duration / _LONGEST_STEP * (1.0 - 1e-9)))
+def flow(
+    plant: Plant, state: Array, control: Array, duration: float, longest: float = _LONGEST_STEP
+) -> Array:
+    """
+    State (nx,) after `duration` s under a held control (nu,), by classical Runge-Kutta.
+
+    No step is longer than `longest` s.
+    """
+    steps = max(1, math.ceil(duration / longest * (1.0 - 1e-9)))
     h = duration / steps
     for _ in range(steps):
         k1 = plant.derivative(state, control)

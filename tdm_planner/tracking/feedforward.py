@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The planned control as a command that is held over an interval: its mean over the interval.
+A plan as a law: its mean control over the coming interval, and the gains of the feedback.
 
 Switches do not fall on the ticks of a tracker; the mean gives the plant the same impulse as the
 plan, whereas the value at the tick would shift every switch by up to an interval.
@@ -21,11 +21,18 @@ plan, whereas the value at the tick would shift every switch by up to an interva
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.tracking.estimator import DifferentiablePlant
+from tdm_planner.tracking.linear_quadratic import time_varying_regulator
+from tdm_planner.tracking.tracker import TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+_MOST_GAINS = 12_000  # along a plan; a longer one has them further apart
 
 
 class Feedforward:
@@ -44,3 +51,58 @@ class Feedforward:
         """Mean controls (n, nu) between neighbouring `edges` (n + 1,), times that increase."""
         means: Array = np.diff(self._integral(edges), axis=0) / np.diff(edges)[:, None]
         return means
+
+
+@dataclass(frozen=True, eq=False)
+class PlanLaw:
+    """What is prepared of a plan: feedforward, and gains (n, nu, nx), one every `step` s."""
+
+    trajectory: Trajectory = field(repr=False)
+    feedforward: Feedforward
+    gains: Array = field(repr=False)
+    step: float
+
+    @classmethod
+    def along(
+        cls,
+        plant: DifferentiablePlant,
+        trajectory: Trajectory,
+        weights: tuple[Array, Array],
+        terminal: Array,
+        spacing: float,
+    ) -> PlanLaw:
+        """
+        Return the law of a plan, with gains about every `spacing` s.
+
+        `weights` are Q (nx, nx) and R (nu, nu), `terminal` (nx, nx) weighs the deviation at the
+        end.
+
+        Raises
+        ------
+        TrajectoryRefused
+            If there is no feedback along the plan.
+
+        """
+        if trajectory.rates is None:
+            trajectory = trajectory.with_rates(plant.derivative)
+        steps = min(max(1, round(trajectory.duration / spacing)), _MOST_GAINS)
+        step = trajectory.duration / steps
+        sample = trajectory.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
+        a, b = plant.jacobians(sample.state, sample.control)
+        try:
+            gains = time_varying_regulator(a, b, *weights, terminal, step).gains
+        except ValueError as error:
+            raise TrajectoryRefused(
+                f'there is no feedback along the trajectory: {error}'
+            ) from None
+        if not np.isfinite(gains).all():
+            raise TrajectoryRefused('there is no finite feedback along the trajectory')
+        return cls(trajectory, Feedforward(trajectory), gains, step)
+
+    def places(self, elapsed: Array) -> NDArray[np.intp]:
+        """Places of the gains at instants (n,) [s] after the start; the ends are held."""
+        return np.clip(np.round(elapsed / self.step), 0, len(self.gains) - 1).astype(np.intp)
+
+    def gain(self, elapsed: float) -> Array:
+        """Gain (nu, nx) at `elapsed` s after the start."""
+        return np.asarray(self.gains[min(max(round(elapsed / self.step), 0), len(self.gains) - 1)])

@@ -19,14 +19,15 @@ The torque over the coming command interval is
 
     T = mean of the planned torque - K(t) (x - x_plan(t)),
 
-saturated at the actuator's limit, of which the plan leaves a share to the feedback. Before the
-plan's end the regulator about upright takes over as soon as the state is inside the largest level
-set of its cost to go, x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
+saturated at the actuator's limit, of which the plan leaves a share to the feedback. The regulator
+about upright takes over at the plan's end. It does so before where the plan is lost, if the state
+is inside the largest level set of its cost to go, x'P x <= T_max^2 / (K P^-1 K'), in which its
+torque does not saturate.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 import math
 
@@ -34,30 +35,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
-from tdm_planner.plants.rotary_pendulum import PendulumMotor, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
-from tdm_planner.tracking.feedforward import Feedforward
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    Regulator,
-    time_varying_regulator,
-    TimeVaryingRegulator,
-)
-from tdm_planner.tracking.tracker import (
-    Action,
-    Motion,
-    TrajectoryRefused,
-    TrajectoryTracker,
-    wrapped,
-)
+from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
+from tdm_planner.tracking.tracker import Action, Motion, TrajectoryTracker, wrapped
 from tdm_planner.tracking.tracker_parameters import NOISE, TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_GAIN_STEP = 5e-3  # s between the gains along a plan
-_MOST_GAINS = 12_000  # along a minute; a longer plan has them further apart
-_CAPTURE_SHARE = 0.5  # of the plan's duration before which capture is not looked for
+_GAIN_STEP = 5e-3  # s between the gains along a plan, and of a prediction: at most
+_FINE = 0.1  # of the time scale of the quickest swings, likewise
+_RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
+_SLOWEST = 12.0  # commands in the time scale of the quickest swings, and of the disk:
+_DISK = 3.0  # rad that it turns by the torque in the square of the latter
 # Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
 _RATE_FLOOR = 0.1
 # Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
@@ -89,8 +81,11 @@ class EstimatorParameters(Validated):
     angle_noise: float = parameter(
         0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
     )
-    rate_noise: float = parameter(
-        0.1, 'standard deviation of measured rates', unit='rad/s', allowed=NOISE
+    rate_noise: float | None = parameter(
+        None,
+        "standard deviation of measured rates; unset: in proportion to the rig's speed",
+        unit='rad/s',
+        allowed=NOISE,
     )
     model_error: float = parameter(
         0.1, "relative error of the model's accelerations", allowed=NOISE
@@ -102,24 +97,9 @@ class PendulumTrackerParameters(TrackerParameters):
     """Parameters of the pendulum's tracker."""
 
     plant: RotaryPendulum = group(RotaryPendulum)
-    limits: PendulumMotor = group(PendulumMotor)
+    limits: PendulumLimits = group(PendulumLimits)
     weights: FeedbackWeights = group(FeedbackWeights)
     estimator: EstimatorParameters = group(EstimatorParameters)
-
-
-@dataclass(frozen=True, eq=False)
-class SwingUpLaw:
-    """What is prepared before the start: feedforward and gains every `step` s of the plan."""
-
-    feedforward: Feedforward
-    regulator: TimeVaryingRegulator
-    step: float
-    trajectory: Trajectory = field(repr=False)
-
-    def gain(self, elapsed: float) -> Array:
-        """Gain (1, 4) at `elapsed` s after the start."""
-        last = len(self.regulator.gains) - 1
-        return np.asarray(self.regulator.gains[min(max(round(elapsed / self.step), 0), last)])
 
 
 class PendulumTracker(TrajectoryTracker):
@@ -167,31 +147,30 @@ class PendulumTracker(TrajectoryTracker):
         spread = float((gain @ np.linalg.solve(cost, gain.T))[0, 0])
         return float(self.parameters.limits.torque**2 / spread)
 
+    def level(self, state: Array, goal: Array) -> float:
+        """Cost to go about upright, as a share of what its regulator takes without saturating."""
+        error = self.error(state, goal)
+        return float(error @ self.upright.cost_to_go @ error) / self.capture_level
+
+    @property
+    def warning(self) -> str:
+        """Say that the commands are too slow for the rig, where they are."""
+        plant, given = self.parameters.plant, self.parameters
+        disk = math.sqrt(plant.disk_acceleration(given.limits.torque) / _DISK)
+        least = _SLOWEST * max(plant.natural_frequency * plant.quickness, disk)
+        if given.rate >= least:
+            return ''
+        return f'rate = {given.rate:g} Hz is too slow for this rig: must be {least:.0f} Hz or more'
+
     def prepare_hold(self) -> None:
         """Compute the gains about upright now rather than when they are first needed."""
         _ = self.capture_level
 
-    def prepare(self, trajectory: Trajectory) -> SwingUpLaw:
+    def prepare(self, trajectory: Trajectory) -> PlanLaw:
         """Compute the gains along the plan."""
-        plant = self.parameters.plant
-        smooth = (
-            trajectory if trajectory.rates is not None else trajectory.with_rates(plant.derivative)
-        )
-        steps = min(max(1, round(trajectory.duration / _GAIN_STEP)), _MOST_GAINS)
-        step = trajectory.duration / steps
-        times = trajectory.times[0] + step * (np.arange(steps) + 0.5)
-        sample = smooth.sample(times)
-        a, b = plant.jacobians(sample.state, sample.control)
-        terminal = self.upright.cost_to_go
-        try:
-            along = time_varying_regulator(a, b, self._q, self._r, terminal, step)
-        except ValueError as error:
-            raise TrajectoryRefused(
-                f'there is no feedback along the trajectory: {error}'
-            ) from None
-        if not np.isfinite(along.gains).all():
-            raise TrajectoryRefused('there is no finite feedback along the trajectory')
-        return SwingUpLaw(Feedforward(trajectory), along, step, smooth)
+        plant, terminal = self.parameters.plant, self.upright.cost_to_go
+        spacing = min(_GAIN_STEP, _FINE / plant.natural_frequency / plant.quickness)
+        return PlanLaw.along(plant, trajectory, (self._q, self._r), terminal, spacing)
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (4,); theta the shorter way round."""
@@ -200,12 +179,12 @@ class PendulumTracker(TrajectoryTracker):
         return error
 
     def deviation(self, error: Array) -> float:
-        """Return the larger deviation of the two angles [rad]."""
-        return float(np.abs(error[:2]).max())
+        """Return the larger deviation: of theta [rad], of the disk as a share of its range."""
+        return float(max(abs(error[0]), abs(error[1]) / self.parameters.limits.disk_angle))
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned torque plus time-varying feedback."""
-        law: SwingUpLaw = motion.law
+        law: PlanLaw = motion.law
         elapsed = time - motion.start
         first = law.trajectory.times[0]
         planned = law.feedforward.mean(first + elapsed, first + elapsed + self.parameters.interval)
@@ -218,13 +197,12 @@ class PendulumTracker(TrajectoryTracker):
         return self._action(np.zeros(1), self.upright.gain, state, goal)
 
     def captured(self, motion: Motion, time: float, state: Array) -> bool:
-        """Whether the regulator about upright may take over."""
+        """Whether the regulator about upright takes over: at the end, or where it is lost."""
         if time >= motion.end:
             return True
-        if time - motion.start < _CAPTURE_SHARE * motion.trajectory.duration:
-            return False
-        error = self.error(state, motion.trajectory.states[-1])
-        return float(error @ self.upright.cost_to_go @ error) < self.capture_level
+        away = self.deviation(self.error(state, motion.reference(time)))
+        goal = motion.trajectory.states[-1]
+        return away > self.parameters.tolerance.path and self.level(state, goal) < 1.0
 
     @cached_property
     def recovery_gain(self) -> Array:
@@ -257,14 +235,17 @@ class PendulumTracker(TrajectoryTracker):
 
 def _estimator(parameters: PendulumTrackerParameters, history: CommandHistory) -> StateEstimator:
     assumed = parameters.estimator
-    floor = _RATE_FLOOR * parameters.plant.natural_frequency**2
+    plant, rate_noise = parameters.plant, assumed.rate_noise
+    frequency = plant.natural_frequency
+    if rate_noise is None:
+        rate_noise = _RATE_NOISE * frequency
+    floor = _RATE_FLOOR * frequency**2
     noise = EstimatorNoise(
-        measurement=np.array([assumed.angle_noise] * 2 + [assumed.rate_noise] * 2),
+        measurement=np.array([assumed.angle_noise] * 2 + [rate_noise] * 2),
         model=assumed.model_error,
         rate_floor=np.full(4, floor),
         driven=np.array([False, False, True, True]),
     )
     theta_only = np.array([True, False, False, False])
-    return StateEstimator(
-        parameters.plant, noise, theta_only, history, longest_gap=parameters.state_timeout
-    )
+    step = min(_GAIN_STEP, _FINE / frequency / plant.quickness)
+    return StateEstimator(plant, noise, theta_only, history, parameters.state_timeout, step)

@@ -31,17 +31,12 @@ from numpy.typing import NDArray
 from tdm_planner.problems.direct_plant import TracedPlant
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
-from tdm_planner.tracking.feedforward import Feedforward
-from tdm_planner.tracking.linear_quadratic import (
-    discrete_regulator,
-    time_varying_regulator,
-    TimeVaryingRegulator,
-)
+from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.linear_quadratic import discrete_regulator
 from tdm_planner.tracking.tracker import (
     Action,
     Motion,
     Phase,
-    TrajectoryRefused,
     TrajectoryTracker,
 )
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -49,7 +44,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_FEWEST_GAINS, _MOST_GAINS, _GAIN_STEP = 100, 12_000, 5e-3  # along a plan, and s between two
+_FEWEST_GAINS, _GAIN_STEP = 100, 5e-3  # along a plan, and s between two
 _AT_REST = 1e-3  # share of the largest rate of a plan that counts as rest at its end
 _TOUCHED, _HALVINGS = 1e-3, 8  # of a limit that feedback may touch; to the share it allows
 _NEWTON = 20  # steps to the control that holds the end
@@ -69,19 +64,11 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class StatedLaw:
-    """What is prepared of a plan: feedforward, gains every `step` s, how both ends are held."""
+    """What is prepared of a plan: its law, and how both ends are held."""
 
-    trajectory: Trajectory
-    feedforward: Feedforward
-    regulator: TimeVaryingRegulator
-    step: float
+    law: PlanLaw
     begin: Hold | None
     end: Hold | None
-
-    def gain(self, elapsed: float) -> Array:
-        """Gain (nu, nx) at `elapsed` s after the start."""
-        last = len(self.regulator.gains) - 1
-        return np.asarray(self.regulator.gains[min(max(int(elapsed / self.step), 0), last)])
 
 
 class StatedTracker(TrajectoryTracker):
@@ -122,24 +109,13 @@ class StatedTracker(TrajectoryTracker):
         """Compute the gains along the plan."""
         plant = self._plant
         smooth = trajectory.with_rates(plant.derivative)
-        steps = max(_FEWEST_GAINS, round(trajectory.duration / _GAIN_STEP))
-        steps = min(steps, _MOST_GAINS)
-        step = trajectory.duration / steps
-        sample = smooth.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
-        ranges, (q, r) = self._scales(trajectory), self._weights(trajectory)
-        hold, terminal = self._held(trajectory, -1, q, r)
-        begin, _ = self._held(trajectory, 0, q, r)
-        a, b = plant.jacobians(sample.state, sample.control)
-        try:
-            along = time_varying_regulator(a, b, q, r, terminal, step)
-        except ValueError as error:
-            raise TrajectoryRefused(
-                f'there is no feedback along the trajectory: {error}'
-            ) from None
-        if not np.isfinite(along.gains).all():
-            raise TrajectoryRefused('there is no finite feedback along the trajectory')
+        ranges, weights = self._scales(trajectory), self._weights(trajectory)
+        hold, terminal = self._held(smooth, -1, *weights)
+        begin, _ = self._held(smooth, 0, *weights)
+        spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
+        law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
         self.ranges = ranges
-        return StatedLaw(smooth, Feedforward(trajectory), along, step, begin, hold)
+        return StatedLaw(law, begin, hold)
 
     def _scales(self, trajectory: Trajectory) -> Array:
         """Return the range of every state (nx,), not less than a share of others of its unit."""
@@ -170,9 +146,8 @@ class StatedTracker(TrajectoryTracker):
             rates = plant.derivative(state, control)
             _, b = plant.jacobians(state, control)
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
-        smooth = trajectory.with_rates(plant.derivative)
-        assert smooth.rates is not None
-        largest = np.abs(smooth.rates).max(axis=(0, 1))
+        assert trajectory.rates is not None
+        largest = np.abs(trajectory.rates).max(axis=(0, 1))
         still = np.abs(plant.derivative(state, control)) <= _AT_REST * largest + 1e-9
         nowhere = trajectory.duration * 10.0 * q
         if not still.all():
@@ -194,7 +169,7 @@ class StatedTracker(TrajectoryTracker):
 
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned control plus time-varying feedback."""
-        law: StatedLaw = motion.law
+        law: PlanLaw = motion.law.law
         elapsed = time - motion.start
         first = law.trajectory.times[0]
         until = min(elapsed + self.parameters.interval, law.trajectory.duration)

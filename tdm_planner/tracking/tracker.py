@@ -194,6 +194,11 @@ class TrajectoryTracker(ABC):
         """
         return True
 
+    @property
+    def warning(self) -> str:
+        """What is wrong with the parameters for this plant, in a sentence; else empty."""
+        return ''
+
     # What all have in common.
 
     def observe(self, state: Array, stamp: float) -> None:

@@ -34,12 +34,12 @@ reader = pytest.importorskip('mcap_ros2.reader')
 LONG = 200.0  # s for a process that ends by itself
 
 
-def parameters(folder: Path, plant: str) -> list[str]:
-    """Return options for the shipped parameters, with time enough for a plan."""
-    document = yaml.safe_load((SOURCE / 'config' / f'{plant}.yaml').read_text(encoding='utf-8'))
+def parameters(folder: Path, file: str) -> list[str]:
+    """Return options for the shipped parameters of a file, with time enough for a plan."""
+    document = yaml.safe_load((SOURCE / 'config' / f'{file}.yaml').read_text(encoding='utf-8'))
     planner = document['/**/planner']['ros__parameters']
-    planner['solver']['deadline'] = ENOUGH
-    planner['start']['delay'] = 3.0
+    planner.setdefault('solver', {})['deadline'] = ENOUGH
+    planner.setdefault('start', {})['delay'] = 3.0
     path = folder / 'unhurried.yaml'
     path.write_text(yaml.safe_dump(document))
     return ['--params', str(path)]
@@ -85,6 +85,11 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     last = theta[times > times.max() - 4.5]
     assert last.size > 100
     assert np.abs((last + np.pi) % (2 * np.pi) - np.pi).max() < 0.05
+
+
+def test_a_rig_that_people_own_is_swung_up_and_held(ros: Ros, tmp_path: Path):
+    rig = parameters(tmp_path, 'rigs/srv02_rotpen')
+    successful(demo(ros, tmp_path, 'pendulum', '--speed=0.9', *rig))
 
 
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):

@@ -23,6 +23,8 @@ from closed_loop import (
     STRONG,
     strong_swing_up,
     STRONGLY,
+    swing_up,
+    WEAK,
 )
 import numpy as np
 import pytest
@@ -66,6 +68,48 @@ def test_a_mismatched_noisy_pendulum_is_caught_and_held(plan: Trajectory, seed: 
     assert held(loop, 1.0)
     assert np.abs(loop.controls).max() <= STRONG
     assert not loop.controls[:60].any()  # nothing before the start
+
+
+@pytest.mark.parametrize('limit', [WEAK, STRONG])
+def test_the_plan_is_followed_to_its_end(plan: Trajectory, limit: float) -> None:
+    if limit == WEAK:
+        plan = swing_up().solution.trajectory
+    loop = Loop(pendulum(pendulum_tracker(limit)))
+    loop.begin(plan)
+    while loop.now < 0.1 + plan.duration - loop.tick:
+        loop.run(loop.tick)
+        assert loop.tracker.phase is not Phase.HOLDING
+    miss = loop.plant.state - plan.sample(loop.now - 0.1).state
+    assert np.abs(miss[:2]).max() < 0.01
+    assert np.abs(miss[2:]).max() < 0.1
+    loop.run(0.01 + loop.tick)
+    assert held(loop, loop.tick)
+
+
+def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, loop: Loop) -> None:
+    loop.run(0.3)
+    assert loop.tracker.phase is Phase.TRACKING
+    away = plan.sample(loop.now - 0.1).state[0]
+    assert abs(away) > loop.tracker.parameters.tolerance.path
+    loop.plant.push(lambda state: 0.0 * state)
+    loop.run(0.05)
+    assert loop.tracker.phase is Phase.HOLDING
+    loop.run(0.5)
+    assert held(loop, 0.3)
+
+
+def test_scales_follow_the_rig() -> None:
+    usual, large = pendulum_tracker(), pendulum_tracker(plant__gravity=981.0)
+    assert usual.warning == ''
+    assert usual.estimator.noise.measurement == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
+    ratio = large.estimator.noise.measurement / usual.estimator.noise.measurement
+    assert ratio == pytest.approx([1, 1, 10, 10])
+    assert large.warning == 'rate = 200 Hz is too slow for this rig: must be 1282 Hz or more'
+    told = pendulum_tracker(estimator__rate_noise=0.3).estimator.noise.measurement
+    assert told[2:] == pytest.approx([0.3, 0.3])
+    wide = pendulum_tracker(limits__disk_angle=4.0)
+    assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
+    assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
 
 
 def test_without_errors_the_feedback_has_little_to_do(plan: Trajectory) -> None:

@@ -1,0 +1,93 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rigs that people own, config/rigs: planned by their file, tracked by their file, held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from closed_loop import Loop, pendulum
+import numpy as np
+import pytest
+from ros_harness import SOURCE
+from tdm_planner.parameter_files import read_parameters
+from tdm_planner.parameters import build, specifications
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
+from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.trajectory import Trajectory
+
+RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
+NODES = {'planner': '/pendulum', 'tracker': '/pendulum', 'pendulum_plant': '/pendulum'}
+SEEDS = range(2)
+
+
+def values(path: Path, node: str) -> Mapping[str, Any]:
+    return read_parameters(path, node=node, namespace=NODES[node])
+
+
+@cache
+def planned(path: Path) -> Trajectory:
+    return PendulumSwingUp.from_parameters(values(path, 'planner')).solve(deadline=5.0).trajectory
+
+
+def tracker(path: Path) -> PendulumTracker:
+    return PendulumTracker(build(PendulumTrackerParameters, values(path, 'tracker')))
+
+
+def run(path: Path, mismatch: float, noise: float, seed: int = 0) -> Loop:
+    """Track the plan from .1 s on until it has been held for twelve natural periods / 2 pi."""
+    vehicle = pendulum(tracker(path), mismatch=mismatch, noise=noise, seed=seed)
+    loop = Loop(vehicle)
+    loop.begin(planned(path))
+    loop.run(planned(path).duration + 24.0 / vehicle.tracker.parameters.plant.natural_frequency)
+    return loop
+
+
+@pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
+def test_every_node_takes_the_same_rig_and_the_commands_are_quick_enough(path: Path) -> None:
+    rigs = [values(path, node) for node in NODES]
+    constants = [{k: v for k, v in each.items() if 'reserve' not in k} for each in rigs]
+    assert constants[0] == constants[1] == constants[2]
+    assert set(constants[0]) <= set(specifications(PendulumTrackerParameters))
+    assert tracker(path).warning == ''
+    assert path.read_text(encoding='utf-8').startswith('# ')
+
+
+@pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
+def test_the_plan_is_followed_to_its_end(path: Path) -> None:
+    """With the exact model: where it is to be at its last instant, and upright in time."""
+    loop, plan = run(path, 0.0, 0.0), planned(path)
+    ticks = np.arange(1, len(loop.states) + 1) * loop.tick
+    end = 0.1 + plan.duration
+    after = int(np.searchsorted(ticks, end - 1e-9))
+    states = np.array(loop.states)
+    miss = states[after - 1] - plan.sample(ticks[after - 1] - 0.1).state
+    assert np.abs(miss[:2]).max() < 0.01
+    assert np.abs(miss[2:]).max() < 0.1
+    late = int(np.searchsorted(ticks, end + 0.01 - 1e-9))
+    assert np.abs(wrapped(states[late:, 0])).max() < 0.05
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
+def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path, seed: int) -> None:
+    loop = run(path, 0.05, 1.0, seed)
+    assert loop.tracker.phase is Phase.HOLDING
+    last = np.array(loop.states)[-round(8.0 / loop.tick / 10.0) :]
+    assert np.abs(wrapped(last[:, 0])).max() < 0.05
