@@ -57,6 +57,7 @@ _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible ther
 # thruster take; those late on the way do where they could not be planned anew.
 _LAST_LEG = 1.0
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
+_MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
 _NEARLY = 4.0  # times the accuracy of the end aimed at
 _ANOTHER = 1.3  # times as long as its check another candidate takes at least
 
@@ -140,14 +141,19 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
 
     def candidates(self) -> Iterator[Polynomials]:
-        """Yield minima with thrusters turned first."""
+        """Yield minima with thrusters turned first; then, did none do, with more distance kept."""
         guesses: Iterable[Array] = [self._first] if self._first is not None else ()
         guesses = guesses or itertools.islice(self._guesses, self.starts)
         reduced = map(self.program.reduce, guesses)
         found = self.minima(self.program, reduced, self._options(_RADIUS), _WORSE)
         self._found = bool(found)
+        kept = []
         for candidate in map(self._raised, found):
-            yield self._turned(candidate) or candidate
+            kept.append(self._turned(candidate) or candidate)
+            yield kept[-1]
+        late = self.budget.remaining < _ANOTHER * self._check_time
+        if not (self._may_keep_more or late):
+            yield from filter(None, map(self._farther, kept))
 
     def plans(self, candidate: Polynomials) -> Iterator[Plan]:
         """Yield the trajectories that the reference motions give by inverse dynamics."""
@@ -188,9 +194,19 @@ class PolynomialSearch(FormationSearch[Polynomials]):
             self._first, self.starts = None, 1
             self._aim(self._required, simple)
         elif self._found and not self._rest:
-            margin = self.task.margin + 0.04 * self.task.separation
-            self._aim(replace(self.task, margin=margin), simple)
+            self._aim(self._keeping_more(self.task), simple)
         return self._rounds <= _ROUNDS
+
+    @staticmethod
+    def _keeping_more(task: FormationTask) -> FormationTask:
+        return replace(task, margin=task.margin + _MORE_MARGIN * task.separation)
+
+    def _farther(self, candidate: Polynomials) -> Polynomials | None:
+        """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
+        model = candidate.program.model
+        farther = model.with_task(self._keeping_more(model.task))
+        program = FormationProgram(farther, candidate.program.held)
+        return self.minimised(program, candidate.point.xi, self._options(_REFINING_RADIUS))
 
     def _options(self, radius: float) -> TrustRegionOptions:
         return TrustRegionOptions(
