@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 import itertools
 from typing import Any, TypeAlias
@@ -51,7 +51,6 @@ _ROUGH, _FINE = 1e-3, 2e-4  # predicted decrease of J at which a minimum is one
 _RADIUS, _POLISHING_RADIUS = 0.3, 0.1
 _ITERATIONS = 50
 _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the tolerance
-_ROUNDS = 3  # of guesses, each keeping more distance
 _MORE_MARGIN = 0.04  # of the separation, that a further round keeps more
 
 
@@ -107,28 +106,31 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
         self._rest = {} if previous is None else rest_of(task, previous)
         if any(plan.interpolation != 'zero_order_hold' for plan in self._rest.values()):
             self._rest = {}
-        self._round = 0 if self._rest else 1
+        directly = [self._minima, self._minima] if task.n <= FEW else []
+        resumed = [self._resumed, self._near_polynomials, *directly]
+        self._rounds = resumed if self._rest else [*directly, self._near_polynomials]
         self._last: Infeasible | None = None
 
-    def candidates(self) -> Iterator[Arcs | Plan]:
-        """Minima, cheapest first; in the last round the plan by polynomials."""
-        if self._round < 1:
-            yield from self._resumed()
-            return
+    def candidates(self) -> Iterable[Arcs | Plan]:
+        """Minima, cheapest first: see `widen` for what they come from."""
         self._kept = {}
-        if self._round < _ROUNDS and self.task.n <= FEW:
-            yield from self._polished_minima()
-            return
-        self._round = _ROUNDS
+        return self._rounds[0]()
+
+    def _near_polynomials(self) -> Iterator[Arcs | Plan]:
+        """Yield the minimum with four burns a robot near a plan of polynomials, then that plan."""
         try:
             plan = self._polynomials(self.budget)
         except Infeasible as error:
             self._last = error
             return
-        yield from self._improved(plan)
+        program = ArcProgram(self.task, 4)
+        xi = program.reduce(fitted(program, plan.trajectories))
+        candidate = self.minimised(program, xi, self._options(_POLISHING_RADIUS))
+        if candidate is not None:
+            yield candidate
         yield plan
 
-    def _polished_minima(self) -> list[Arcs]:
+    def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
         program = ArcProgram(self.task)
         seeds = ArcSeeds(program, self.rng)
@@ -143,7 +145,6 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
     def _resumed(self) -> Iterator[Arcs]:
         """Yield the minimum that the rest of the plan before leads to."""
         task = self.task
-        self._kept = {}
         for half_turns in (1.0, LATE):
             fewer, self._kept = self._kept, kept_motions(task, self._rest, half_turns)
             if half_turns > 1.0 and len(self._kept) == len(fewer):
@@ -161,14 +162,6 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
             candidate = self.minimised(program, xi, self._options(_POLISHING_RADIUS))
             if candidate is not None:
                 yield candidate
-
-    def _improved(self, plan: Plan) -> Iterator[Arcs]:
-        """Yield the minimum with four burns a robot near a plan of polynomials, if there is."""
-        program = ArcProgram(self.task, 4)
-        xi = program.reduce(fitted(program, plan.trajectories))
-        candidate = self.minimised(program, xi, self._options(_POLISHING_RADIUS))
-        if candidate is not None:
-            yield candidate
 
     def _options(self, radius: float = _RADIUS, accuracy: float = _ROUGH) -> TrustRegionOptions:
         return TrustRegionOptions(
@@ -206,15 +199,19 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
         return candidate.cost < than.cost
 
     def widen(self) -> bool:
-        """Keep more distance, where plans failed the check; at last use polynomials."""
-        self._round += 1
-        if self._round == 1:
-            return True
-        if self._round == _ROUNDS - 1 and not self.rejected:
-            self._round = _ROUNDS
-        margin = self.task.margin + _MORE_MARGIN * self.task.separation
-        self.task = replace(self.task, margin=margin)
-        return self._round <= _ROUNDS
+        """
+        Go on with the next round.
+
+        The rest of an earlier plan comes first, and where it does not do, polynomials: on the way
+        there is little time. First guesses are minimised twice, keeping more distance where plans
+        failed the check. At last come polynomials.
+        """
+        if self._rounds.pop(0) == self._minima:
+            margin = self.task.margin + _MORE_MARGIN * self.task.separation
+            self.task = replace(self.task, margin=margin)
+            if self._rounds[:1] == [self._minima] and not self.rejected:
+                self._rounds.pop(0)
+        return bool(self._rounds)
 
     def failure(self) -> Infeasible:
         """Return why there is no plan, not even by polynomials."""
