@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-import itertools
 import json
 import os
 import resource
@@ -34,11 +33,10 @@ from typing import Any, TypeAlias
 if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
     os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
-from benchmark.progress import counted, report
+from benchmark.progress import counted
 from benchmark.robots_reference import DATA
 from benchmark.scenarios import crossing
 import numpy as np
-from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
 
@@ -109,27 +107,6 @@ def measure(seeds: Iterable[int], n: int = 3, **changes: Any) -> Figures:
     }
 
 
-def measure_starts(scenarios: int, starts: int = 4) -> Figures:
-    """Time of the minimiser from one first guess [ms], and how many guesses lead to a minimum."""
-    report('first guesses')
-    times, found = [], 0
-    for seed in range(scenarios):
-        changes = {'arena.tracking_margin': MARGIN}
-        problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
-        rng = np.random.default_rng(0)
-        search = problem.search(Budget(60.0), rng, None)
-        for _ in itertools.repeat(None, starts):
-            began = time.process_time()
-            found += bool(search.minima(1))
-            times.append(1e3 * (time.process_time() - began))
-    return {
-        'starts': len(times),
-        'feasible': found,
-        'time_median_ms': _quantile(times, 0.5),
-        'time_p95_ms': _quantile(times, 0.95),
-    }
-
-
 def _quantile(values: list[float], share: float) -> float:
     return float(np.quantile(values, share)) if values else float('nan')
 
@@ -152,7 +129,6 @@ def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figu
     if variants:
         for label, changes in VARIANTS.items():
             found[label] = measure(range(min(30, scenarios)), **changes)
-    found['starts'] = measure_starts(min(30, scenarios))
     found['memory_MB'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return found
 
@@ -162,11 +138,6 @@ def table(figures: Figures) -> str:
     columns = 'verified   ms med     p95   J/Jref     p95     max  end mm  end rad'
     rows = {name: f for name, f in figures.items() if isinstance(f, dict) and 'verified' in f}
     lines = [f'{"":64s} {columns}', *(_row(name, f) for name, f in rows.items())]
-    starts = figures['starts']
-    lines.append(
-        f'one start: {starts["feasible"]}/{starts["starts"]} feasible, median '
-        f'{starts["time_median_ms"]:.1f} ms, p95 {starts["time_p95_ms"]:.1f} ms'
-    )
     lines.append(f'memory: {figures["memory_MB"]:.0f} MB')
     lines += [f'{name}: {failure}' for name, f in rows.items() for failure in f['failures']]
     return '\n'.join(lines)

@@ -34,6 +34,7 @@ from tdm_planner.problems import (
     direct_search,
     formation_search,
     PendulumSwingUp,
+    polynomial_search,
     RobotFormation,
     swing_up_task,
     switching_method,
@@ -108,9 +109,9 @@ def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None
         made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
         return check(self, made, parameters, penalty)
 
-    write = formation_search.trajectory
+    write = polynomial_search.trajectory
     patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
-    patch.setattr(formation_search, 'trajectory', lambda *arguments: change(write(*arguments)))
+    patch.setattr(polynomial_search, 'trajectory', lambda *arguments: change(write(*arguments)))
 
 
 def scaled_controls(patch: Patch, rng: Generator, size: float) -> None:
@@ -158,13 +159,13 @@ def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    write = formation_search.trajectory
+    write = polynomial_search.trajectory
 
     def swapped(model: Any, motion: Any, i: int, *others: Any) -> Trajectory:
         other = (i + 1) % model.task.n if rng.uniform() < 0.5 else i
         return write(model, motion, other, *others)
 
-    patch.setattr(formation_search, 'trajectory', swapped)
+    patch.setattr(polynomial_search, 'trajectory', swapped)
 
 
 def blind_verification(patch: Patch) -> None:

@@ -21,16 +21,23 @@ says of one node, and its derivatives, are chained with constant matrices.
 
 from __future__ import annotations
 
+from functools import lru_cache
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_curvature, with_slopes
+from tdm_planner.problems.reference_motion import (
+    end_derivatives,
+    LocalVariables,
+    MotionForm,
+    ReferenceMotion,
+)
 from tdm_planner.problems.robot_statement import push, turn
 from tdm_planner.problems.separation import (
-    CircleApproaches,
-    near_circles,
     near_pairs,
     PairApproaches,
     Paths,
@@ -44,6 +51,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ACTIVE_THRUST, ACTIVE_TORQUE, ACTIVE_WALL = 0.35, 0.5, 1.0
+_INSTANTS = 32  # in a typical time, at which pairs are looked at
 
 PUSH, TURN = 8, 6  # local variables
 _push = inlined(with_slopes(push, (), local=PUSH, at=4, robot=5))
@@ -61,16 +69,18 @@ class FormationTables(NamedTuple):
     """
     What does not change from one Xi to another, at K nodes.
 
-    For push and turn: `slopes` (K W, P) of the local variables, `at` (K, 4) and `robots` (n, ...)
-    as `robot_statement` has them; of a push's local variables, those of `push_varied` depend on
-    Xi. `weights` (K,) of the quadrature.
+    For push and turn: `slopes` (K W, P) of the local variables and their values where Xi is zero,
+    `fixed` (n, K, W); `at` (K, 4) and `robots` (n, ...) as `robot_statement` has them; of a push's
+    local variables, those of `push_varied` depend on Xi. `weights` (K,) of the quadrature.
     """
 
     push_varied: Indices
     push_slopes: Array
+    push_fixed: Array
     push_at: Array
     push_robots: Array
     turn_slopes: Array
+    turn_fixed: Array
     turn_at: Array
     turn_robots: Array
     weights: Array
@@ -91,7 +101,6 @@ class FormationValues(NamedTuple):
     torque: Array
     walls: Array
     pairs: PairApproaches
-    circles: CircleApproaches
     pushed: Array
     turned: Array
     paths: Paths
@@ -102,12 +111,12 @@ class FormationValues(NamedTuple):
         near = np.count_nonzero(self.thrust < ACTIVE_THRUST)
         near += np.count_nonzero(self.torque < ACTIVE_TORQUE)
         near += np.count_nonzero(self.walls < ACTIVE_WALL)
-        return int(near + self.pairs.pair.size + self.circles.robot.size)
+        return int(near + self.pairs.pair.size)
 
     @property
     def worst(self) -> float:
         """Return the smallest margin, 0 if all are kept."""
-        margins = (self.thrust, self.torque, self.walls, self.pairs.margins, self.circles.margins)
+        margins = (self.thrust, self.torque, self.walls, self.pairs.margins)
         return min(float(margin.min(initial=0.0)) for margin in margins)
 
 
@@ -124,7 +133,7 @@ def evaluate(t: FormationTables, xi: Array, pushed: Array, turned: Array) -> For
     at = paths(t.separation, xi)
     return FormationValues(
         at.durations, gas, thrust, torque, walls(t.separation, at.ends),
-        near_pairs(t.separation, at), near_circles(t.separation, at), pushed, turned, at,
+        near_pairs(t.separation, at), pushed, turned, at,
     )  # fmt: skip
 
 
@@ -179,7 +188,94 @@ def linearise(
                 margins[r] = values.torque[i, k]
                 r += 1
     separation_rows(
-        t.separation, values.paths, values.walls, ACTIVE_WALL, values.pairs, values.circles,
-        margins[r:], rows[r:],
-    )  # fmt: skip
+        t.separation, values.paths, values.walls, ACTIVE_WALL, values.pairs, margins[r:], rows[r:]
+    )
     return gradient, hessian, margins, rows
+
+
+class _Grid(NamedTuple):
+    """What depends on the form of the references alone."""
+
+    weights: Array
+    push: LocalVariables
+    turn: LocalVariables
+    taylor: Array
+    passing: Array
+    wall_places: Array
+
+
+@lru_cache(maxsize=32)
+def _grid(form: MotionForm) -> _Grid:
+    s = chebyshev_nodes(form.points)
+    basis, arcs = end_derivatives(form.order, form.vary_ends).basis, 2 * form.order - 1
+    return _Grid(
+        weights=quadrature_weights(s),
+        push=LocalVariables.of(form, s, speed=2, position=2),
+        turn=LocalVariables.of(form, s, speed=2, yaw=2),
+        taylor=np.stack([basis.about_start, basis.about_end]),
+        passing=_passing(form.degree),
+        wall_places=basis.values(np.arange(1, arcs + 1) / (arcs + 1)),
+    )
+
+
+def tabulated(model: ReferenceMotion) -> FormationTables:
+    """Return the tables of a manoeuvre."""
+    task, grid, every = model.task, _grid(model.form), np.ones((model.task.n, 1))
+    places = np.stack([task.departure, task.goal], axis=2).reshape(task.n, 4)
+    ends = np.column_stack([places, task.departure_yaw, task.goal_yaw])
+    path = np.stack([task.velocity, task.acceleration], axis=2).reshape(task.n, 4)
+    angle = np.stack([task.yaw_rate, task.yaw_acceleration], axis=1)
+    return FormationTables(
+        push_varied=np.flatnonzero(grid.push.slopes.any(axis=(0, 2))),
+        push_slopes=grid.push.slopes.reshape(-1, model.size),
+        push_fixed=np.tensordot(ends, grid.push.ends, (1, 2)),
+        push_at=grid.push.at,
+        push_robots=np.concatenate([path, task.thrust * every], axis=1),
+        turn_slopes=grid.turn.slopes.reshape(-1, model.size),
+        turn_fixed=np.tensordot(ends, grid.turn.ends, (1, 2)),
+        turn_at=grid.turn.at,
+        turn_robots=np.concatenate([angle, task.torque * every], axis=1),
+        weights=grid.weights,
+        separation=_separation(model, grid),
+    )
+
+
+def _separation(model: ReferenceMotion, grid: _Grid) -> SeparationTables:
+    task = model.task
+    moving = np.flatnonzero(~task.staying)
+    first, second = np.triu_indices(moving.size, 1)
+    one, other = moving[first], moving[second]
+    centres, clearances = task.circles()
+    beside = np.repeat(moving, len(centres)), np.tile(np.arange(len(centres)), moving.size)
+    fixed = np.zeros((task.n, 2, model.order + 1))
+    fixed[..., 0], fixed[..., model.basis.goal] = task.departure, task.goal
+    return SeparationTables(
+        shapes=model.basis.free,
+        taylor=grid.taylor,
+        passing=grid.passing,
+        slope=model.departing[1],
+        wall_places=grid.wall_places,
+        fixed=fixed,
+        velocity=np.ascontiguousarray(task.velocity),
+        acceleration=np.ascontiguousarray(task.acceleration),
+        given=0.0 if model.vary_ends else 1.0,
+        coast=np.ascontiguousarray(task.coast),
+        wall_clearances=np.ascontiguousarray(task.wall_clearances()),
+        sides=task.sides,
+        separation=float(task.separation),
+        pairs=np.column_stack([np.append(one, beside[0]), np.append(other, beside[1] + task.n)]),
+        pair_clearances=np.append(task.pair_clearances(one, other), clearances[beside]),
+        centres=np.ascontiguousarray(centres),
+        interval=1.5 * model.time_scale / _INSTANTS,
+    )
+
+
+def _passing(degree: int) -> Array:
+    """Powers of s (q + 1, q + 2) in the integrals of Bernstein's polynomials."""
+    powers = np.zeros((degree + 1, degree + 2))
+    for k in range(degree + 1):
+        for j in range(degree - k + 1):
+            power = k + j + 1
+            choices = math.comb(degree, k) * math.comb(degree - k, j)
+            powers[k, power] = (-1) ** j * choices / power
+    return powers

@@ -24,12 +24,13 @@ exactly the controls that are published ends at the goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_verification import flown
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
 from tdm_planner.problems.robot_statement import acceleration as in_time
 from tdm_planner.problems.thrust_direction import ThrustDirection
@@ -269,24 +270,6 @@ def _fly(
     plant, heading = task.plant, alpha + aim.yaw
     along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
     push = np.clip(along, 0.0, task.thrust)
-    states = np.zeros((aim.times.size, 7))
-    states[0] = [
-        *task.start[robot],
-        *task.velocity[robot],
-        task.yaw[robot],
-        task.yaw_rate[robot],
-        alpha[0],
-    ]
-    draft = Trajectory(
-        times=aim.times,
-        states=states,
-        controls=np.stack([plant.mass * push, rate, plant.inertia * aim.yaw_acceleration], axis=1),
-        state_names=plant.state_names,
-        control_names=plant.control_names,
-        interpolation='linear',
-        state_units=plant.state_units,
-        control_units=plant.control_units,
-    )
-    flown = plant.replay(draft, aim.times)
-    assert flown is not None
-    return replace(draft, states=flown)
+    torque = plant.inertia * aim.yaw_acceleration
+    controls = np.stack([plant.mass * push, rate, torque], axis=1)
+    return flown(task, robot, aim.times, controls, alpha[0], 'linear')

@@ -21,34 +21,30 @@ functions, see `ReferenceMotion`; thrust, torque and gas at Chebyshev nodes, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
     NonlinearProgram,
     Point,
 )
-from tdm_planner.problems.formation_kernels import ACTIVE_THRUST, FormationValues
-from tdm_planner.problems.formation_terms import FormationTerms
+from tdm_planner.problems.formation_kernels import (
+    ACTIVE_THRUST,
+    evaluate,
+    FormationValues,
+    linearise,
+    tabulated,
+)
+from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
-from tdm_planner.problems.thruster_rows import HodographValues, ThrusterRows
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 _IRRELEVANT = 2.0  # a margin that makes no row, or one without effect
+_KEPT = 0.03  # margin of a separation that binds nobody
 _CURVATURE_FLOOR = 1e-3  # smallest eigenvalue of a robot's Hessian, relative to its largest
-
-
-@dataclass(frozen=True, eq=False)
-class FormationPoint:
-    """What is known at one Xi: values and margins, and those of the thruster's rate."""
-
-    values: FormationValues
-    hodograph: HodographValues | None
 
 
 class FormationProgram(NonlinearProgram):
@@ -56,31 +52,17 @@ class FormationProgram(NonlinearProgram):
     The program of one manoeuvre, in the scaled varied parameters that are free, Xi (m,).
 
     Staying robots have only their times (and attitudes) varied. Constraints that are violated
-    count relative to their limits. Group 0 holds all but the thruster's rate; with
-    `limit_thruster_rate` group 1 holds that. `scale` is a typical J, by which the cost is divided.
-    `held` (n, P) holds the varied parameters of robots whose motion is not varied but avoided by
-    the others, NaN for those of the others.
+    count relative to their limits. `scale` is a typical J, by which the cost is divided. `held`
+    (n, P) holds the varied parameters of robots whose motion is not varied but avoided by the
+    others, NaN for those of the others.
     """
 
-    def __init__(
-        self,
-        model: ReferenceMotion,
-        nodes: int | None = None,
-        common_instants: int = 32,
-        limit_thruster_rate: bool = False,
-        held: Array | None = None,
-    ) -> None:
+    def __init__(self, model: ReferenceMotion, held: Array | None = None) -> None:
         self.model = model
         shape = model.task.n, model.size
         self.held = np.full(shape, np.nan) if held is None else held
         self._kept = ~np.isnan(self.held[:, 0])
-        nodes = nodes or max(21, 5 * model.order - 14)
-        interval = 1.5 * model.time_scale / common_instants
-        self.terms = FormationTerms(model, nodes, interval, common_instants)
-        self.thruster = None
-        if limit_thruster_rate:
-            self.thruster = ThrusterRows(model, chebyshev_nodes(nodes))
-        self.groups = 2 if limit_thruster_rate else 1
+        self._tables = tabulated(model)
         self.evaluations = 0
         self.scale = self._typical_cost()
         self._set_bounds()
@@ -137,62 +119,55 @@ class FormationProgram(NonlinearProgram):
 
     def evaluate(self, xi: Array) -> Point:
         """Return the performance index, relative to a typical one, and the violations."""
-        task = self.model.task
+        task, values = self.model.task, self.values(xi)
         self.evaluations += 1
-        values = self.values(xi)
         terms = task.cost_terms(task.coast + values.durations, values.gas)
-        violations = [max(0.0, -values.worst)]
-        hodograph = None
-        if self.thruster is not None:
-            hodograph = self.thruster.values(self.motion(xi), self.full(xi))
-            hodograph.margins[self._kept] = _IRRELEVANT
-            violations.append(max(0.0, -hodograph.margins.min()))
-        return Point(
-            np.asarray(xi),
-            sum(terms.values()) / self.scale,
-            np.array(violations),
-            FormationPoint(values, hodograph),
-        )
+        violation = np.array([max(0.0, -values.worst)])
+        return Point(np.asarray(xi), sum(terms.values()) / self.scale, violation, values)
 
     def values(self, xi: Array) -> FormationValues:
         """Gas and margins at Xi."""
-        values = self.terms.values(self.full(xi))
+        x, t = self.full(xi) * self.model.scales, self._tables
+        pushed = (x @ t.push_slopes.T).reshape(t.push_fixed.shape) + t.push_fixed
+        turned = (x @ t.turn_slopes.T).reshape(t.turn_fixed.shape) + t.turn_fixed
+        values = evaluate(t, x, pushed, turned)
         if self._kept.any():
             self._ignore_kept(values)
         return values
+
+    def pairs(self, values: FormationValues) -> tuple[Indices, Indices]:
+        """Return both robots of every approach; what stands still counts on from the last one."""
+        first, second = self._tables.separation.pairs[values.pairs.pair].T
+        return first, second
 
     def _ignore_kept(self, values: FormationValues) -> None:
         """Leave limits out that depend on nothing varied: the check has the last word on them."""
         for margins in (values.thrust, values.torque, values.walls):
             margins[self._kept] = _IRRELEVANT
-        values.circles.margins[self._kept[values.circles.robot]] = _IRRELEVANT
-        if values.pairs.margins.size:
-            first, second = self.terms.robots(values.pairs)
-            values.pairs.margins[self._kept[first] & self._kept[second]] = _IRRELEVANT
+        first, second = self.pairs(values)
+        still = np.append(self._kept, np.ones(len(self._tables.separation.centres), dtype=bool))
+        values.pairs.margins[still[first] & still[second]] = _IRRELEVANT
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of gas and thrust rows, see the base class."""
-        cache: FormationPoint = point.cache
-        values, task, model = cache.values, self.model.task, self.model
-        gradient, hessian, margins, rows = self.terms.linearise(
-            values, task.weights[2] / self.scale, self._thrust_dual(multipliers)
-        )
-        groups = np.zeros(margins.size, dtype=np.intp)
-        if self.thruster is not None and cache.hodograph is not None:
-            rates, more = self.thruster.rows(self.full(point.xi), cache.hodograph)
-            margins = np.concatenate([margins, rates])
-            rows = np.concatenate([rows, more.reshape(rates.size, rows.shape[1])])
-            groups = np.concatenate([groups, np.ones(rates.size, dtype=np.intp)])
+        values: FormationValues = point.cache
+        task, model, scales = self.model.task, self.model, self.model.scales
+        gradient, hessian, margins, rows = linearise(
+            self._tables, values, task.weights[2] / self.scale, self._thrust_dual(multipliers),
+            values.near,
+        )  # fmt: skip
+        rows *= scales
+        jacobian = rows.reshape(margins.size, gradient.size)
         arrivals = task.coast + values.durations - task.arrived
         late = np.diff(arrivals) - task.interval
         return Linearisation(
-            gradient=gradient.ravel()[self.free] + self._first_arrival,
-            hessian=self.definite(hessian),
+            gradient=(gradient * scales).ravel()[self.free] + self._first_arrival,
+            hessian=self.definite(hessian * (scales[:, None] * scales)),
             equalities=np.zeros(0),
             equality_jacobian=np.zeros((0, self.free.size)),
             inequalities=margins,
-            inequality_jacobian=rows if self.all_free else rows[:, self.free],
-            inequality_groups=groups,
+            inequality_jacobian=jacobian if self.all_free else jacobian[:, self.free],
+            inequality_groups=np.zeros(margins.size, dtype=np.intp),
             terms=late / model.time_scale,
             terms_jacobian=self._intervals,
             term_weights=np.full(task.n - 1, task.weights[1] * model.time_scale / self.scale),
@@ -201,7 +176,7 @@ class FormationProgram(NonlinearProgram):
 
     def _thrust_dual(self, multipliers: Multipliers | None) -> Array:
         """Multipliers of the thrust rows at every node (n, K)."""
-        dual = np.zeros((self.model.task.n, self.terms.nodes))
+        dual = np.zeros((self.model.task.n, self.model.form.points))
         if multipliers is not None:
             robots, nodes = multipliers.tags
             dual[robots, nodes] = multipliers.inequalities[: robots.size]
@@ -226,7 +201,7 @@ class FormationProgram(NonlinearProgram):
 
     def binding(self, point: Point) -> str:
         """Name the constraint that is violated most at `point`, in words."""
-        values: FormationValues = point.cache.values
+        values: FormationValues = point.cache
         names = self.model.task.names
 
         def worst(margins: Array) -> str:
@@ -238,13 +213,21 @@ class FormationProgram(NonlinearProgram):
             f'the distance of {worst(values.walls)} from the walls': values.walls.min(),
         }
         if values.pairs.margins.size:
-            first, second = self.terms.robots(values.pairs)
             k = int(np.argmin(values.pairs.margins))
-            label = f"arena.minimum_separation of '{names[first[k]]}' and '{names[second[k]]}'"
+            one, other = (int(robots[k]) for robots in self.pairs(values))
+            label = f"the distance of '{names[one]}' from keep-out zones or staying robots"
+            if other < len(names):
+                label = f"arena.minimum_separation of '{names[one]}' and '{names[other]}'"
             found[label] = values.pairs.margins[k]
-        if values.circles.margins.size:
-            k = int(np.argmin(values.circles.margins))
-            name = names[values.circles.robot[k]]
-            label = f"the distance of '{name}' from keep-out zones or staying robots"
-            found[label] = values.circles.margins[k]
         return min(found, key=lambda label: float(found[label]))
+
+    def crowded(self, point: Point) -> bool:
+        """Whether a separation binds, so that other sides to pass on may be cheaper."""
+        return bool(point.cache.pairs.margins.min(initial=1.0) < _KEPT)
+
+
+def compile_polynomials(task: FormationTask) -> None:
+    """Compile the kernels or load them from the disk."""
+    program = FormationProgram(ReferenceMotion(task))
+    z = np.ones((task.n, program.model.size))
+    program.linearise(program.evaluate(program.reduce(z)), None)

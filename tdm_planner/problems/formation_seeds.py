@@ -31,11 +31,13 @@ from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import ReferenceMotion
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 BOWS = np.array([0.1, -0.1, 0.22, -0.22])
 _EXHAUSTIVE = 5000  # combinations of bows up to which all are screened
 _GAS_OF_A_MOVE = 2.4  # gas of a typical motion, in distances over time
 _INSTANTS = 40
+_TRIES = 12
 _SWEEPS = 6  # of a coordinate descent, at most
 
 
@@ -55,15 +57,30 @@ def first_arrival(task: FormationTask) -> float:
     return float(times[np.argmin(estimate)])
 
 
-def descend(
-    single: Array, pair: Array, choice: NDArray[np.intp], rng: np.random.Generator
-) -> None:
+def combined(
+    single: Array, pair: Array, begin: Indices, tries: int, rng: np.random.Generator
+) -> Indices:
     """
-    Improve what every robot chooses in place, one robot at a time and in random order.
+    Return combinations (m, n) of what every robot may choose, the cheapest first.
 
     `single` (n, c) is the cost of each robot's choices, `pair` (n, n, c, c) what a choice of one
-    robot and a choice of another cost together, `choice` (n,) the choices.
+    robot and a choice of another cost together. All of them, where they are not too many; else
+    those to `begin` with (k, n), and others by coordinate descent from `tries` random ones.
     """
+    n, c = single.shape
+    if c**n <= _EXHAUSTIVE:
+        every = np.array(list(itertools.product(range(c), repeat=n)))
+    else:
+        drawn = (np.asarray(rng.integers(0, c, n), dtype=np.intp) for _ in range(tries))
+        every = np.array([*begin, *(_descended(single, pair, choice, rng) for choice in drawn)])
+    total = single[np.arange(n), every].sum(axis=1)
+    for i, j in itertools.combinations(range(n), 2):
+        total += pair[i, j][every[:, i], every[:, j]]
+    return np.asarray(every[np.argsort(total, kind='stable')])
+
+
+def _descended(single: Array, pair: Array, choice: Indices, rng: np.random.Generator) -> Indices:
+    """Improve what every robot chooses (n,), one robot at a time and in random order."""
     n = len(choice)
     for _ in range(_SWEEPS):
         before = choice.copy()
@@ -71,7 +88,8 @@ def descend(
             cost = single[i] + pair[i, np.arange(n), :, choice].sum(axis=0)
             choice[i] = int(np.argmin(cost))
         if (choice == before).all():
-            return
+            break
+    return choice
 
 
 class BowSeeds:
@@ -104,40 +122,28 @@ class BowSeeds:
 
     def fit(self, bows: Array) -> Array:
         """Scaled varied parameters (n, P) of motions nearest to those bowed by `bows` (n,)."""
-        model = self.model
-        b = np.repeat(self.durations[:, None], model.nb, axis=1)
-        nodes, weights = np.polynomial.legendre.leggauss(model.order + 3)
-        s = (nodes + 1) / 2
-        wanted = self.bowed(bows[:, None], np.broadcast_to(s, (len(b), s.size)), 2)[:, 0]
-        return model.fit(b, s, weights / 2, wanted)
+        b = np.repeat(self.durations[:, None], self.model.nb, axis=1)
+
+        def bend(s: Array) -> Array:
+            return self.bowed(bows[:, None], np.broadcast_to(s, (len(b), s.size)), 2)[:, 0]
+
+        return self.model.fit(b, bend)
 
     def __iter__(self) -> Iterator[Array]:
         """Screened guesses, best first, on distinct sides; then random bows without end."""
         choices = self._screened()
         for choice in choices:
-            yield self.fit(BOWS[list(choice)])
+            yield self.fit(BOWS[choice])
         while True:
             yield self.fit(self.rng.uniform(-0.35, 0.35, self.model.task.n))
 
-    def _screened(self) -> list[tuple[int, ...]]:
-        single, pair = self._tables()
+    def _screened(self) -> list[Indices]:
         n = self.model.task.n
-        if len(BOWS) ** n <= _EXHAUSTIVE:
-            every = np.array(list(itertools.product(range(len(BOWS)), repeat=n)))
-        else:
-            every = self._descended(single, pair)
-        total = single[np.arange(n), every].sum(axis=1)
-        for i, j in itertools.combinations(range(n), 2):
-            total += pair[i, j][every[:, i], every[:, j]]
-        chosen: list[tuple[int, ...]] = []
-        sides: set[tuple[bool, ...]] = set()
+        begin = np.tile(np.arange(2)[:, None], n)
+        every = combined(*self._tables(), begin, _TRIES, self.rng)
         moving = ~self.model.task.staying
-        for index in np.argsort(total, kind='stable'):
-            side = tuple((BOWS[every[index]] > 0)[moving])
-            if side not in sides:
-                sides.add(side)
-                chosen.append(tuple(every[index]))
-        return chosen
+        _, first = np.unique((BOWS[every] > 0)[:, moving], axis=0, return_index=True)
+        return list(every[np.sort(first)])
 
     def _tables(self) -> tuple[Array, Array]:
         """Badness of every robot's bow (n, c) and of every two robots' bows (n, n, c, c)."""
@@ -159,13 +165,3 @@ class BowSeeds:
             pair[i, j] = 3 * np.maximum(task.separation - apart, 0.0)
             pair[j, i] = pair[i, j].T
         return single, pair
-
-    def _descended(self, single: Array, pair: Array, tries: int = 12) -> NDArray[np.intp]:
-        """Return the combinations of many robots' bows, by coordinate descent from random ones."""
-        n, c = single.shape
-        found: list[NDArray[np.intp]] = [np.full(n, k, dtype=np.intp) for k in range(2)]
-        for _ in range(tries):
-            choice = np.asarray(self.rng.integers(0, c, n), dtype=np.intp)
-            descend(single, pair, choice, self.rng)
-            found.append(choice)
-        return np.array(found)

@@ -83,18 +83,17 @@ def _places(
     least = _CLEARANCE * formation.arena.minimum_separation
     made: dict[str, Any] = {}
     for k, name in enumerate(added):
-        start = _farthest(free, starts)
-        goal = _nearest(free, goals, anchor[:2], least)
-        if start is None or goal is None or _room(start[None], starts)[0] < least:
+        room, open_points = _room(free, starts), free[_room(free, goals) >= least]
+        if not len(open_points) or room.max() < least:
             raise InvalidProblem(
                 f'number_of_robots = {len(names) + len(added)} is not allowed: there is room in '
                 f'the arena for {len(names) + k} at the most'
             )
-        starts.append(start)
-        goals.append(goal)
-        x, y = (round(value, 6) for value in start.tolist())
-        across = anchor[:2] - start
-        offset = (rotation.T @ (goal - anchor[:2])).round(6).tolist()
+        starts.append(free[room.argmax()])
+        goals.append(open_points[np.linalg.norm(open_points - anchor[:2], axis=1).argmin()])
+        across = anchor[:2] - starts[-1]
+        x, y = starts[-1].round(6).tolist()
+        offset = (rotation.T @ (goals[-1] - anchor[:2])).round(6).tolist()
         made[f'{name}.start.x'], made[f'{name}.start.y'] = x, y
         made[f'{name}.start.yaw'] = round(float(np.arctan2(across[1], across[0])), 6)
         made[f'formation.{name}'] = [*offset, 0.0]
@@ -120,18 +119,3 @@ def _room(points: Array, taken: list[Array]) -> Array:
     if not taken:
         return np.full(len(points), np.inf)
     return np.asarray(np.linalg.norm(points[:, None] - np.array(taken), axis=2).min(axis=1))
-
-
-def _farthest(points: Array, taken: list[Array]) -> Array | None:
-    """Return the point (2,) that is farthest from all that is taken; None without any."""
-    if not len(points):
-        return None
-    return np.asarray(points[_room(points, taken).argmax()])
-
-
-def _nearest(points: Array, taken: list[Array], centre: Array, least: float) -> Array | None:
-    """Return the point (2,) nearest to `centre` that is `least` or more from what is taken."""
-    open_points = points[_room(points, taken) >= least]
-    if not len(open_points):
-        return None
-    return np.asarray(open_points[np.linalg.norm(open_points - centre, axis=1).argmin()])

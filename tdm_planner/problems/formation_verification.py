@@ -23,13 +23,14 @@ rate have their terms.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import itertools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, judge, replay, Verification
 
 Array = NDArray[np.float64]
@@ -62,37 +63,44 @@ def verify_formation(
 
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
-    flights = _flights(task, trajectories)
-    robots = {
-        name: judge(
+    last = max(trajectory.duration for trajectory in trajectories.values())
+    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    robots, every_state, every_control = {}, [], []
+    for i, name in enumerate(task.names):
+        motion = trajectories[name]
+        under_way = times <= motion.duration
+        own = np.union1d(times[under_way], motion.times)
+        replayed = replay(task.plant, motion, own)
+        robots[name] = judge(
             task.plant,
-            trajectories[name],
-            *flights[name],
+            motion,
+            own,
+            replayed,
             np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
             TERMINAL_TOLERANCE,
             robot_constraints(task),
             consistency=_CONSISTENCY,
             start=start_state(task, i),
         )
-        for i, name in enumerate(task.names)
-    }
-    times, states, controls = _side_by_side(task, trajectories, flights)
+        every_state.append(replayed[np.minimum(np.searchsorted(own, times), own.size - 1)])
+        every_control.append(motion.controls_at(times) * under_way[:, None])
+    states, controls = np.concatenate(every_state, axis=1), np.concatenate(every_control, axis=1)
     separations = separation_constraints(task)
     pairs, pair_times, violated = check(separations, times, states, controls)
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
-    worst = {f'{name}.{k}': v for name in task.names for k, v in robots[name].worst.items()}
-    instants = {
-        f'{name}.{k}': v for name in task.names for k, v in robots[name].worst_times.items()
-    }
-    units = {f'{name}.{k}': v for name in task.names for k, v in robots[name].units.items()}
+
+    def together(field: str) -> dict[str, Any]:
+        found = {name: getattr(robots[name], field) for name in task.names}
+        return {f'{name}.{k}': value for name in found for k, value in found[name].items()}
+
     overall = Verification(
         ok=not (reasons or violated),
         terminal_error=np.concatenate([robots[name].terminal_error for name in task.names]),
-        worst=worst | pairs,
-        worst_times=instants | pair_times,
+        worst=together('worst') | pairs,
+        worst_times=together('worst_times') | pair_times,
         reasons=(*violated, *reasons),
         state_names=tuple(f'{name}.{s}' for name in task.names for s in task.plant.state_names),
-        units=units | {constraint.name: constraint.unit for constraint in separations},
+        units=together('units') | {each.name: each.unit for each in separations},
     )
     return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
 
@@ -110,6 +118,35 @@ def start_state(task: FormationTask, robot: int) -> Array:
     )
 
 
+def flown(
+    task: FormationTask,
+    robot: int,
+    times: Array,
+    controls: Array,
+    alpha: float,
+    interpolation: Interpolation,
+) -> Trajectory:
+    """
+    Return a robot's motion under `controls` (N, 3), those of the plant, its states integrated.
+
+    The thruster begins at the angle `alpha` [rad].
+    """
+    plant, states = task.plant, np.zeros((times.size, 7))
+    states[0] = start_state(task, robot)
+    states[0, 6] = alpha
+    draft = Trajectory(
+        times=times,
+        states=states,
+        controls=controls,
+        state_names=plant.state_names,
+        control_names=plant.control_names,
+        interpolation=interpolation,
+        state_units=plant.state_units,
+        control_units=plant.control_units,
+    )
+    return replace(draft, states=replay(plant, draft, times))
+
+
 def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
     """
     Whether at least half of the distance reserved for tracking is left between all pairs.
@@ -123,39 +160,6 @@ def keeps_reserve(task: FormationTask, verification: Verification) -> bool:
         for a, b in zip(i, j, strict=True)
     ]
     return bool((np.array(left) >= 0.5 * reserved).all())
-
-
-def _common_instants(trajectories: Mapping[str, Trajectory]) -> Array:
-    last = max(trajectory.duration for trajectory in trajectories.values())
-    return np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
-
-
-def _flights(
-    task: FormationTask, trajectories: Mapping[str, Trajectory]
-) -> dict[str, tuple[Array, Array]]:
-    """Every robot replayed: the common instants until its arrival and its samples, the states."""
-    times = _common_instants(trajectories)
-    found = {}
-    for name in task.names:
-        trajectory = trajectories[name]
-        own = np.union1d(times[times <= trajectory.duration], trajectory.times)
-        found[name] = own, replay(task.plant, trajectory, own)
-    return found
-
-
-def _side_by_side(
-    task: FormationTask,
-    trajectories: Mapping[str, Trajectory],
-    flights: Mapping[str, tuple[Array, Array]],
-) -> tuple[Array, Array, Array]:
-    times = _common_instants(trajectories)
-    states, controls = [], []
-    for name in task.names:
-        own, flown = flights[name]
-        states.append(flown[np.minimum(np.searchsorted(own, times), own.size - 1)])
-        under_way = times <= trajectories[name].duration
-        controls.append(trajectories[name].controls_at(times) * under_way[:, None])
-    return times, np.concatenate(states, axis=1), np.concatenate(controls, axis=1)
 
 
 def robot_constraints(task: FormationTask) -> list[Constraint]:
@@ -185,15 +189,20 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
         Constraint('walls', walls, _ROUNDING, 'm'),
     ]
     if len(task.obstacles):
-        constraints.append(
-            Constraint('keep_out', lambda t, x, u: _zone_margin(task, x[:, :2]), _ROUNDING, 'm')
-        )
+
+        def keep_out(times: Array, states: Array, controls: Array) -> Array:
+            return _zone_margins(task, states[:, :2])[0]
+
+        constraints.append(Constraint('keep_out', keep_out, _ROUNDING, 'm'))
     return constraints
 
 
-def _zone_margin(task: FormationTask, place: Array) -> Array:
-    apart = np.linalg.norm(place[:, None] - task.obstacles[:, :2], axis=2)
-    return np.asarray((apart - task.obstacles[:, 2]).min(axis=1) - task.separation / 2)
+def _zone_margins(task: FormationTask, place: Array) -> list[Array]:
+    """Distances (..., ) of places (..., 2) from the nearest keep-out zone; none without zones."""
+    if not len(task.obstacles):
+        return []
+    apart = np.linalg.norm(place[..., None, :] - task.obstacles[:, :2], axis=-1)
+    return [(apart - task.obstacles[:, 2]).min(axis=-1) - task.separation / 2]
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:
@@ -208,12 +217,7 @@ def separation_constraints(task: FormationTask) -> list[Constraint]:
         return of
 
     return [
-        Constraint(
-            f'separation {task.names[i]}-{task.names[j]}',
-            margin(i, j),
-            _ROUNDING,
-            'm',
-        )
+        Constraint(f'separation {task.names[i]}-{task.names[j]}', margin(i, j), _ROUNDING, 'm')
         for i, j in itertools.combinations(range(task.n), 2)
     ]
 
@@ -225,26 +229,21 @@ def penalty(task: FormationTask, states: Array, controls: Array, weights: Array)
     k1: walls and keep-out zones [m^2]; k2: thrust, k3: torque and thruster rate, relative to
     their limits; k4: separations of all pairs [m^2]. Robots' and pairs' terms are summed.
     """
-
-    def excess(margin: Array) -> float:
-        return float(np.square(np.maximum(-margin, 0.0)).max())
-
-    terms = np.zeros(4)
-    plant = task.plant
-    every_state = states.reshape(len(states), -1, 7)
-    every_control = controls.reshape(len(controls), -1, 3)
-    for i in range(task.n):
-        x, u = every_state[:, i], every_control[:, i]
-        place = x[:, :2]
-        for side in (place, task.sides - place):
-            terms[0] += sum(excess(side[:, axis] - task.separation / 2) for axis in range(2))
-        if len(task.obstacles):
-            terms[0] += excess(_zone_margin(task, place))
-        push = u[:, 0] / (plant.mass * task.thrust)
-        terms[1] += excess(np.minimum(1.0 - push, push))
-        terms[2] += excess(1.0 - np.abs(u[:, 2]) / (plant.inertia * task.torque))
-        terms[2] += excess(1.0 - np.abs(u[:, 1]) / task.thruster_rate)
-    for constraint in separation_constraints(task):
-        terms[3] += excess(constraint.margin(states[:, 0], states, controls))
+    states, controls = states.reshape(-1, task.n, 7), controls.reshape(-1, task.n, 3)
+    place, half = states[..., :2], task.separation / 2
+    one, other = np.triu_indices(task.n, 1)
+    push = controls[..., 0] / (task.plant.mass * task.thrust)
+    turn = controls[..., 1] / task.thruster_rate
+    torque = controls[..., 2] / (task.plant.inertia * task.torque)
+    apart = np.linalg.norm(place[:, one] - place[:, other], axis=-1) - task.separation
+    margins = (
+        (place - half, task.sides - place - half, *_zone_margins(task, place)),
+        (np.minimum(1.0 - push, push),),
+        (1.0 - np.abs(torque), 1.0 - np.abs(turn)),
+        (apart,),
+    )
+    terms = np.array(
+        [sum(np.square(np.minimum(m, 0.0).min(axis=0)).sum() for m in each) for each in margins]
+    )
     # What is less than rounding of the time stamps explains is no violation.
     return float(weights @ np.where(terms < 1e-16, 0.0, terms))

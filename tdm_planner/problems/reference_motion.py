@@ -31,10 +31,11 @@ become X_s = mu v and X_ss = mu^2 a + mu_s v. With N = X_ss mu - X_s mu_s the ex
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,7 @@ from tdm_planner.problems.formation_task import FormationTask
 Array = NDArray[np.float64]
 
 _YAW_SCALE = 10.0
+_NODES = 24  # of the quadrature of a fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +86,26 @@ class MotionForm(NamedTuple):
     The reference functions' form.
 
     Orders of the polynomials of x and y, and of the attitude's; degree of mu; whether the
-    accelerations at the ends are varied, not given.
+    accelerations at the ends are varied, not given; number of nodes, None: as `order` needs.
     """
 
-    order: int
-    yaw_order: int
-    degree: int
-    vary_ends: bool
+    order: int = 7
+    yaw_order: int = 5
+    degree: int = 0
+    vary_ends: bool = True
+    nodes: int | None = None
+
+    @property
+    def points(self) -> int:
+        """Number of nodes at which limits are kept and gas is summed."""
+        return self.nodes or max(21, 5 * self.order - 14)
+
+    def of_order(self, order: int) -> MotionForm:
+        """Return the form with polynomials of another order, on as many nodes as that needs."""
+        return self if order == self.order else self._replace(order=order, nodes=None)
+
+
+DEFAULT_FORM: Final = MotionForm()
 
 
 class LocalVariables(NamedTuple):
@@ -167,24 +182,14 @@ class ReferenceMotion:
     Map from a robot's varied parameters (P,) to its motion, for all n robots at once.
 
     The varied parameters of one robot are b (q + 1), q of x (nf), of y (nf), of yaw (ny), in units
-    of `scales` (P,). `order` of the polynomials of x and y, `yaw_order` of the attitude's,
-    `speed_factor_order` the degree of mu, `vary_ends`: the accelerations at the ends are varied,
-    not given.
+    of `scales` (P,).
     """
 
-    def __init__(
-        self,
-        task: FormationTask,
-        order: int = 7,
-        yaw_order: int = 5,
-        speed_factor_order: int = 0,
-        vary_ends: bool = True,
-    ) -> None:
-        self.task = task
-        self.form = MotionForm(order, yaw_order, speed_factor_order, vary_ends)
-        self.order, self.degree, self.vary_ends = order, speed_factor_order, vary_ends
-        self.basis = end_derivatives(order, vary_ends)
-        self.yaw_basis = end_derivatives(yaw_order, False)
+    def __init__(self, task: FormationTask, form: MotionForm = DEFAULT_FORM) -> None:
+        self.task, self.form = task, form
+        self.order, self.degree, self.vary_ends = form.order, form.degree, form.vary_ends
+        self.basis = end_derivatives(form.order, form.vary_ends)
+        self.yaw_basis = end_derivatives(form.yaw_order, False)
         self.departing = departing(self.degree)
         self.nb, self.nf = self.degree + 1, self.basis.free.shape[1]
         self.ny = self.yaw_basis.free.shape[1]
@@ -196,28 +201,27 @@ class ReferenceMotion:
 
     def with_task(self, task: FormationTask) -> ReferenceMotion:
         """Return the same reference functions for another manoeuvre."""
-        return ReferenceMotion(task, *self.form)
+        return ReferenceMotion(task, self.form)
 
-    def fit(self, b: Array, s: Array, weights: Array, wanted: Array) -> Array:
+    def fit(self, b: Array, bend: Callable[[Array], Array]) -> Array:
         """
-        Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as `wanted`.
+        Varied parameters (n, P) of rates b (n, q + 1) s whose motions bend most as wanted.
 
-        `wanted` (n, 2, K) are the second derivatives at the arcs s (K,), with quadrature `weights`
-        (K,). The yaw is at rest.
+        `bend` gives the second derivatives (n, 2, K) at arcs s (K,). The yaw is at rest.
         """
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        s = (nodes + 1) / 2
         base = self.unpack(self.pack(b, np.zeros((len(b), 2, self.nf)))).position
-        bend = self.values(s, 2)
-        return self.pack(b, ((wanted - base @ bend.T) * weights) @ (bend @ self.basis.free))
+        curvature = self.values(s, 2)
+        missed = (bend(s) - base @ curvature.T) * (weights / 2)
+        return self.pack(b, missed @ (curvature @ self.basis.free))
 
     def raise_order(self, low: ReferenceMotion, z: Array) -> Array:
         """Varied parameters (n, P) of the same motions as `low` with z, of lower order, has."""
         motion = low.unpack(z)
-        nodes, weights = np.polynomial.legendre.leggauss(self.order + 3)
-        s = (nodes + 1) / 2
-        raised = self.fit(motion.rates, s, weights / 2, motion.position @ low.values(s, 2).T)
+        raised = self.fit(motion.rates, lambda s: motion.position @ low.values(s, 2).T)
         if self.ny:
-            own, its = self.size - self.ny, low.size - low.ny
-            raised[:, own:] = z[:, its:]
+            raised[:, self.size - self.ny :] = z[:, low.size - low.ny :]
         return raised
 
     def unpack(self, z: Array) -> FormationMotion:

@@ -44,10 +44,12 @@ from tdm_planner.problems.formation_parameters import (
     robot_names,
     RobotStart,
 )
-from tdm_planner.problems.formation_search import assessed, Form, FormationSearch, gas_used
+from tdm_planner.problems.formation_program import compile_polynomials
+from tdm_planner.problems.formation_search import assessed, gas_used
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_terms import compile_terms
 from tdm_planner.problems.formation_verification import robot_constraints
+from tdm_planner.problems.polynomial_search import PolynomialSearch
+from tdm_planner.problems.reference_motion import MotionForm
 from tdm_planner.problems.search import Plan
 from tdm_planner.problems.thrust_arcs_search import ArcSearch, compile_arcs
 from tdm_planner.problems.thrust_direction import compile_following
@@ -60,10 +62,11 @@ Array = NDArray[np.float64]
 @lru_cache(maxsize=1)
 def _compile() -> None:
     """Compile the kernels, once in a process: they take arrays of all sizes."""
-    compile_terms(Form().model(RobotFormation().task))
+    task = RobotFormation().task
+    compile_polynomials(task)
     compile_following()
     compile_robot_replay()
-    compile_arcs(RobotFormation().task)
+    compile_arcs(task)
 
 
 @dataclass(frozen=True)
@@ -150,14 +153,14 @@ class RobotFormation(FormationParameters, Problem):
         return values
 
     @property
-    def form(self) -> Form:
-        """Return the reference functions asked for."""
-        return Form(
-            order=self.polynomial_order,
-            yaw_order=self.yaw_order,
-            speed_factor_order=self.speed_factor_order,
-            vary_ends=self.end_accelerations == 'varied',
-            nodes=self.nodes,
+    def form(self) -> MotionForm:
+        """Return the form of the reference functions asked for."""
+        return MotionForm(
+            self.polynomial_order,
+            self.yaw_order,
+            self.speed_factor_order,
+            self.end_accelerations == 'varied',
+            self.nodes,
         )
 
     @cached_property
@@ -223,8 +226,7 @@ class RobotFormation(FormationParameters, Problem):
         return tuple(offset)
 
     def prepare(self) -> None:
-        """Tabulate the reference functions."""
-        self.form.model(self.task)
+        """Compile the kernels, or load them from the disk."""
         _compile()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
@@ -234,20 +236,17 @@ class RobotFormation(FormationParameters, Problem):
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
-    ) -> FormationSearch | ArcSearch:
+    ) -> PolynomialSearch | ArcSearch:
         """Return the search; the remaining motion of an earlier plan is the first guess."""
+        shared: dict[str, Any] = {
+            'starts': self.solver.starts,
+            'penalty_weights': np.array(self.weights.penalty),
+            'tolerance': self.solver.tolerance,
+            'previous': previous,
+        }
 
-        def polynomials(allowed: Budget) -> FormationSearch:
-            return FormationSearch(
-                self.task,
-                self.form,
-                rng,
-                allowed,
-                starts=self.solver.starts,
-                penalty_weights=np.array(self.weights.penalty),
-                tolerance=self.solver.tolerance,
-                previous=previous,
-            )
+        def polynomials(allowed: Budget) -> PolynomialSearch:
+            return PolynomialSearch(self.task, self.form, rng, allowed, **shared)
 
         if self.method == 'polynomials':
             return polynomials(budget)
@@ -256,11 +255,8 @@ class RobotFormation(FormationParameters, Problem):
             rng,
             budget,
             lambda allowed: polynomials(allowed).run(),
-            starts=self.solver.starts,
-            reserve=self.thrust_reserve,
-            penalty_weights=np.array(self.weights.penalty),
-            tolerance=self.solver.tolerance,
-            previous=previous,
+            self.thrust_reserve,
+            **shared,
         )
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:

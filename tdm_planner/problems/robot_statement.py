@@ -33,8 +33,6 @@ Numbers = Sequence[Any]
 
 GAS_SMOOTHING = 0.03  # share of F_max by which |F| is rounded off at zero
 THRUST_SHARE = 0.99  # of F_max planned with: what lies between nodes, and repairs, need the rest
-_RATE_SHARE = 0.96  # of the thruster's rate planned with
-_GATE = 0.02  # of F_max: below it the direction of the thrust is not limited
 _ROUNDED = 1e-6  # of F_max, by which the margin of thrust is rounded off at zero
 
 
@@ -45,14 +43,9 @@ def _along(free: Numbers, departing: Numbers, given: Numbers, at: Numbers) -> li
     return [x + at[2 * d] * mu * v + at[2 * d + 1] * second for d, x in enumerate(free)]
 
 
-def hodograph(mu: Any, mu_s: Any, first: Any, second: Any) -> Any:
-    """Return N from derivatives by s."""
-    return second * mu - first * mu_s
-
-
 def acceleration(mu: Any, mu_s: Any, first: Any, second: Any) -> Any:
     """Return X'' from derivatives by s."""
-    return hodograph(mu, mu_s, first, second) / (mu * mu**2)
+    return (second * mu - first * mu_s) / (mu * mu**2)
 
 
 def push(local: Numbers, at: Numbers, robot: Numbers) -> tuple[Any, ...]:
@@ -79,28 +72,3 @@ def turn(local: Numbers, at: Numbers, robot: Numbers) -> tuple[Any, ...]:
     """
     yaw = _along(local[4:], local[2:4], robot[:2], at)
     return (1.0 - np.abs(acceleration(*local[:2], *yaw)) / robot[2],)
-
-
-def flip(local: Numbers, at: Numbers, robot: Numbers) -> tuple[Any, ...]:
-    """
-    Return margins of the thruster's rate, delta >= -delta_max and delta <= delta_max.
-
-    The thrust points along N, so that with N_s = X_sss mu - X_s mu_ss
-
-        delta = ((N x N_s) / |N|^2 - yaw_s) / mu.
-
-    Margins are multiplied by |N|^2 and gated where the thrust is so small that its direction does
-    not matter. `local`: mu to mu_ss, mu and mu_s at the start, x_s to x_sss, y_s to y_sss, yaw_s;
-    `robot`: v_x, a_x, v_y, a_y, yaw rate, yaw acceleration, delta_max, F_max.
-    """
-    mu, mu_s, mu_ss = local[:3]
-    x = _along(local[5:8], local[3:5], robot[0:2], at)
-    y = _along(local[8:11], local[3:5], robot[2:4], at)
-    (yaw_s,) = _along(local[11:], local[3:5], robot[4:6], at[6:])
-    n_x, n_y = hodograph(mu, mu_s, *x[:2]), hodograph(mu, mu_s, *y[:2])
-    square = n_x**2 + n_y**2
-    cross = n_x * (y[2] * mu - y[0] * mu_ss) - n_y * (x[2] * mu - x[0] * mu_ss) - yaw_s * square
-    rate, thrust = robot[6:]
-    limit, gate = _RATE_SHARE * rate * mu, (_GATE * thrust * mu * mu**2) ** 2
-    below = limit * (square + gate)
-    return (limit * square + cross) / below, (limit * square - cross) / below

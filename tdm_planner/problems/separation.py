@@ -43,9 +43,9 @@ class SeparationTables(NamedTuple):
     `shapes` (m, nf): end derivatives of the varied shapes; `taylor` (2, m, m): expansions about
     s = 0 and 1; `passing` (q + 1, q + 2): powers of s in the time at s, by b; `slope` (q + 1,):
     mu_s at the start, by b. `acceleration` (n, 2) is that given at the start; `given`: 1 where it
-    is, else 0. `wall_places` (W, m) and `circle_places` (S, m): values at the arcs for walls and
-    circles. Pairs are `pairs` (p, 2) of robots with clearances (p,); circles `centres` (c, 2) with
-    clearances (n, c) of the robots `moving` (r,). Common instants are `interval` s apart.
+    is, else 0. `wall_places` (W, m): values at the arcs for walls. Pairs are `pairs` (p, 2) with
+    clearances (p,): of robots, and of robots and what stands still at the `centres` (c, 2), which
+    counts on from the last robot. Common instants are `interval` s apart.
     """
 
     shapes: Array
@@ -53,7 +53,6 @@ class SeparationTables(NamedTuple):
     passing: Array
     slope: Array
     wall_places: Array
-    circle_places: Array
     fixed: Array
     velocity: Array
     acceleration: Array
@@ -64,35 +63,19 @@ class SeparationTables(NamedTuple):
     separation: float
     pairs: Indices
     pair_clearances: Array
-    moving: Indices
     centres: Array
-    circle_clearances: Array
     interval: float
 
 
 class PairApproaches(NamedTuple):
     """
-    Near approaches of two robots: index of the pair (r,) and instant [s] (r,).
+    Near approaches: index of the pair (r,) and instant [s] (r,).
 
     `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the second to the first.
     """
 
     pair: Indices
     time: Array
-    margins: Array
-    unit: Array
-
-
-class CircleApproaches(NamedTuple):
-    """
-    Near approaches of a robot to a circle: robot, circle and arc (r,).
-
-    `margins` (r,) are distance / clearance - 1, `unit` (r, 2) points from the circle's centre.
-    """
-
-    robot: Indices
-    circle: Indices
-    arc: Array
     margins: Array
     unit: Array
 
@@ -192,15 +175,19 @@ def _inverse(times: Array, duration: float, since: float) -> float:
 
 
 @inlined
-def _place(at: Paths, velocity: Array, i: int, since: float) -> tuple[float, float]:
-    """Where a robot is: coasting, on its way, or parked."""
+def _place(t: SeparationTables, at: Paths, i: int, time: float) -> tuple[float, float]:
+    """Where a robot is: coasting, on its way, or parked; or where something stands still."""
+    n = t.coast.size
+    if i >= n:
+        return t.centres[i - n, 0], t.centres[i - n, 1]
+    since = time - t.coast[i]
     s = _arc(at, i, since)
     side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
     x, y = 0.0, 0.0
     for k in range(at.expansions.shape[3] - 1, -1, -1):
         x, y = x * u + at.expansions[i, side, 0, k], y * u + at.expansions[i, side, 1, k]
     early = min(since, 0.0)
-    return x + velocity[i, 0] * early, y + velocity[i, 1] * early
+    return x + t.velocity[i, 0] * early, y + t.velocity[i, 1] * early
 
 
 @compiled
@@ -233,9 +220,9 @@ def _nearest(begin_x: float, begin_y: float, end_x: float, end_y: float) -> tupl
 
 @compiled
 def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
-    """Find the near approaches of two robots."""
-    n, pairs, last = at.durations.size, t.pairs.shape[0], 0.0
-    for i in range(n):
+    """Find the near approaches of robots to one another and to what stands still."""
+    every, pairs, last = at.durations.size + len(t.centres), t.pairs.shape[0], 0.0
+    for i in range(at.durations.size):
         last = max(last, at.durations[i] + t.coast[i])
     # A motion far longer than its time scale keeps the number of instants, not the interval.
     interval = max(t.interval, last / _MOST_INSTANTS)
@@ -243,11 +230,10 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
     most = pairs * max(count - 1, 0)
     pair, times = np.empty(most, dtype=np.intp), np.empty(most)
     margins, units = np.empty(most), np.empty((most, 2))
-    found, places = 0, np.empty((n, 2, count))
-    for i in range(n if pairs else 0):
+    found, places = 0, np.empty((every, 2, count))
+    for i in range(every if pairs else 0):
         for k in range(count):
-            since = k * interval - t.coast[i]
-            x, y = _place(at, t.velocity, i, since)
+            x, y = _place(t, at, i, k * interval)
             places[i, 0, k], places[i, 1, k] = x, y
     for p in range(pairs):
         i, j = t.pairs[p, 0], t.pairs[p, 1]
@@ -260,8 +246,7 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
             if not distance < within:
                 continue
             time = (k - 1 + share) * interval
-            here = _place(at, t.velocity, i, time - t.coast[i])
-            there = _place(at, t.velocity, j, time - t.coast[j])
+            here, there = _place(t, at, i, time), _place(t, at, j, time)
             apart_x, apart_y = here[0] - there[0], here[1] - there[1]
             distance = max(math.sqrt(apart_x * apart_x + apart_y * apart_y), 1e-9)
             pair[found], times[found] = p, time
@@ -272,55 +257,16 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
 
 
 @compiled
-def near_circles(t: SeparationTables, at: Paths) -> CircleApproaches:
-    """Find the near approaches of moving robots to what stands still: zones, staying robots."""
-    count, circles, m = t.circle_places.shape[0], t.centres.shape[0], at.ends.shape[2]
-    most = t.moving.size * circles * (count - 1)
-    robot, circle = np.empty(most, dtype=np.intp), np.empty(most, dtype=np.intp)
-    arcs, margins, units = np.empty(most), np.empty(most), np.empty((most, 2))
-    found, places = 0, np.empty((2, count))
-    for i in t.moving if circles else t.moving[:0]:
-        for k in range(count):
-            for axis in range(2):
-                place = 0.0
-                for j in range(m):
-                    place += t.circle_places[k, j] * at.ends[i, axis, j]
-                places[axis, k] = place
-        for c in range(circles):
-            within = (1.0 + NEAR) * t.circle_clearances[i, c]
-            for k in range(count - 1):
-                share, distance = _nearest(
-                    places[0, k] - t.centres[c, 0], places[1, k] - t.centres[c, 1],
-                    places[0, k + 1] - t.centres[c, 0], places[1, k + 1] - t.centres[c, 1],
-                )  # fmt: skip
-                if not distance < within:
-                    continue
-                s = (k + share) / (count - 1)
-                side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
-                x = _value(at.expansions[i, side, 0], u) - t.centres[c, 0]
-                y = _value(at.expansions[i, side, 1], u) - t.centres[c, 1]
-                distance = max(math.sqrt(x * x + y * y), 1e-9)
-                robot[found], circle[found], arcs[found] = i, c, s
-                margins[found] = distance / t.circle_clearances[i, c] - 1.0
-                units[found, 0], units[found, 1] = x / distance, y / distance
-                found += 1
-    return CircleApproaches(
-        robot[:found], circle[:found], arcs[:found], margins[:found], units[:found]
-    )
-
-
-@compiled
 def separation_rows(
     t: SeparationTables,
     at: Paths,
     near_walls: Array,
     below: float,
     pairs: PairApproaches,
-    circles: CircleApproaches,
     margins: Array,
     rows: Array,
 ) -> None:
-    """Write margins (r,) of walls that are `below`, pairs and circles; their slopes (r, n, P)."""
+    """Write margins (r,) of walls that are `below`, and of pairs; their slopes (r, n, P)."""
     r, m = 0, t.taylor.shape[1]
     for i in range(near_walls.shape[0]):
         for side in range(2):
@@ -336,6 +282,8 @@ def separation_rows(
     for a in range(pairs.pair.size):
         for end in range(2):
             i = t.pairs[pairs.pair[a], end]
+            if i >= rows.shape[1]:
+                continue  # it stands still
             scale = (1.0 - 2.0 * end) / t.pair_clearances[pairs.pair[a]]
             x, y = scale * pairs.unit[a, 0], scale * pairs.unit[a, 1]
             s, row = _arc(at, i, pairs.time[a] - t.coast[i]), rows[r, i]
@@ -343,13 +291,6 @@ def separation_rows(
             if 0.0 < s < 1.0:  # at a fixed instant the arc changes with the speed
                 _subtract_passing(t, at, i, s, x, y, row)
         margins[r] = pairs.margins[a]
-        r += 1
-    for a in range(circles.robot.size):
-        i = circles.robot[a]
-        scale = 1.0 / t.circle_clearances[i, circles.circle[a]]
-        x, y = scale * circles.unit[a, 0], scale * circles.unit[a, 1]
-        _add_slope(t, at, i, _values(t, circles.arc[a], values), x, y, rows[r, i])
-        margins[r] = circles.margins[a]
         r += 1
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,9 @@ Array = NDArray[np.float64]
 FIRST, SECOND, TIME, CLOSENESS, WAY = 0, 1, 2, 3, 4
 COLUMNS = 6
 _NEWTON_STEPS = 24
+_REACH: Final = 1.25  # clearances within which an approach makes a row
+_NEAR: Final = 0.3  # own margins below which they make a row
+_FLOOR: Final = 2e-3  # smallest eigenvalue of a robot's Hessian
 
 
 @compiled
@@ -59,13 +63,13 @@ def _nearest_between(
     accuracy: float,
     i: int,
     j: int,
-    start: Array,
-    velocity: Array,
+    fleet: Fleet,
     burns: Array,
     approach: Array,
 ) -> float:
     """Fill in the approach of i and j between two instants, by Newton's method; the distance."""
     one, other = np.zeros(6), np.zeros(6)
+    start, velocity = fleet.start, fleet.velocity
     for _ in range(_NEWTON_STEPS):
         place(t, start[i], velocity[i], burns[i], one)
         place(t, start[j], velocity[j], burns[j], other)
@@ -91,32 +95,24 @@ def _nearest_between(
 
 
 @compiled
-def approaches(
-    start: Array,
-    velocity: Array,
-    burns: Array,
-    clearances: Array,
-    last: float,
-    interval: float,
-    reach: float,
-    found: Array,
-) -> int:
+def approaches(fleet: Fleet, burns: Array, last: float, found: Array) -> int:
     """
-    Fill in the local minima in time of all distances that are below `reach` times their clearance.
+    Fill in the local minima in time of all distances that are near their clearances.
 
-    Pairs with clearance zero do not count. `found` (r, 6) has a row for each; returns how many.
+    `found` (r, 6) has a row for each; returns how many.
     """
-    n = burns.shape[0]
-    steps = max(math.ceil(last / interval), 2)
+    every = len(burns)
+    steps = max(math.ceil(last / fleet.interval), 2)
     step = last / steps
-    path = positions(step * np.arange(steps + 1.0), start, velocity, burns)
+    path = positions(step * np.arange(steps + 1.0), fleet.start, fleet.velocity, burns)
     squares = np.zeros(steps + 1)
     count = 0
-    for i in range(n):
-        for j in range(i + 1, n):
-            if clearances[i, j] == 0.0:
+    for i in range(every):
+        for j in range(i + 1, every):
+            clearance = fleet.clearances[i, j]
+            if clearance == 0.0:
                 continue
-            limit = (reach * clearances[i, j]) ** 2
+            limit = (_REACH * clearance) ** 2
             for k in range(steps + 1):
                 x, y = path[i, k, 0] - path[j, k, 0], path[i, k, 1] - path[j, k, 1]
                 squares[k] = x * x + y * y
@@ -127,35 +123,23 @@ def approaches(
                     continue
                 low, high = (k - 1) * step, min(k + 1, steps) * step
                 distance = _nearest_between(
-                    low, high, k * step, 1e-5 * step, i, j, start, velocity, burns, found[count]
+                    low, high, k * step, 1e-5 * step, i, j, fleet, burns, found[count]
                 )
-                found[count, CLOSENESS] = distance / clearances[i, j] - 1.0
-                if found[count, CLOSENESS] < reach - 1.0:
+                found[count, CLOSENESS] = distance / clearance - 1.0
+                if found[count, CLOSENESS] < _REACH - 1.0:
                     count += 1
     return count
 
 
 @compiled
 def evaluate(
-    x: Array,
-    fleet: Fleet,
-    start: Array,
-    velocity: Array,
-    clearances: Array,
-    interval: float,
-    reach: float,
-    burns: Array,
-    slopes: Array,
-    margins: Array,
-    found: Array,
+    x: Array, fleet: Fleet, burns: Array, slopes: Array, margins: Array, found: Array
 ) -> tuple[int, float, float]:
     """
     Burns, own margins and approaches at the varied parameters x (n, v).
 
-    Returns the number of approaches, all gas, rounded off at zero, and the least margin.
-
-    `start`, `velocity` (N, 2) and `burns` (N, m, 4) hold what stands still after the robots.
-    Burns of robots whose motion is not varied are left as they are.
+    Returns the number of approaches, all gas, rounded off at zero, and the least margin. `burns`
+    (N, m, 4) of what is not varied are left as they are.
     """
     n, m = len(x), burns.shape[1]
     last, gas, worst = 0.0, 0.0, 1.0
@@ -169,20 +153,18 @@ def evaluate(
             gas += math.sqrt(burns[i, k, 0] ** 2 + burns[i, k, 1] ** 2 + e * e) - e
         own_margins(x[i], fleet, i, burns[i], margins[i])
         worst = min(worst, margins[i].min())
-    count = approaches(start, velocity, burns, clearances, last, interval, reach, found)
+    count = approaches(fleet, burns, last, found)
     for r in range(count):
         worst = min(worst, found[r, CLOSENESS])
     return count, gas, worst
 
 
 @compiled
-def _approach_row(
-    approach: Array, fleet: Fleet, burns: Array, slopes: Array, clearances: Array, row: Array
-) -> None:
+def _approach_row(approach: Array, fleet: Fleet, burns: Array, slopes: Array, row: Array) -> None:
     """Add the slopes of distance / clearance - 1 of an approach to `row` (n, v)."""
     i, j, t = int(approach[FIRST]), int(approach[SECOND]), approach[TIME]
     distance = math.hypot(approach[WAY], approach[WAY + 1])
-    along = approach[WAY:] / (max(distance, 1e-9) * clearances[i, j])
+    along = approach[WAY:] / (max(distance, 1e-9) * fleet.clearances[i, j])
     if fleet.varied[i]:
         add_slope(t, burns[i], slopes[i], along, row[i])
     if j < len(row) and fleet.varied[j]:
@@ -197,23 +179,18 @@ def derivatives(
     slopes: Array,
     margins: Array,
     found: Array,
-    clearances: Array,
-    units: Array,
-    near: float,
     weight: float,
-    floor: float,
     gradient: Array,
     hessian: Array,
     rows: Array,
     values: Array,
-    own: Array,
 ) -> int:
     """
     Slopes by the scaled parameters: of `weight` times the gas (n, v), (n, v, n, v), and of rows.
 
-    `rows` (r, n, v) hold those of the approaches `found`, then those of own margins below `near`,
-    robot and number of which go to `own` (r, 2); `values` (r,) are the margins. The eigenvalues
-    of the Hessian are lifted to `floor`. Returns how many rows there are.
+    `rows` (r, n, v) hold those of the approaches `found`, then those of own margins near active;
+    `values` (r,) are the margins. The Hessian's eigenvalues are lifted. Returns how many rows
+    there are.
     """
     n, v = x.shape
     m = margins.shape[1]
@@ -221,31 +198,30 @@ def derivatives(
     count = len(found)
     for r in range(count):
         values[r] = found[r, CLOSENESS]
-        _approach_row(found[r], fleet, burns, slopes, clearances, rows[r])
+        _approach_row(found[r], fleet, burns, slopes, rows[r])
     for i in range(n):
         if not fleet.varied[i]:
             for q in range(v):
-                hessian[i, q, i, q] = floor
+                hessian[i, q, i, q] = _FLOOR
             continue
         own_slopes(x[i], fleet, i, slopes[i], burns[i], gradient[i], block, by)
         for k in range(m):
-            if margins[i, k] < near:
-                own[count, 0], own[count, 1] = i, k
+            if margins[i, k] < _NEAR:
                 values[count] = margins[i, k]
                 rows[count, i] = by[k]
                 count += 1
         for q in range(v):
-            gradient[i, q] *= weight * units[i, q]
+            gradient[i, q] *= weight * fleet.units[i, q]
             for r in range(v):
-                block[q, r] *= weight * units[i, q] * units[i, r]
+                block[q, r] *= weight * fleet.units[i, q] * fleet.units[i, r]
         sizes, vectors = np.linalg.eigh(block)
         for q in range(v):
-            size = max(sizes[q], floor)
+            size = max(sizes[q], _FLOOR)
             for r in range(v):
                 for c in range(v):
                     hessian[i, r, i, c] += size * vectors[r, q] * vectors[c, q]
     for r in range(count):
         for i in range(n):
             for q in range(v):
-                rows[r, i, q] *= units[i, q]
+                rows[r, i, q] *= fleet.units[i, q]
     return count

@@ -28,12 +28,14 @@ its |p| is |D| / g, g = (sigma + s) / 2.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
+from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.slopes import with_slopes
 
 Array = NDArray[np.float64]
 
@@ -49,14 +51,18 @@ class Fleet(NamedTuple):
     """
     The robots, as the kernels take them.
 
-    `start`, `velocity`, `goal` (n, 2); `alpha` (n,) NaN where free, `yaw`, `yaw_rate`, `goal_yaw`
-    (n,); `varied` (n,) those whose motion is varied; `low`, `high` (n, 2) where corners may be.
-    `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is the shortest coast, `speed`
-    [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the units of the parameters.
+    `start`, `velocity` (N, 2) of the n robots, then of what stands still, with `clearances` (N, N)
+    from one another, zero where they do not count. `goal` (n, 2); `alpha` (n,) NaN where free,
+    `yaw`, `yaw_rate`, `goal_yaw` (n,); `varied` (n,) those whose motion is varied; `low`, `high`
+    (n, 2) where corners may be. `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is
+    the shortest coast, `speed` [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the
+    units of the parameters, `units` (n, v) as they are scaled; approaches are looked for between
+    instants `interval` s apart.
     """
 
     start: Array
     velocity: Array
+    clearances: Array
     goal: Array
     alpha: Array
     yaw: Array
@@ -71,6 +77,8 @@ class Fleet(NamedTuple):
     speed: float
     length: float
     time: float
+    units: Array
+    interval: float
 
 
 @compiled
@@ -93,44 +101,35 @@ def attitude(
     return goal - 0.5 * a * left * left
 
 
-@compiled
-def _end_leg(
-    way: Array,
-    sigma: float,
-    way_slopes: Array,
-    sigma_slopes: Array,
-    thrust: float,
-    pause: float,
-    leg: Array,
-    leg_slopes: Array,
-    half_slopes: Array,
-) -> float:
+def end_leg(leg: Sequence[Any], at: Sequence[Any]) -> tuple[Any, ...]:
     """
-    Velocity of a leg whose one end is a burn from (to) rest; return that burn's half-length.
+    Return the velocity of a leg that ends or begins at rest, and half of the burn there [s].
 
-    `way` (2,) and `sigma` have slopes (4, 2) and (4,) by four parameters; those of the `leg` (2,)
-    and of the half-length are filled in, (2, 4) and (4,).
+    `leg`: its way and time; `at`: thrust, pause, and what the time g is longer than it is. Where
+    no time is left to coast, the coast is continued with its slope.
     """
-    length = math.sqrt(way[0] * way[0] + way[1] * way[1] + _TINY)
+    x, y, sigma = leg
+    thrust, pause, longer = at
+    length = np.sqrt(x * x + y * y + _TINY)
     least = _ROUNDED * pause
     square = sigma * sigma - 2.0 * length / thrust
-    if square > least * least:
-        s = math.sqrt(square)
-        ds = 0.5 / s
-    else:
-        s = 0.5 * (least + square / least)
-        ds = 0.5 / least
-    g = max(0.5 * (sigma + s), 2.5 * pause)
-    for a in range(2):
-        leg[a] = way[a] / g
-    for q in range(4):
-        by = (way[0] * way_slopes[q, 0] + way[1] * way_slopes[q, 1]) / length
-        s_slope = 2.0 * ds * (sigma * sigma_slopes[q] - by / thrust)
-        half_slopes[q] = 0.5 * (sigma_slopes[q] - s_slope)
-        g_slope = 0.5 * (sigma_slopes[q] + s_slope)
-        for a in range(2):
-            leg_slopes[a, q] = (way_slopes[q, a] - leg[a] * g_slope) / g
-    return 0.5 * (sigma - s)
+    coast = np.sqrt(0.5 * (square + least * least + np.abs(square - least * least)))
+    coast = 0.5 * (coast + square / coast)
+    g = 0.5 * (sigma + coast) + longer
+    return x / g, y / g, 0.5 * (sigma - coast)
+
+
+_leg_slopes = inlined(with_slopes(end_leg, ('leg',), leg=3, at=3))
+
+
+@inlined
+def _end_leg(x: float, y: float, sigma: float, fleet: Fleet) -> tuple[float, ...]:
+    """Values of `end_leg`, then their slopes by x, by y and by sigma; velocities stay finite."""
+    found = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, 0.0))
+    short = 2.5 * fleet.pause - (sigma - found[2])
+    if short > 0.0:
+        found = _leg_slopes((x, y, sigma), (fleet.thrust, fleet.pause, short))
+    return found
 
 
 @compiled
@@ -139,65 +138,45 @@ def round_off(x: Array, fleet: Fleet, i: int, burns: Array, slopes: Array) -> No
     m, v = burns.shape[0], x.size
     start, velocity, goal = fleet.start[i], fleet.velocity[i], fleet.goal[i]
     legs, by = np.zeros((m + 1, 2)), np.zeros((m + 1, 2, v))
-    way, way_slopes, sigma_slopes = np.zeros(2), np.zeros((4, 2)), np.zeros(4)
-    leg, leg_slopes, half_slopes = np.zeros(2), np.zeros((2, 4)), np.zeros(4)
     burns[:] = 0.0
     slopes[:] = 0.0
-    # The first leg: parameters c, W, tau are x[0:4].
+    w, last = v - 4, m - 1  # of the last corner, W, tau and T are x[w:]
+    way = x[1] - start[0] - velocity[0] * x[3], x[2] - start[1] - velocity[1] * x[3]
+    begun = _end_leg(way[0], way[1], x[3] - x[0], fleet)
+    ended = _end_leg(goal[0] - x[w], goal[1] - x[w + 1], x[w + 3] - x[w + 2], fleet)
+    burns[0, HALF], burns[last, HALF] = begun[2], ended[2]
+    burns[0, CENTRE], burns[last, CENTRE] = x[0] + begun[2], x[w + 3] - ended[2]
+    legs[0] = velocity
     for a in range(2):
-        way[a] = x[1 + a] - start[a] - velocity[a] * x[3]
-        way_slopes[1 + a, a] = 1.0
-        way_slopes[3, a] = -velocity[a]
-        legs[0, a] = velocity[a]
-    sigma_slopes[0], sigma_slopes[3] = -1.0, 1.0
-    half = _end_leg(
-        way, x[3] - x[0], way_slopes, sigma_slopes, fleet.thrust, fleet.pause,
-        leg, leg_slopes, half_slopes,
-    )  # fmt: skip
-    burns[0, CENTRE], burns[0, HALF] = x[0] + half, half
-    slopes[0, CENTRE, 0] = 1.0
-    for q in range(4):
-        slopes[0, CENTRE, q] += half_slopes[q]
-        slopes[0, HALF, q] = half_slopes[q]
-        for a in range(2):
-            by[1, a, q] = leg_slopes[a, q]
-    for a in range(2):
-        legs[1, a] = velocity[a] + leg[a]
+        legs[1, a], legs[last, a] = velocity[a] + begun[a], ended[a]
+    for a in range(3):  # slopes of both velocities, then of the burn's half
+        first = by[1, a] if a < 2 else slopes[0, HALF]
+        by_time = begun[9 + a]
+        first[0], first[1], first[2] = -by_time, begun[3 + a], begun[6 + a]
+        first[3] = by_time - begun[3 + a] * velocity[0] - begun[6 + a] * velocity[1]
+    for a in range(3):
+        final = by[last, a] if a < 2 else slopes[last, HALF]
+        final[w], final[w + 1] = -ended[3 + a], -ended[6 + a]
+        final[w + 2], final[w + 3] = -ended[9 + a], ended[9 + a]
+    for q in range(v):
+        slopes[0, CENTRE, q] = slopes[0, HALF, q]
+        slopes[last, CENTRE, q] = -slopes[last, HALF, q]
+    slopes[0, CENTRE, 0] += 1.0
+    slopes[last, CENTRE, w + 3] += 1.0
     # Legs between two corners.
-    for k in range(2, m - 1):
+    for k in range(2, last):
         w = 3 * k - 5
         time = max(x[w + 5] - x[w + 2], 1.25 * fleet.pause)
         for a in range(2):
             legs[k, a] = (x[w + 3 + a] - x[w + a]) / time
             by[k, a, w + 3 + a], by[k, a, w + a] = 1.0 / time, -1.0 / time
             by[k, a, w + 5], by[k, a, w + 2] = -legs[k, a] / time, legs[k, a] / time
-    # The last leg: parameters W, tau, T are the last four.
-    w = v - 4
-    way_slopes[:] = 0.0
-    sigma_slopes[:] = 0.0
-    for a in range(2):
-        way[a] = goal[a] - x[w + a]
-        way_slopes[a, a] = -1.0
-    sigma_slopes[2], sigma_slopes[3] = -1.0, 1.0
-    half = _end_leg(
-        way, x[w + 3] - x[w + 2], way_slopes, sigma_slopes, fleet.thrust, fleet.pause,
-        leg, leg_slopes, half_slopes,
-    )  # fmt: skip
-    burns[m - 1, CENTRE], burns[m - 1, HALF] = x[w + 3] - half, half
-    slopes[m - 1, CENTRE, w + 3] = 1.0
-    for q in range(4):
-        slopes[m - 1, CENTRE, w + q] -= half_slopes[q]
-        slopes[m - 1, HALF, w + q] = half_slopes[q]
-        for a in range(2):
-            by[m - 1, a, w + q] = leg_slopes[a, q]
-    for a in range(2):
-        legs[m - 1, a] = leg[a]
     for k in range(m):
         for a in range(2):
             burns[k, a] = legs[k + 1, a] - legs[k, a]
             for q in range(v):
                 slopes[k, a, q] = by[k + 1, a, q] - by[k, a, q]
-    for k in range(1, m - 1):
+    for k in range(1, last):
         size = math.sqrt(burns[k, X] ** 2 + burns[k, Y] ** 2 + _TINY)
         burns[k, CENTRE], burns[k, HALF] = x[3 * k], 0.5 * size / fleet.thrust
         slopes[k, CENTRE, 3 * k] = 1.0

@@ -21,12 +21,12 @@ direction in the arena while it burns.
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation_verification import flown
 from tdm_planner.problems.thrust_arcs_kernels import attitude, turning
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -104,21 +104,8 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     controls[:-1, 0] = plant.mass * task.thrust * burning
     controls[:-1, 1] = np.round(np.diff(alpha) / np.diff(times), _DIGITS)
     controls[:-1, 2] = plant.inertia * np.where(middle < switch, a, -a)
-    states = np.zeros((times.size, 7))
-    states[0] = [*task.start[robot], *task.velocity[robot], yaw, rate, alpha[0]]
-    draft = Trajectory(
-        times=times,
-        states=states,
-        controls=controls,
-        state_names=plant.state_names,
-        control_names=plant.control_names,
-        interpolation='zero_order_hold',
-        state_units=plant.state_units,
-        control_units=plant.control_units,
-    )
-    flown = plant.replay(draft, times)
-    assert flown is not None
-    return replace(draft, states=flown).with_rates(plant.derivative)
+    found = flown(task, robot, times, controls, alpha[0], 'zero_order_hold')
+    return found.with_rates(plant.derivative)
 
 
 def _thruster_path(

@@ -40,11 +40,9 @@ from tdm_planner.problems.thrust_arcs_kernels import Fleet
 Array = NDArray[np.float64]
 
 RATE_SHARE = 0.97  # of the thruster's rate, with which turns are reckoned
-_REACH = 1.25  # clearances within which an approach makes a row
-_NEAR = 0.3  # own margins below which they make a row
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
-_FLOOR = 2e-3  # smallest eigenvalue of a robot's Hessian
 _SPEED = 0.02  # of a typical speed, by which |p| is rounded off
+_KEPT = 2e-3  # margin of a separation that binds nobody
 _PAUSE = 1e-3  # of a typical duration: the shortest coast
 _FREELY = 20.0  # times the unit of other arrivals, that of robots that stay
 _THERE = 0.01  # of a typical duration, in which robots that stay are at their goals
@@ -113,9 +111,8 @@ class ArcProgram(NonlinearProgram):
         kept = np.isin(np.arange(task.n), list(self.held))
         self.varied = ~(task.staying | kept)
         self.first = first_arrival(task)
-        self._set_fleet()
         self._set_scales()
-        self._set_surroundings()
+        self._set_fleet()
         self._set_bounds(kept)
         intervals = np.zeros((task.n - 1, task.n, self.size))
         for k in range(task.n - 1):
@@ -123,15 +120,33 @@ class ArcProgram(NonlinearProgram):
             intervals[k, k + 1, -1] = self.units[k + 1, -1]
         self._intervals = intervals.reshape(task.n - 1, task.n * self.size)[:, self.free]
 
+    def _set_scales(self) -> None:
+        task = self.task
+        time, _, gas = task.weights
+        way = np.linalg.norm(task.goal - task.start, axis=1).sum()
+        typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
+        self.scale = float(max(time * self.first + gas * typical, 1e-9))
+        self.weights = task.weights / self.scale
+        length, lasting = 1.25 * float(task.separation), 0.25 * self.first
+        corner = [length, length, lasting]
+        self.units = np.tile([lasting, *(corner * (self.count - 2)), lasting], (task.n, 1))
+        self.units[task.staying, -1] *= _FREELY  # nothing bends along with these
+
     def _set_fleet(self) -> None:
         task = self.task
         walls = task.wall_clearances()
         way = np.linalg.norm(task.goal - task.start, axis=1).mean()
         typical = max(float(way), 0.1 * task.separation) / self.first
         typical = max(typical, float(np.linalg.norm(task.velocity, axis=1).mean()))
+        centres, _ = task.circles()
+        velocity = np.concatenate([task.velocity, np.zeros_like(centres)])
+        self._burns = np.zeros((len(velocity), self.count, 4))
+        for robot, motion in self.held.items():
+            self._burns[robot, : len(motion.burns)] = motion.burns
         self.fleet = Fleet(
-            start=np.ascontiguousarray(task.start),
-            velocity=np.ascontiguousarray(task.velocity),
+            start=np.concatenate([task.start, centres]),
+            velocity=velocity,
+            clearances=self._clearances(),
             goal=np.ascontiguousarray(task.goal),
             alpha=np.ascontiguousarray(task.alpha),
             yaw=np.ascontiguousarray(task.yaw),
@@ -146,38 +161,23 @@ class ArcProgram(NonlinearProgram):
             speed=_SPEED * typical,
             length=1.25 * float(task.separation),
             time=0.25 * self.first,
+            units=self.units,
+            interval=self.first / _INSTANTS,
         )
 
-    def _set_scales(self) -> None:
-        task = self.task
-        time, _, gas = task.weights
-        way = np.linalg.norm(task.goal - task.start, axis=1).sum()
-        typical = 2.4 * way / self.first + np.linalg.norm(task.velocity, axis=1).sum()
-        self.scale = float(max(time * self.first + gas * typical, 1e-9))
-        self.weights = task.weights / self.scale
-        corner = [self.fleet.length, self.fleet.length, self.fleet.time]
-        units = [self.fleet.time, *(corner * (self.count - 2)), self.fleet.time]
-        self.units = np.tile(units, (task.n, 1))
-        self.units[task.staying, -1] *= _FREELY  # nothing bends along with these
-
-    def _set_surroundings(self) -> None:
-        """Put what stands still after the robots, and the clearances of all from one another."""
+    def _clearances(self) -> Array:
+        """Clearances (N, N) of all from one another, first those of the robots."""
         task, n = self.task, self.task.n
         centres, apart = task.circles()
-        every = n + len(centres)
-        self.clearances = np.zeros((every, every))
+        found = np.zeros((n + len(centres),) * 2)
         i, j = np.triu_indices(n, 1)
-        self.clearances[i, j] = task.pair_clearances(i, j)
-        self.clearances[:n, n:] = apart
+        found[i, j] = task.pair_clearances(i, j)
+        found[:n, n:] = apart
         still = np.concatenate([~self.varied, np.ones(len(centres), dtype=bool)])
-        self.clearances[np.ix_(still, still)] = 0.0
+        found[np.ix_(still, still)] = 0.0
         staying = np.flatnonzero(task.staying)
-        self.clearances[staying], self.clearances[:n, staying] = 0.0, 0.0
-        self._start = np.concatenate([task.start, centres])
-        self._velocity = np.concatenate([task.velocity, np.zeros_like(centres)])
-        self._burns = np.zeros((every, self.count, 4))
-        for robot, motion in self.held.items():
-            self._burns[robot, : len(motion.burns)] = motion.burns
+        found[staying], found[:n, staying] = 0.0, 0.0
+        return found
 
     def _set_bounds(self, kept: NDArray[np.bool_]) -> None:
         task, fleet, shape = self.task, self.fleet, (self.task.n, self.size)
@@ -216,10 +216,7 @@ class ArcProgram(NonlinearProgram):
         slopes = np.zeros((n, self.count, 4, self.size))
         margins = np.ones((n, self.count + 2))
         found = np.zeros((16 + n * len(burns), COLUMNS))
-        count, gas, worst = evaluate(
-            x, self.fleet, self._start, self._velocity, self.clearances,
-            self.first / _INSTANTS, _REACH, burns, slopes, margins, found,
-        )  # fmt: skip
+        count, gas, worst = evaluate(x, self.fleet, burns, slopes, margins, found)
         values = ArcPoint(x, burns, slopes, margins, found[:count])
         first, late = self._arrivals(x)
         time, sequence, gas_weight = self.weights
@@ -240,8 +237,7 @@ class ArcProgram(NonlinearProgram):
         rows, margins = np.zeros((most, n, v)), np.zeros(most)
         count = derivatives(
             values.x, self.fleet, values.burns, values.slopes, values.margins, values.approaches,
-            self.clearances, self.units, _NEAR, self.weights[2], _FLOOR,
-            gradient, hessian, rows, margins, np.zeros((most, 2), dtype=np.intp),
+            self.weights[2], gradient, hessian, rows, margins,
         )  # fmt: skip
         gradient[0, -1] += self.weights[0] * self.units[0, -1]
         curvature, jacobian = hessian.reshape(n * v, n * v), rows[:count].reshape(count, n * v)
@@ -260,3 +256,19 @@ class ArcProgram(NonlinearProgram):
             terms_jacobian=self._intervals,
             term_weights=np.full(n - 1, self.weights[1]),
         )
+
+    def crowded(self, point: Point) -> bool:
+        """Whether a separation binds, so that other sides to pass on may be cheaper."""
+        return bool(point.cache.closeness.min(initial=1.0) < _KEPT)
+
+    def binding(self, point: Point) -> str:
+        """Name what is violated most at `point`, in words."""
+        values: ArcPoint = point.cache
+        names = self.task.names
+        worst = int(np.argmin(values.margins.min(axis=1)))
+        if values.closeness.min(initial=np.inf) > values.margins[worst].min():
+            return f"the time that the thruster of '{names[worst]}' needs between burns"
+        one, other = values.approaches[int(np.argmin(values.closeness)), :2].astype(int)
+        if other >= len(names):
+            return f"the distance of '{names[one]}' from keep-out zones or staying robots"
+        return f"arena.minimum_separation of '{names[one]}' and '{names[other]}'"

@@ -27,7 +27,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.problems.formation_seeds import descend
+from tdm_planner.problems.formation_seeds import combined
 from tdm_planner.problems.thrust_arcs_approaches import positions
 from tdm_planner.problems.thrust_arcs_kernels import CENTRE, Fleet, HALF, own_margins, round_off
 from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
@@ -166,29 +166,20 @@ class ArcSeeds:
         sides = np.zeros_like(pair)
         couples = list(itertools.combinations(range(n), 2))
         for i, j in couples:
-            if program.clearances[i, j] == 0.0:
+            if program.fleet.clearances[i, j] == 0.0:
                 continue
             nearest = np.zeros(pair.shape[2:])
             _encounters(paths[i], paths[j], nearest, sides[i, j])
-            pair[i, j] = price * np.maximum(_SPARE * program.clearances[i, j] - nearest, 0.0)
+            pair[i, j] = price * np.maximum(_SPARE * program.fleet.clearances[i, j] - nearest, 0.0)
             pair[j, i] = pair[i, j].T
-        if rich:
-            combined = self._descended(single, pair)
-        else:
-            combined = np.array(list(itertools.product(range(len(every)), repeat=n)))
-        total = single[np.arange(n), combined].sum(axis=1)
-        passed = np.zeros((len(combined), len(couples)))
+        combinations = combined(single, pair, np.zeros((1, n), dtype=np.intp), _TRIES, self.rng)
+        passed = np.zeros((len(combinations), len(couples)))
         for q, (i, j) in enumerate(couples):
-            total += pair[i, j][combined[:, i], combined[:, j]]
-            passed[:, q] = sides[i, j][combined[:, i], combined[:, j]]
-        seen = set()
-        for index in np.argsort(total, kind='stable'):
-            bows = np.sign(every[combined[index], 1])[program.varied]
-            key = passed[index].tobytes() + bows.tobytes()
-            if key not in seen:
-                seen.add(key)
-                chosen = combined[index]
-                yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
+            passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
+        bows = np.sign(every[combinations, 1])[:, program.varied]
+        _, first = np.unique(np.hstack([passed, bows]), axis=0, return_index=True)
+        for chosen in combinations[np.sort(first)]:
+            yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
 
     def _blocked(self, paths: Array) -> Array:
         """How much nearer than they may (n, c) paths (n, c, K, 2) come to what stands still."""
@@ -201,7 +192,10 @@ class ArcSeeds:
         share, bow, wait = choice.T.copy()
         n = self.task.n
         for i in range(n):
-            apart = np.linalg.norm(paths[i] - paths, axis=2) - self.program.clearances[i, :n, None]
+            apart = (
+                np.linalg.norm(paths[i] - paths, axis=2)
+                - self.program.fleet.clearances[i, :n, None]
+            )
             apart[i] = np.inf
             along = times / self.durations[i]
             under_way = (along > 0.15) & (along < 0.85)
@@ -210,18 +204,6 @@ class ArcSeeds:
             if nearest[k] < 0.3 * self.program.fleet.length:
                 share[i] = along[k]
         return self.guess(share, bow, wait)
-
-    def _descended(self, single: Array, pair: Array) -> Indices:
-        """Return combinations of many robots' choices, by coordinate descent from random ones."""
-        n, c = single.shape
-        found = []
-        for attempt in range(_TRIES):
-            choice: Indices = np.zeros(n, dtype=np.intp)
-            if attempt:
-                choice = np.asarray(self.rng.integers(0, c, size=n), dtype=np.intp)
-            descend(single, pair, choice, self.rng)
-            found.append(choice)
-        return np.array(found)
 
 
 def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:

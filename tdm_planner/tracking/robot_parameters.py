@@ -62,7 +62,7 @@ class RobotFeedback(Validated):
         allowed=Range(0.0, 0.5),
     )
     coasting: float = parameter(
-        0.1,
+        0.05,
         'share of limits.thrust below which a plan that burns and coasts is left to coast',
         allowed=Range(0.0, 1.0),
     )

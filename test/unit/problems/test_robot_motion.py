@@ -20,15 +20,24 @@ import pytest
 from tdm_planner.direct_method.bernstein import bernstein_integral
 from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.kept_motion import kept_motions, LATE, turning_time
-from tdm_planner.problems.reference_motion import end_derivatives, ReferenceMotion
+from tdm_planner.problems.reference_motion import end_derivatives, MotionForm, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
+from tdm_planner.problems.warm_start import kept_motions, LATE, turning_time
 from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanInForce
 
 TASK = RobotFormation().task
 
 
-FORMS = [(5, 5, 0, True), (7, 7, 0, False), (9, 5, 0, True), (7, 5, 2, False), (7, 7, 3, True)]
+FORMS = [
+    MotionForm(*form)
+    for form in (
+        (5, 5, 0, True),
+        (7, 7, 0, False),
+        (9, 5, 0, True),
+        (7, 5, 2, False),
+        (7, 7, 3, True),
+    )
+]
 
 
 def moving_task(seed):
@@ -66,7 +75,7 @@ def in_time(model, motion, s, derivative):
 @settings(max_examples=40)
 def test_boundary_conditions_hold_whatever_is_varied(form, seed):
     task = moving_task(seed)
-    model = ReferenceMotion(task, *form)
+    model = ReferenceMotion(task, form)
     motion = model.unpack(random_parameters(model, seed))
 
     def expect(s, derivative, places, yaws, axes=slice(0, 3)):
@@ -85,7 +94,7 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
 
 def test_time_along_the_arc_is_inverted():
     task = moving_task(17)
-    model = ReferenceMotion(task, 7, 5, 2)
+    model = ReferenceMotion(task, MotionForm(7, 5, 2))
     motion = model.unpack(random_parameters(model, 17))
     t = np.linspace(0.0, 40.0, 41)
     for s, rates, coast in zip(model.arc_at(motion, t), motion.rates, task.coast, strict=True):

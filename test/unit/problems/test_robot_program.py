@@ -22,14 +22,14 @@ from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
-from tdm_planner.problems.reference_motion import ReferenceMotion
+from tdm_planner.problems.reference_motion import MotionForm, ReferenceMotion
 from tdm_planner.problems.robot_statement import push
 
 FORMS = {
-    'default': (7, 5, 0, True),
-    'paper': (7, 7, 0, False),
-    'speed factor': (7, 5, 2, False),
-    'both': (9, 7, 1, True),
+    'default': MotionForm(7, 5, 0, True),
+    'paper': MotionForm(7, 7, 0, False),
+    'speed factor': MotionForm(7, 5, 2, False),
+    'both': MotionForm(9, 7, 1, True),
 }
 
 
@@ -64,8 +64,8 @@ def crowded_task(moving):
 
 
 def program_and_point(form, moving=False, task=None, seed=0):
-    model = ReferenceMotion(task or crowded_task(moving), *FORMS[form])
-    program = FormationProgram(model, limit_thruster_rate=True)
+    model = ReferenceMotion(task or crowded_task(moving), FORMS[form])
+    program = FormationProgram(model)
     rng = np.random.default_rng(seed)
     xi = program.reduce(next(iter(BowSeeds(model, rng))))
     return program, np.clip(xi + rng.normal(0, 0.1, xi.size), program.lower, program.upper)
@@ -87,7 +87,7 @@ def test_gradient_and_rows_against_differences(made):
     gradient = at.gradient + (at.term_weights * np.sign(at.terms)) @ at.terms_jacobian
     numeric = central(lambda x: np.array(program.evaluate(x).cost), xi)
     assert gradient == pytest.approx(numeric, abs=1e-6)
-    values = point.cache.values
+    values = point.cache
     near = [values.thrust < 0.35, values.torque < 0.5, values.walls < 1.0]
     assert all(mask.any() for mask in near[::2])
 
@@ -110,74 +110,26 @@ def places(program, xi, t):
 
 
 def test_separations_against_differences(made):
-    """At fixed instants, and at fixed arcs."""
+    """At fixed instants, between robots and from what stands still."""
     program, xi = made
-    values, task = program.values(xi), program.model.task
-    pairs, circles = values.pairs, values.circles
-    first, second = program.terms.robots(pairs)
+    pairs, task = program.values(xi).pairs, program.model.task
+    first, second = program.pairs(program.values(xi))
     centres, clearances = task.circles()
+    still = second >= task.n
+    assert still.any()
 
-    def of_pairs(x):
+    def margins(x):
         at = places(program, x, pairs.time)
         every = np.arange(pairs.time.size)
-        distance = np.linalg.norm(at[first, :, every] - at[second, :, every], axis=1)
-        return distance / task.pair_clearances(first, second) - 1.0
+        beside = at[np.minimum(second, task.n - 1), :, every]
+        beside[still] = centres[second[still] - task.n]
+        wanted = task.pair_clearances(first, np.minimum(second, task.n - 1))
+        wanted[still] = clearances[first[still], second[still] - task.n]
+        return np.linalg.norm(at[first, :, every] - beside, axis=1) / wanted - 1.0
 
-    def of_circles(x):
-        ends = program.motion(x).position[circles.robot]
-        at = np.einsum('rdm,rm->rd', ends, program.model.values(circles.arc))
-        distance = np.linalg.norm(at - centres[circles.circle], axis=1)
-        return distance / clearances[circles.robot, circles.circle] - 1.0
-
-    at = program.linearise(program.evaluate(xi), None)
-    rows = at.inequality_jacobian[at.inequality_groups == 0]
-    assert circles.margins.size > 0
-    for near, function, count in (
-        (pairs, of_pairs, circles.margins.size),
-        (circles, of_circles, 0),
-    ):
-        first_row, last_row = len(rows) - count - near.margins.size, len(rows) - count
-        found = rows[first_row:last_row]
-        assert near.margins == pytest.approx(function(xi), abs=1e-9)
-        assert found == pytest.approx(central(function, xi), abs=1e-5)
-
-
-def test_thruster_rows_against_differences(made):
-    """The rate is that at which the acceleration turns, by differences; so are the slopes."""
-    program, xi = made
-    model, thruster = program.model, program.thruster
-    robots, arcs = np.array([0, 0, 1, 2]), np.array([0.1, 0.4, 0.7, 0.95])
-    margins, slopes = thruster.margins(program.full(xi), robots, arcs)
-    motion, rate = program.motion(xi), 0.96 * model.task.thruster_rate
-
-    def thrust(s):
-        """Acceleration of the robots, their yaw, and mu."""
-        rates = motion.rates[robots]
-        mu, slope = (
-            np.einsum('rb,rb->r', rates, model.speed_basis(s, d))[:, None] for d in (0, 1)
-        )
-        first, second = (
-            np.einsum('rdm,rm->rd', motion.position[robots], model.values(s, d)) for d in (1, 2)
-        )
-        yaw = np.einsum('rm,rm->r', motion.yaw[robots], model.yaw_values(s))
-        return (second / mu**2 - first * slope / mu**3), yaw, mu[:, 0]
-
-    (after, yaw_after, _), (before, yaw_before, _) = thrust(arcs + 1e-6), thrust(arcs - 1e-6)
-    here, _, mu = thrust(arcs)
-    moving = ~model.task.staying[robots]
-    cross = after[:, 1] * before[:, 0] - after[:, 0] * before[:, 1]
-    square = (here**2).sum(axis=1) + (~moving)
-    delta = (cross / square - (yaw_after - yaw_before)) / 2e-6 / mu
-    counted = square / (square + (0.02 * model.task.thrust) ** 2)
-    expected = np.stack([1.0 + delta / rate, 1.0 - delta / rate]) * counted
-    assert margins[:, moving] == pytest.approx(expected[:, moving], rel=1e-5, abs=1e-5)
-
-    jacobian = np.zeros((2, 4, 3, model.size))
-    jacobian[:, np.arange(4), robots] = slopes
-    numeric = central(lambda x: thruster.margins(program.full(x), robots, arcs)[0].ravel(), xi)
-    assert jacobian.reshape(8, -1)[:, program.free] == pytest.approx(
-        numeric, rel=1e-4, abs=1e-4 * np.abs(numeric).max()
-    )
+    rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
+    assert pairs.margins == pytest.approx(margins(xi), abs=1e-9)
+    assert rows[len(rows) - pairs.margins.size :] == pytest.approx(central(margins, xi), abs=1e-5)
 
 
 @pytest.mark.parametrize('form', FORMS)
@@ -191,16 +143,6 @@ def test_nearest_approaches_are_those_of_a_dense_sampling(form):
     for k, margin in enumerate(margins):
         if margin < 0.5:
             assert near.margins[near.pair == k].min() == pytest.approx(margin, abs=5e-3)
-
-
-def test_where_no_thruster_row_is_near_its_limit_there_is_none(monkeypatch):
-    program, point = program_and_point(next(iter(FORMS)))
-    rows = program.linearise(program.evaluate(point), None).inequality_jacobian.shape[0]
-    nothing = (np.zeros(0), np.zeros((0, program.model.task.n, program.model.size)))
-    monkeypatch.setattr(type(program.thruster), 'rows', lambda *_: nothing)
-    made = program.linearise(program.evaluate(point), None)
-    assert made.inequality_jacobian.shape == (made.inequalities.size, program.free.size)
-    assert made.inequalities.size <= rows
 
 
 @pytest.mark.parametrize('with_multipliers', [False, True])
@@ -236,7 +178,7 @@ def test_hessian_of_gas_and_thrust_rows(made, with_multipliers):
 def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
     program, xi = made
     model, task, motion = program.model, program.model.task, program.motion(xi)
-    s = chebyshev_nodes(program.terms.nodes)
+    s = chebyshev_nodes(model.form.points)
     weights = quadrature_weights(s)
     mu = motion.rates @ model.speed_basis(s, 0).T
     speed = reciprocal([mu[:, None], (motion.rates @ model.speed_basis(s, 1).T)[:, None]])
@@ -244,7 +186,7 @@ def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
     turn = [(motion.yaw @ model.yaw_values(s, d).T)[:, None] for d in range(3)]
     force = np.linalg.norm(time_derivatives(path, speed)[2], axis=1)
     torque = np.abs(time_derivatives(turn, speed)[2][:, 0])
-    values = program.terms.values(program.full(xi))
+    values = program.values(xi)
     assert values.thrust == pytest.approx(1.0 - force / (0.99 * task.thrust), abs=2e-6)
     assert values.torque == pytest.approx(1.0 - torque / task.torque)
     gas = (mu * np.hypot(force, 0.03 * task.thrust)) @ weights
@@ -276,7 +218,8 @@ def test_slopes_and_curvature_of_a_push_are_those_of_differences():
 
 def test_gas_is_that_of_a_dense_sum():
     program, xi = program_and_point('speed factor', True)
-    dense = FormationProgram(program.model, nodes=401)
+    form = program.model.form._replace(nodes=401)
+    dense = FormationProgram(ReferenceMotion(program.model.task, form))
     gas, exact = (p.values(xi).gas for p in (program, dense))
     assert gas == pytest.approx(exact, rel=2e-2)
 
@@ -335,5 +278,5 @@ def test_held_motions_are_avoided_and_not_varied() -> None:
     held[0] = guess[0]  # two kept robots leave the third all the room there is
     program = FormationProgram(model, held=held)
     values = program.values(program.reduce(guess))
-    first, second = program.terms.robots(values.pairs)
+    first, second = program.pairs(values)
     assert (values.pairs.margins[(first < 2) & (second < 2)] > 1.0).all()
