@@ -37,6 +37,7 @@ import uuid
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -239,10 +240,14 @@ class PlanClient:
         return published and bool(self._client.service_is_ready())
 
     def _on_summary(self, message: String) -> None:
-        summary = json.loads(message.data)
-        _remember(self._summaries, summary['plan_id'], summary)
-        for topic in ('trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])):
-            self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
+        try:
+            summary = json.loads(message.data)
+            topics = ['trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])]
+            for topic in topics:
+                self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
+            _remember(self._summaries, summary['plan_id'], summary)
+        except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
+            return  # not a planner's
 
     def _on_trajectory(self, topic: str, message: JointTrajectory) -> None:
         _remember(self._messages, (topic, nanoseconds_of(message.header.stamp)), message)
