@@ -61,19 +61,17 @@ from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
-_ERRORS: Mapping[str, type[TdmError]] = {
-    error.code: error
-    for error in (
-        Busy,
-        DeadlineExceeded,
-        Inactive,
-        Infeasible,
-        InvalidProblem,
-        NoState,
-        PlannerFault,
-        VerificationFailed,
-    )
-}
+ERRORS = (
+    Busy,
+    DeadlineExceeded,
+    Inactive,
+    Infeasible,
+    InvalidProblem,
+    NoState,
+    PlannerFault,
+    VerificationFailed,
+)
+_BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
 _REMEMBERED = 64  # plans, and motions of all vehicles
 _SECOND = 1_000_000_000  # ns
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -215,7 +213,7 @@ class PlanClient:
         result = asked.result().result
         answer = json.loads(result.reason)
         if not result.successful:
-            raise _ERRORS.get(answer['code'], PlannerFault)(answer['reason'])
+            raise _BY_CODE[answer['code']](answer['reason'])
         missing = f'the messages of plan {answer["plan_id"]} did not come within {timeout:g} s'
         self._wait(lambda: self._found(answer) is not None, end - time.monotonic(), missing)
         found = self._found(answer)

@@ -25,7 +25,7 @@ import rclpy
 from rclpy.node import Node
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.client import PlanClient, PlanResult
+from tdm_planner.client import ERRORS, PlanClient, PlanResult
 from tdm_planner.exceptions import (
     Busy,
     Inactive,
@@ -36,6 +36,7 @@ from tdm_planner.exceptions import (
     PlannerFault,
     TdmError,
 )
+from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
@@ -128,6 +129,10 @@ def test_failures_are_exceptions_with_code_and_reason(
     assert raised.value.reason == str(raised.value)
     assert raised.value.code in ('INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE')
     node.destroy_node()
+
+
+def test_every_code_of_the_planner_has_its_exception() -> None:
+    assert {error.code for error in ERRORS} == set(CODES)
 
 
 def test_a_fault_of_a_problem_is_told_as_one(
