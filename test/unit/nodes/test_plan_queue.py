@@ -141,7 +141,9 @@ class Reviewed:
         )
         self.seen: list[Any] = []
         self.replanning.set_up(adapter, self.values)
-        self.replanning.follow(Plan('problem', 'solution', 0, {'wide': 2.0}))  # type: ignore[arg-type]
+        problem: Any = 'problem'
+        solution: Any = 'solution'
+        self.replanning.follow(Plan(problem, solution, 0, {'wide': 2.0}))
         self.replanning._on_timer()
 
     def drop_review(self) -> None:
