@@ -187,7 +187,7 @@ class PlanClient:
 
         Parameters
         ----------
-        parameters
+        parameters, more
             Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one.
         timeout
             Longest wait [s] for the planner, its answer and the messages together.
