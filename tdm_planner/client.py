@@ -37,6 +37,7 @@ import uuid
 import numpy as np
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -60,19 +61,17 @@ from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
-_ERRORS: Mapping[str, type[TdmError]] = {
-    error.code: error
-    for error in (
-        Busy,
-        DeadlineExceeded,
-        Inactive,
-        Infeasible,
-        InvalidProblem,
-        NoState,
-        PlannerFault,
-        VerificationFailed,
-    )
-}
+ERRORS = (
+    Busy,
+    DeadlineExceeded,
+    Inactive,
+    Infeasible,
+    InvalidProblem,
+    NoState,
+    PlannerFault,
+    VerificationFailed,
+)
+_BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
 _REMEMBERED = 64  # plans, and motions of all vehicles
 _SECOND = 1_000_000_000  # ns
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -188,7 +187,7 @@ class PlanClient:
 
         Parameters
         ----------
-        parameters
+        parameters, more
             Values by name: the problem's, ``solver.*`` and ``start.*``; None unsets one.
         timeout
             Longest wait [s] for the planner, its answer and the messages together.
@@ -214,7 +213,7 @@ class PlanClient:
         result = asked.result().result
         answer = json.loads(result.reason)
         if not result.successful:
-            raise _ERRORS.get(answer['code'], PlannerFault)(answer['reason'])
+            raise _BY_CODE[answer['code']](answer['reason'])
         missing = f'the messages of plan {answer["plan_id"]} did not come within {timeout:g} s'
         self._wait(lambda: self._found(answer) is not None, end - time.monotonic(), missing)
         found = self._found(answer)
@@ -239,10 +238,14 @@ class PlanClient:
         return published and bool(self._client.service_is_ready())
 
     def _on_summary(self, message: String) -> None:
-        summary = json.loads(message.data)
-        _remember(self._summaries, summary['plan_id'], summary)
-        for topic in ('trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])):
-            self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
+        try:
+            summary = json.loads(message.data)
+            topics = ['trajectory', *(f'{vehicle}/trajectory' for vehicle in summary['vehicles'])]
+            for topic in topics:
+                self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
+            _remember(self._summaries, summary['plan_id'], summary)
+        except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
+            return  # not a planner's
 
     def _on_trajectory(self, topic: str, message: JointTrajectory) -> None:
         _remember(self._messages, (topic, nanoseconds_of(message.header.stamp)), message)

@@ -19,15 +19,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.nodes.markers import Picture
 from tdm_planner.parameters import parameter, POSITIVE, Range, SEED, Validated
 from tdm_planner.plant_kind import PlantKind
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
-from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -95,19 +94,6 @@ class MarkerParameters(Validated):
     trail: float = parameter(
         1.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
     )
-
-
-class Picture(Protocol):
-    """A plant in motion as markers."""
-
-    def add(self, instant: int, state: Array) -> None:
-        """Lengthen the trail by the place in a state (nx,) at an instant [ns]."""
-
-    def clear(self) -> None:
-        """Forget the trail: the plant was put elsewhere."""
-
-    def draw(self, stamp: Time, state: Array, control: Array, lifetime: float) -> MarkerArray:
-        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
 
 
 class PlantModel(ABC):

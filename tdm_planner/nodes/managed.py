@@ -172,7 +172,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def _while_configured(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """EventsExecutor may still call what was about to be called: this comes to nothing."""
+        """Return what does nothing later on: EventsExecutor may call what is destroyed already."""
         if self._kept is None:
             return callback
         configuration = self._configuration

@@ -27,6 +27,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 import math
 import re
+from typing import Protocol
 import zlib
 
 from builtin_interfaces.msg import Duration, Time
@@ -34,7 +35,7 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]
 
@@ -158,6 +159,21 @@ class Pen:
         marker = Marker(action=Marker.DELETEALL)
         marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
         return marker
+
+
+class Picture(Protocol):
+    """A plant in motion as markers: `add` every state, `draw` as often as it is to be shown."""
+
+    def add(self, instant: int, state: Array) -> None:
+        """Lengthen the trail by the place in a state (nx,) at an instant [ns]."""
+
+    def clear(self) -> None:
+        """Forget the trail, where the plant did not move but was put elsewhere."""
+
+    def draw(
+        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
+    ) -> MarkerArray:
+        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
 
 
 class Trail:

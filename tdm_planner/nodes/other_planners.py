@@ -12,20 +12,31 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What other planners in the same namespace do: there should be none, but mistakes happen."""
+"""
+Other planners in the same namespace: those that run by mistake, and an earlier one that ended.
+
+A planner that was killed and restarted gets the active plan back from the trackers that follow it.
+"""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import json
+import time
 
 from rclpy.node import Node
+from rclpy.timer import Timer
 from std_msgs.msg import String
+from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.sole_publisher import SolePublisher
+from tdm_planner.trajectory import Trajectory
 
 TOPIC = 'plan_summary'
+WINDOW = 10.0  # s from the start in which a plan that is followed is taken for an earlier own one
+GRACE = 1.0  # s in which the planner that has published it, if it lives, can be heard
 _REMEMBERED = 64  # plans
 _SECOND = 1_000_000_000  # ns
 
@@ -74,3 +85,39 @@ class OtherPlanners:
         if start not in self._own:
             self._others.append(start)
             self._took_over(start)
+
+
+class Recovery:
+    """
+    Hands what the trackers follow when the node starts to `recover`, after `GRACE`.
+
+    That is: trajectories by vehicle, and the instant [ns] at which they start.
+    """
+
+    def __init__(
+        self,
+        node: ManagedNode,
+        adapter: Adapter,
+        recover: Callable[[Mapping[str, Trajectory], int], None],
+    ) -> None:
+        self._node, self._recover = node, recover
+        self._until = time.monotonic() + WINDOW
+        self._found: tuple[Mapping[str, Trajectory], int] | None = None
+        self._timer: Timer | None = None
+        adapter.watch_plans_followed(self._on_found)
+
+    def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
+        if self._timer is None and time.monotonic() > self._until:
+            return  # what was found before, and waits for the node, is to be of the newest
+        self._found = (trajectories, start) if trajectories else None
+        if self._timer is None:
+            self._timer = self._node.create_timer(GRACE, self._on_timer)
+
+    def _on_timer(self) -> None:
+        if self._timer is None or not self._node.active:
+            return
+        self._node.destroy_timer(self._timer)
+        self._timer = None
+        found, self._found = self._found, None
+        if found is not None:
+            self._recover(*found)

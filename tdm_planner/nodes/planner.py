@@ -36,7 +36,7 @@ from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.motion_clock import MotionClock, ros_clock
-from tdm_planner.nodes.other_planners import OtherPlanners
+from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import (
@@ -47,7 +47,6 @@ from tdm_planner.nodes.planning import (
     plan_figures,
     plan_summary,
 )
-from tdm_planner.nodes.recovery import Recovery
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import Answer, create_deferred_service

@@ -63,6 +63,12 @@ _BUILT_IN: Mapping[str, TrackedPlant] = MappingProxyType(
 )
 
 
+# The problems whose plants they are, by the names that planner and plant have for them.
+_OF_PROBLEM: Mapping[str, str] = MappingProxyType(
+    {'pendulum_swing_up': 'pendulum', 'robot_formation': 'robot'}
+)
+
+
 def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
 
@@ -75,7 +81,7 @@ def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
 
 def tracked_plant(kind: str) -> TrackedPlant:
     """
-    Return the plant of a kind: pendulum, robot, or a stated problem.
+    Return the plant of a kind: pendulum, robot, or the problem of that name.
 
     Raises
     ------
@@ -83,6 +89,7 @@ def tracked_plant(kind: str) -> TrackedPlant:
         If there is none of that name.
 
     """
+    kind = _OF_PROBLEM.get(kind, kind)
     if kind in _BUILT_IN:
         return _BUILT_IN[kind]
     if ':' not in kind and kind not in problem_names():

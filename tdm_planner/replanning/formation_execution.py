@@ -116,12 +116,12 @@ class FormationExecution(Execution):
 
         The feedback takes its deviation away; planned from that it would only be later.
         """
-        trajectory = plan.solution.trajectories[name]
-        left = trajectory.duration - plan.elapsed(at)
+        motion = plan.motion(name)
+        left = motion.end - at
         late = LATE * turning_time(self._problem(plan).limits.thruster_rate)
         if robot.mode is not Mode.FOLLOWING or not 0.0 < left < late:
             return None
-        planned = trajectory.sample(plan.elapsed(at))
+        planned = motion.sample(at)
         return planned if self._near(planned.state, robot.state, _ON_PLAN) else None
 
     def _foresee(self, name: str, seen: Observation, at: float) -> Foreseen:
@@ -149,12 +149,11 @@ class FormationExecution(Execution):
         times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
         places = {}
         for name, robot in foreseen.items():
-            trajectory = plan.solution.trajectories[name]
             away = self._deviation(plan, name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
             if peak > _TRACKED * self._parameters[name].tolerance.path:
                 return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the plan in force")
-            places[name] = trajectory.sample(times - plan.start).state[:, :2] + away
+            places[name] = plan.motion(name).sample(times).state[:, :2] + away
         trouble = self._nearness(problem, places)
         settled = not trouble and all(
             self._at_goal(plan.solution.trajectories[name].states[-1], robot.state)
@@ -166,7 +165,7 @@ class FormationExecution(Execution):
         self, plan: PlanInForce, name: str, robot: Foreseen, at: float, since: Array
     ) -> Array:
         """Deviations (n, 2) m from the plan, `since` (n,) s after the instant `at`."""
-        reference = plan.solution.trajectories[name].sample(plan.elapsed(at)).state
+        reference = plan.motion(name).reference(at)
         offset, drift = robot.state[:2] - reference[:2], robot.state[2:4] - reference[2:4]
         speed = float(np.hypot(*drift))
         limits = self._parameters[name].limits
@@ -203,11 +202,11 @@ class FormationExecution(Execution):
         task = replace(self._problem(plan).task, arrived=np.zeros(len(foreseen)))
         arrivals, gas = [], []
         for name in task.names:
-            trajectory = plan.solution.trajectories[name]
-            left = plan.start + trajectory.duration - at
+            motion = plan.motion(name)
+            left = motion.end - at
             arrivals.append(-foreseen[name].arrived if foreseen[name].arrived else left)
             used = gas_used(task.plant, rest.trajectories[name])
-            drift = foreseen[name].state[2:4] - trajectory.sample(plan.elapsed(at)).state[2:4]
+            drift = foreseen[name].state[2:4] - motion.reference(at)[2:4]
             gas.append((used if left > 0.0 else 0.0) + float(np.hypot(*drift)))
         return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
 

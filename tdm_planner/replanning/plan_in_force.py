@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.trajectory import TimedTrajectory
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,10 @@ class PlanInForce:
     def end(self) -> float:
         """Instant at which the last vehicle arrives [s]."""
         return self.start + self.solution.duration
+
+    def motion(self, vehicle: str) -> TimedTrajectory:
+        """Return the motion of one vehicle."""
+        return TimedTrajectory(self.solution.trajectories[vehicle], self.start)
 
     def elapsed(self, time: float) -> float:
         """Time since the start of the motion [s] at an instant [s]."""

@@ -23,8 +23,9 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.node import Node
+from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.client import PlanClient, PlanResult
+from tdm_planner.client import ERRORS, PlanClient, PlanResult
 from tdm_planner.exceptions import (
     Busy,
     Inactive,
@@ -35,6 +36,8 @@ from tdm_planner.exceptions import (
     PlannerFault,
     TdmError,
 )
+from tdm_planner.nodes.planning import CODES
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
@@ -128,6 +131,10 @@ def test_failures_are_exceptions_with_code_and_reason(
     node.destroy_node()
 
 
+def test_every_code_of_the_planner_has_its_exception() -> None:
+    assert {error.code for error in ERRORS} == set(CODES)
+
+
 def test_a_fault_of_a_problem_is_told_as_one(
     ros: Stepped, space: str, do: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,10 +172,14 @@ def test_who_asks_meanwhile_is_told_that_the_planner_is_busy(
 def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
     node = rclpy.create_node('user', context=ros._context)
     with PlanClient('nowhere', node=node) as client:
+        stranger = ros.publisher('/nowhere/plan_summary', String, LATCHED)
+        for data in ('no JSON', '[]', '{"vehicles": {"1 2": 3}}', '{"vehicles": {}}'):
+            stranger.publish(String(data=data))
         with pytest.raises(NoAnswer, match='no planner serves /nowhere/plan_with'):
             client.wait(0.05)
         with pytest.raises(NoAnswer):
             client.plan(timeout=0.05)
+    ros.node.destroy_publisher(stranger)
     node.destroy_node()
 
 

@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
-from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.adapters.active_plans import ActivePlans
 from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
-from tdm_planner.nodes.markers import MARKER_DEPTH
+from tdm_planner.nodes.markers import MARKER_DEPTH, Picture
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_plan
@@ -42,16 +41,6 @@ Array = NDArray[np.float64]
 
 MARKER_RATE = 20.0  # Hz
 OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
-
-
-class Picture(Protocol):
-    """A plant in motion as markers."""
-
-    def add(self, instant: int, state: Array) -> None:
-        """Lengthen the trail by the place in a state (nx,) at an instant [ns]."""
-
-    def draw(self, stamp: Time, state: Array, control: Array) -> MarkerArray:
-        """Return the plant in a state (nx,) under controls (nu,)."""
 
 
 class Vehicle:

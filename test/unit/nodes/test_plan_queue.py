@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
-from tdm_planner.nodes import recovery
+from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import Plan
 from tdm_planner.nodes.replanning import Replanning
@@ -141,7 +141,9 @@ class Reviewed:
         )
         self.seen: list[Any] = []
         self.replanning.set_up(adapter, self.values)
-        self.replanning.follow(Plan('problem', 'solution', 0, {'wide': 2.0}))  # type: ignore[arg-type]
+        problem: Any = 'problem'
+        solution: Any = 'solution'
+        self.replanning.follow(Plan(problem, solution, 0, {'wide': 2.0}))
         self.replanning._on_timer()
 
     def drop_review(self) -> None:
@@ -174,9 +176,9 @@ class Restarted:
         self.now, self.active = 100.0, False
         self.timers: list[Callable[[], None]] = []
         self.taken: list[Any] = []
-        monkeypatch.setattr(recovery, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         this: Any = self
-        recovery.Recovery(this, this, lambda *found: self.taken.append(found))
+        other_planners.Recovery(this, this, lambda *found: self.taken.append(found))
 
     def watch_plans_followed(self, found: Any) -> None:
         self.told = found
@@ -204,7 +206,7 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
     restarted.told({'pendulum': 'plan A'}, 1)
     restarted.later(1.0)
     assert restarted.taken == [({'pendulum': 'plan A'}, 1)]
-    restarted.now += recovery.WINDOW
+    restarted.now += other_planners.WINDOW
     restarted.told({'pendulum': 'plan B'}, 2)
     restarted.later(60.0)
     assert len(restarted.taken) == 1
@@ -212,7 +214,7 @@ def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> 
 
 def test_what_begins_long_after_it_started_is_not(restarted: Restarted) -> None:
     restarted.active = True
-    restarted.now += recovery.WINDOW + 1.0
+    restarted.now += other_planners.WINDOW + 1.0
     restarted.told({'pendulum': 'plan A'}, 1)
     restarted.later(60.0)
     assert restarted.taken == []

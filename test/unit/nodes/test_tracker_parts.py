@@ -25,6 +25,7 @@ import pytest
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking.tracker import Phase
@@ -226,3 +227,10 @@ def test_without_stamps_it_is_when_they_come(parts: Parts, stamps: tuple[int, in
     assert parts.state(stamps[1])
     parts.now += 20_000_000
     assert parts.state(stamps[1] and stamps[1] + 20_000_000) is False
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind'), [('pendulum_swing_up', 'pendulum'), ('robot_formation', 'robot')]
+)
+def test_a_plant_is_known_by_its_problem_as_well(name: str, kind: str) -> None:
+    assert tracked_plant(name) is tracked_plant(kind)
