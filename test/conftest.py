@@ -80,9 +80,12 @@ def _ros_domain(factory: pytest.TempPathFactory, harness: type[Ros]) -> Iterator
 
 
 @pytest.fixture(scope='module')
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
-    """Yield a ROS domain for the test module; nodes started in it end with the module."""
+def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Yield a ROS domain for the test module, in test/ros with a time of its own."""
     pytest.importorskip('rclpy')
+    if request.path.parent.name == 'ros':
+        yield request.getfixturevalue('stepped')
+        return
     with _ros_domain(tmp_path_factory, Ros) as made:
         yield made
 

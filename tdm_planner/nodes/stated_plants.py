@@ -66,6 +66,7 @@ def with_parameters_of(
     mine = {item.name for item in dataclasses.fields(base)}
     added: list[tuple[str, Any, Any]] = []
     kind: Any = problem
+    field: Any = dataclasses.field
     hints = get_type_hints(problem)
     for item in dataclasses.fields(kind):
         if item.name in besides:
@@ -75,7 +76,7 @@ def with_parameters_of(
                 f"parameter '{item.name}' of {problem.__name__} is one of the node's own: name it "
                 'otherwise'
             )
-        copied: Any = dataclasses.field(
+        copied: Any = field(
             default=item.default, default_factory=item.default_factory, metadata=item.metadata
         )
         added.append((item.name, hints[item.name], copied))

@@ -96,9 +96,10 @@ def _load(name: str, address: str) -> type[Problem]:
             f"problem '{name}' cannot be loaded: {address} is not a subclass of "
             'tdm_planner.problems.Problem'
         )
+    problem: type[Problem] = found
     if not is_dataclass(found):
         raise InvalidProblem(
-            f"problem '{name}' cannot be loaded: {found.__name__} needs @dataclass(frozen=True), "
-            'its parameters are the fields'
+            f"problem '{name}' cannot be loaded: {problem.__name__} needs "
+            '@dataclass(frozen=True), its parameters are the fields'
         )
-    return found
+    return problem

@@ -31,7 +31,7 @@ from tdm_planner.trajectory import Trajectory
 import yaml
 
 reader = pytest.importorskip('mcap_ros2.reader')
-LONG = 200.0  # s for a process that ends by itself
+LONG = 280.0  # s for a process that ends by itself
 
 
 def parameters(folder: Path, file: str) -> list[str]:
