@@ -33,7 +33,7 @@ from tdm_planner.verification import replay
 
 Array = NDArray[np.float64]
 
-VEHICLE: Final = 'measured'  # the name of the only observation
+VEHICLE: Final = 'plant'  # the name of the only observation
 _START = 'start.'
 
 
