@@ -146,6 +146,9 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         '--namespace', metavar='NAME', help="the planner's, where a recording has several"
     )
+    report.add_argument(
+        '--problem', metavar='module:Class', help='of a plan for a problem that is not installed'
+    )
     report.add_argument('--view', action='store_true', help='show it in the browser, until Ctrl-C')
     report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     report.set_defaults(run=_report)
@@ -222,7 +225,7 @@ def _report(options: argparse.Namespace) -> int:
     from tdm_sim.report.command import make_report
 
     with make_progress(options.quiet) as progress:
-        make_report(options.source, options.output, progress, options.namespace)
+        make_report(options.source, options.output, progress, options.namespace, options.problem)
     progress.line(f'written to {options.output}')
     if options.view:
         _show(options.output)

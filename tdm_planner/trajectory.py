@@ -257,6 +257,35 @@ class Trajectory:
             raise InvalidProblem(f'the trajectory cannot be read: {error}') from None
 
 
+@dataclass(frozen=True, eq=False)
+class TimedTrajectory:
+    """
+    A trajectory in time: its first sample is at the instant `start` [s] of some clock.
+
+    The clock's zero must be so near that a float keeps nanoseconds.
+    """
+
+    trajectory: Trajectory
+    start: float
+
+    @property
+    def end(self) -> float:
+        """Instant of the last sample [s]."""
+        return self.start + self.trajectory.duration
+
+    def sample(self, time: ArrayLike) -> Sample:
+        """Read states and controls at instant(s) [s], held at the ends outside the samples."""
+        return self.trajectory.sample(np.asarray(time) - self.start + self.trajectory.times[0])
+
+    def reference(self, time: float) -> Array:
+        """Planned state (nx,) at an instant [s]; the ends are held."""
+        return self.sample(time).state
+
+    def moved(self, step: float) -> TimedTrajectory:
+        """Return the same by a clock whose instants are `step` [s] more."""
+        return replace(self, start=self.start + step)
+
+
 def _linear(t: Array, times: Array, values: Array) -> Array:
     columns = [np.interp(t, times, column) for column in values.T]
     return np.stack(columns, axis=-1) if columns else np.zeros((*t.shape, 0))

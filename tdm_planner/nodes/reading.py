@@ -21,7 +21,7 @@ those of a recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 from typing import Any
 
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.frames import ARENA_FRAME
 from tdm_planner.parameters import LARGEST, shown
+from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 
@@ -45,6 +46,7 @@ ROBOT_CONTROLS = FloatingRobot.control_names
 
 _SECOND = 1_000_000_000  # ns
 _UNIT_TOLERANCE = 1e-3
+_FIELDS = ('positions', 'velocities', 'effort')  # of a trajectory's points, as `QUANTITIES`
 
 
 def nanoseconds_of(message: Any) -> int:
@@ -380,3 +382,89 @@ def thruster_angle(message: Any) -> float:
             f'at most {LARGEST:g}'
         )
     return float(message.position[index])
+
+
+def read_plan(
+    kind: PlantKind, message: Any, interpolation: Interpolation | None = None
+) -> Trajectory:
+    """
+    Read a plan from a JointTrajectory; joints may come in any order.
+
+    A message does not say how controls run between its points. Unless `interpolation` or the
+    plant's kind says so, efforts that stay equal over most intervals are held (switched controls),
+    others are read as linear between the points.
+
+    Raises
+    ------
+    InvalidProblem
+        For another frame, joints that are missing, lengths that do not match, values that are not
+        finite, or times that do not increase strictly from 0 or later.
+
+    """
+    _check_frame(kind, message, 'trajectory')
+    names, points = message.joint_names, message.points
+    index = joint_indices(names, [joint.name for joint in kind.joints])
+    if len(points) < 2:
+        raise InvalidProblem(
+            f"trajectory 'points' has {len(points)} points: at least two are needed"
+        )
+    known = {*kind.state_names, *kind.control_names}
+    columns: dict[str, Array] = {}
+    for quantity, field in zip(QUANTITIES, _FIELDS, strict=True):
+        wanted = _wanted(kind.joints, quantity, known)
+        if not wanted:
+            continue
+        rows = [getattr(point, field) for point in points]
+        for number, row in enumerate(rows):
+            if len(row) != len(names):
+                raise InvalidProblem(
+                    f"trajectory '{field}' of point {number} has {len(row)} values for "
+                    f'{len(names)} joints'
+                )
+        values = np.array(rows, dtype=float)
+        columns |= {name: values[:, index[place]] for place, name in wanted}
+    efforts = [joint.effort for joint in kind.joints if joint.effort in known]
+    return Trajectory(
+        times=_points_instants(points),
+        states=_stacked(columns, kind.state_names, len(points)),
+        controls=_stacked(columns, kind.control_names, len(points)),
+        state_names=kind.state_names,
+        control_names=kind.control_names,
+        interpolation=interpolation
+        or kind.interpolation
+        or _looks_like(_stacked(columns, efforts, len(points))),
+        state_units=kind.state_units,
+        control_units=kind.control_units,
+    )
+
+
+def _stacked(columns: Mapping[str, Array], names: Iterable[str], count: int) -> Array:
+    return np.stack([np.zeros(count), *(columns[name] for name in names)], axis=1)[:, 1:]
+
+
+def _looks_like(efforts: Array) -> Interpolation:
+    changes = np.count_nonzero(np.diff(efforts[:-1], axis=0), axis=0)
+    return 'zero_order_hold' if (changes <= (len(efforts) - 2) / 2).all() else 'linear'
+
+
+def _points_instants(points: Sequence[Any]) -> Array:
+    nanoseconds = np.array([nanoseconds_of(p.time_from_start) for p in points], dtype=float)
+    if nanoseconds[0] < 0:
+        raise InvalidProblem(
+            f"trajectory 'time_from_start' of point 0 is {nanoseconds[0] * NANOSECOND:g} s: must "
+            'be in [0, inf) s'
+        )
+    return np.asarray(nanoseconds * NANOSECOND)
+
+
+def _wanted(joints: Sequence[Joint], quantity: str, known: set[str]) -> list[tuple[int, str]]:
+    """Return the known names that a quantity of the joints has, by the joint's place."""
+    found = [(place, str(getattr(joint, quantity))) for place, joint in enumerate(joints)]
+    return [(place, name) for place, name in found if name in known]
+
+
+def _check_frame(kind: PlantKind, message: Any, what: str) -> None:
+    if kind.odometry and message.header.frame_id not in ('', kind.frame):
+        raise InvalidProblem(
+            f"{what} 'frame_id' = '{shown(message.header.frame_id)}' must be '{kind.frame}'"
+        )

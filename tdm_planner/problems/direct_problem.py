@@ -53,6 +53,7 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.drawing import Shape
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.direct_search import DirectSearch
@@ -108,6 +109,15 @@ class DirectProblem(Formulation, Problem):
     def joints(self) -> Mapping[str, tuple[str, str]]:
         """Return joints by name: the states that are their position and velocity."""
         return {}
+
+    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
+        """
+        Return what the plant looks like in states `x`, by default nothing.
+
+        `x[i]` is the i-th state, a number or an array over instants; the shapes, in the plane or
+        in space, are those of `tdm_planner.drawing`.
+        """
+        return ()
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """Name a class that has no name of its own by its own."""

@@ -19,6 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tdm_planner.plan_files import check_path
+from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report.page import write_report
 from tdm_sim.report.reader import read_mission
@@ -27,12 +28,17 @@ ENDINGS = ('.html', '.htm')
 
 
 def make_report(
-    source: Path, output: Path, progress: Progress, namespace: str | None = None
+    source: Path,
+    output: Path,
+    progress: Progress,
+    namespace: str | None = None,
+    problem: str | None = None,
 ) -> None:
     """
     Write the report on a recording or a plan file.
 
-    `namespace` chooses among several planners in one recording.
+    `namespace` chooses among several planners in one recording; `problem` names one that is not
+    installed, ``module:Class``.
 
     Raises
     ------
@@ -42,6 +48,7 @@ def make_report(
     """
     check_path(output, ENDINGS)
     progress.phase(f'reading {source}')
-    mission = read_mission(source, namespace)
+    given = None if problem is None else load_problem(problem)
+    mission = read_mission(source, namespace, given)
     progress.phase(f'writing {output}')
     write_report(mission, output)

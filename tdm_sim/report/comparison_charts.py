@@ -61,12 +61,12 @@ def distance_chart(mission: Mission, comparison: Comparison) -> Chart:
                 series = name if len(names) > 1 else ''
                 known: Kind = 'planned' if kind == 'planned' else 'measured'
                 curves.append(Curve(known, thin.times, thin.values[:, 0], colour, series))
-    minimum = comparison.minimum_separation
+    minimum = mission.vehicles[0].view.separation if mission.vehicles else None
     limits = () if minimum is None else (minimum,)
     panel = Panel('distance', 'm', tuple(curves), 'between centres', limits)
     found = 0 if not curves else len(_names(history.planned) | _names(history.measured))
     note = f'The {len(names)} of {found} pairs that come closest.' if found > len(names) else ''
-    return Chart('distances', 'Distances of robots', (panel,), note)
+    return Chart('distances', 'Distances', (panel,), note)
 
 
 def _panels(

@@ -41,7 +41,7 @@ from tdm_sim.report.mission import Mission
 from tdm_sim.report.sections import cards, columns, details, missing
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_SCRIPTS = ('data.js', 'clock.js', 'pendulum.js', 'arena.js', 'charts.js', 'report.js')
+_SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
@@ -49,7 +49,7 @@ _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 Slots = Mapping[str, str]
 
 
-def write_report(mission: Mission, path: Path) -> int:
+def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> int:
     """
     Write the report on a mission to `path`; returns the file's size in bytes.
 
@@ -59,7 +59,7 @@ def write_report(mission: Mission, path: Path) -> int:
         If the file cannot be written.
 
     """
-    page = report_page(mission).encode()
+    page = report_page(mission, comparison).encode()
     try:
         path.write_bytes(page)
     except OSError as error:
@@ -67,12 +67,12 @@ def write_report(mission: Mission, path: Path) -> int:
     return len(page)
 
 
-def report_page(mission: Mission) -> str:
-    """Return the report on a mission as HTML."""
-    comparison = compare(mission)
+def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
+    """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
+    comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
-    kind = None if scene is None else str(scene['kind'])
+    space = None if scene is None else bool(scene['space'])
     data = json_for_html(
         {
             'span': list(mission.span),
@@ -100,8 +100,8 @@ def report_page(mission: Mission) -> str:
             'title': escape(mission.title),
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
-            'missing': missing((*mission.missing, *comparison.missing)),
-            'columns': columns(cards(mission, comparison, charts, kind)),
+            'missing': missing(mission.missing),
+            'columns': columns(cards(mission, comparison, charts, space)),
             'details': details(mission),
             'source': escape(_source(mission)),
             'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),

@@ -29,7 +29,7 @@ from tdm_sim.report.tables import events_table, parameters_table, summary_table
 
 Side = Literal[0, 1]
 
-_STAGE_HEIGHTS = {'pendulum': 440, 'arena': 640}  # px, about
+_STAGE_HEIGHTS = {True: 460, False: 640}  # px, about, by whether it is in space
 _PANEL_HEIGHT, _ROW_HEIGHT, _CARD_HEIGHT = 150, 27, 110
 
 
@@ -43,10 +43,14 @@ class Card:
 
 
 def cards(
-    mission: Mission, comparison: Comparison, charts: Iterable[Chart], scene: str | None
+    mission: Mission, comparison: Comparison, charts: Iterable[Chart], space: bool | None
 ) -> list[Card]:
-    """Return animation, summary and charts, in the order they are read in on a phone."""
-    found = [] if scene is None else [_stage(mission, scene)]
+    """
+    Return animation, summary and charts, in the order they are read in on a phone.
+
+    `space` says whether the animation is in space; None: there is none.
+    """
+    found = [] if space is None else [_stage(mission, space)]
     return [*found, _summary(mission, comparison), *map(_chart, charts)]
 
 
@@ -109,43 +113,24 @@ def _chart(chart: Chart) -> Card:
     return Card(html, _CARD_HEIGHT + _PANEL_HEIGHT * len(chart.panels))
 
 
-def _stage(mission: Mission, scene: str) -> Card:
+def _stage(mission: Mission, space: bool) -> Card:
     html = (
         '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
-        f'{_key(mission, scene)}</section>'
+        f'{_key(mission)}</section>'
     )
-    return Card(html, _STAGE_HEIGHTS[scene], 0)
+    return Card(html, _STAGE_HEIGHTS[space], 0)
 
 
-def _key(mission: Mission, scene: str) -> str:
+def _key(mission: Mission) -> str:
     """Explain the animation's lines."""
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
-    if scene == 'arena':
-        entries = {
-            'planned path': line.format('path'),
-            'travelled': line.format('trail'),
-            'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
-            'safety circle': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
-            'stroke-dasharray="3 3"></circle>',
-            'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
-            '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',
-        }
-    else:
-        entries = {
-            'planned': line.format('rig planned'),
-            'measured': line.format('rig measured'),
-            'limit of the disk': line.format('limit'),
-            'torque': '<path d="M2 12 A 12 12 0 0 1 22 8 M16 4 L22 8 L16 12" '
-            'stroke="currentColor"></path>',
-        }
-    absent = set() if mission.was_carried_out else {'travelled', 'measured'}
-    if not any(vehicle.plans for vehicle in mission.vehicles):
-        absent |= {'planned', 'planned path', 'goal'}
-    if mission.number('limits.disk_angle') is None:
-        absent.add('limit of the disk')
+    planned = any(vehicle.plans for vehicle in mission.vehicles)
+    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_carried_out)]
+    ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
+    entries.append(('limit', 'limit', 'limit' in ground))
     items = ''.join(
-        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{drawing}</svg>{name}</li>'
-        for name, drawing in entries.items()
-        if name not in absent
+        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'
+        for name, style, there in entries
+        if there
     )
     return f'<ul class="key">{items}</ul>'

@@ -33,13 +33,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.mission import (
     Event,
+    FollowedPlan,
     Mission,
     PlanFigures,
-    PlanInForce,
     Severity,
     Signals,
     Vehicle,
@@ -73,7 +74,26 @@ ROBOT_CONTROLS = ('thrust', 'thruster_rate', 'torque')
 JOINTS = ('pendulum', 'disk')
 
 
+# Of a single robot, so that its place fits into the arena.
+ALONE = {
+    'robots': ['robot1'],
+    'robot1.start.x': 0.5,
+    'robot1.start.y': 2.0,
+    'formation.anchor': [0.0, 0.0, 0.0],
+    'formation.robot1': [1.0, 2.0, 0.0],
+}
+
+
 # Motions and missions
+
+
+def pendulum_view(**changes: Any) -> PendulumView:
+    problem = PendulumSwingUp.from_parameters({**PENDULUM_PARAMETERS, **changes})
+    return PendulumView(problem=problem)
+
+
+def robot_view(parameters: Mapping[str, Any]) -> RobotView:
+    return RobotView(problem=RobotFormation.from_parameters(parameters))
 
 
 def pendulum_states(t: Any) -> Any:
@@ -131,7 +151,9 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     fields = {
         'title': 'Swing-up',
         'problem': 'pendulum_swing_up',
-        'vehicles': (Vehicle('pendulum', 'pendulum', (PlanInForce('1', 0.0, plan),), **found),),
+        'vehicles': (
+            Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),
+        ),
         'figures': (PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
         'events': (
             Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 in force'),
@@ -149,9 +171,11 @@ def robots_mission(
     measured: bool = True,
     rate: float = 100.0,
     after: float = 1.0,
+    view: RobotView | None = None,
     **changes: Any,
 ) -> Mission:
     vehicles = []
+    view = view or robot_view({**ARENA_PARAMETERS, **ALONE})
     for number, name in enumerate(names):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
@@ -162,7 +186,7 @@ def robots_mission(
             states = Signals(at, values, ROBOT_STATES, ('m', 'm', *[''] * 5))
             applied = Signals(at, plan.sample(moving).control, ROBOT_CONTROLS, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
-        vehicles.append(Vehicle(name, 'robot', (PlanInForce('1', 0.0, plan),), **found))
+        vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0, '1'),), **found))
     fields = {
         'title': 'Formation',
         'problem': 'robot_formation',
@@ -378,7 +402,7 @@ def robot_recording(namespace: str = '/robots', count: int = 2) -> list[Item]:
     )
     found = [Item(f'{namespace}/plan_summary', START - SECOND, said)]
     for k, name in enumerate(names):
-        found += _robot_plan(f'{namespace}/{name}', name, k)
+        found += _robot_plan(f'{namespace}/{name}', k)
         for t, at in instants():
             state = robot_states(np.clip(t, 0.0, DURATION), k) + ERROR * np.eye(7)[0]
             joints = joint_state(
@@ -395,33 +419,19 @@ def robot_recording(namespace: str = '/robots', count: int = 2) -> list[Item]:
     return found
 
 
-def _robot_plan(namespace: str, name: str, number: int) -> list[Item]:
+def _robot_plan(namespace: str, number: int) -> list[Item]:
     times = np.linspace(0.0, DURATION, 21)
-    states = robot_states(times, number)
-    points = [
-        {
-            'transforms': [{'translation': {'x': x, 'y': y}, 'rotation': rotation(yaw)}],
-            'velocities': [{'linear': {'x': u, 'y': v}, 'angular': {'z': omega}}],
-            'time_from_start': stamp(round(t * SECOND)),
-        }
-        for t, (x, y, u, v, yaw, omega, _) in zip(times.tolist(), states.tolist(), strict=True)
-    ]
-    frame = header(START, 'arena')
-    kind = 'trajectory_msgs/MultiDOFJointTrajectory'
-    motion = made(kind, header=frame, joint_names=[name], points=points)
-    controls = joint_plan(
+    x, y, u, v, yaw, omega, alpha = robot_states(times, number).T
+    zero, one = np.zeros(times.size), np.ones(times.size)
+    plan = joint_plan(
         START,
-        ('thruster', 'reaction_wheel'),
+        ('x', 'y', 'yaw', 'thruster', 'reaction_wheel'),
         times,
-        positions=states[:, 6:] * [1.0, 0.0],
-        velocities=np.tile([0.125, 0.0], (times.size, 1)),
-        effort=np.tile([0.5, 0.001], (times.size, 1)),
+        positions=np.stack([x, y, yaw, alpha, zero], axis=1),
+        velocities=np.stack([u, v, omega, 0.125 * one, zero], axis=1),
+        effort=np.stack([zero, zero, zero, 0.5 * one, 0.001 * one], axis=1),
     )
-    early = START - SECOND
-    return [
-        Item(f'{namespace}/trajectory', early, motion),
-        Item(f'{namespace}/controls', early, controls),
-    ]
+    return [Item(f'{namespace}/trajectory', START - SECOND, plan)]
 
 
 def filling() -> list[Item]:

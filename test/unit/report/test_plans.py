@@ -53,12 +53,12 @@ def test_a_plan_of_the_pendulum(plans: Plans) -> None:
     file, solution = plans['pendulum']
     mission = read_mission(file)
     (vehicle,) = mission.vehicles
-    assert (vehicle.name, vehicle.plant) == ('pendulum', 'pendulum')
+    assert (vehicle.name, vehicle.view.name) == ('pendulum', 'pendulum')
     assert mission.problem == 'pendulum_swing_up'
     plan = vehicle.plans[0].trajectory
     np.testing.assert_array_equal(plan.states, solution.trajectory.states)
     assert plan.units == solution.trajectory.units
-    assert mission.number('limits.torque') == 0.05
+    assert vehicle.view.bounds()['torque'] == (-0.05, 0.05)
     (figures,) = mission.figures
     assert (figures.cost, figures.summary) == (solution.cost, solution.summary)
     torque, check = figures.margins['torque'], solution.verification
@@ -77,8 +77,7 @@ def test_a_plan_of_robots(plans: Plans) -> None:
     file, solution = plans['robots']
     mission = read_mission(file)
     assert [v.name for v in mission.vehicles] == ['robot1', 'robot2', 'robot3']
-    assert {v.plant for v in mission.vehicles} == {'robot'}
-    assert mission.numbers('formation.robot2') is not None
+    assert {v.view.place for v in mission.vehicles} == {('x', 'y')}
     comparison, worst = compare(mission), solution.verification.worst
     for vehicle in mission.vehicles:
         planned = comparison.margins[vehicle.name].planned
@@ -86,12 +85,12 @@ def test_a_plan_of_robots(plans: Plans) -> None:
         assert set(planned.names) == {'thrust', 'thruster_rate', 'torque', 'walls'}
         # of the thrust the upper limit alone: robots that coast are at the lower one
         strongest = vehicle.plans[0].trajectory.control('thrust').max()
-        least = (mission.number('limits.thrust') or 0.0) - strongest
+        least = vehicle.view.bounds()['thrust'][1] - strongest
         assert planned.column('thrust').min() == pytest.approx(least)
         for name in planned.names[1:]:
             expected = pytest.approx(worst[f'{vehicle.name}.{name}'], abs=1e-4)
             assert planned.column(name).min() == expected
-    (smallest,) = [e for e in comparison.entries if e.name == 'smallest distance of two robots']
+    (smallest,) = [e for e in comparison.entries if e.name == 'smallest distance']
     apart = min(v for n, v in worst.items() if n.startswith('separation'))
     assert smallest.planned == pytest.approx(0.4 + apart, abs=1e-3)
     assert smallest.achieved is None
@@ -103,7 +102,7 @@ def test_a_third_partys_plan_without_parameters(tmp_path: Path) -> None:
     (tmp_path / 'plan.json').write_text(json.dumps(plan))
     mission = read_mission(tmp_path / 'plan.json')
     (vehicle,) = mission.vehicles
-    assert vehicle.plant == 'other'
+    assert vehicle.view.problem is None
     assert mission.figures[0].cost == 2.0
     assert mission.figures[0].solve_time is None
     for absent in ('parameters', 'margins'):

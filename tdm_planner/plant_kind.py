@@ -1,0 +1,176 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How a plant is known to nodes, recordings and pictures: a table of joints with its states.
+
+One message type carries plans, states, commands and tracking errors of every plant; which of its
+numbers is which state or control, this table says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final, NamedTuple, TYPE_CHECKING
+
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+
+if TYPE_CHECKING:  # a simulated robot has no use for what problems need
+    from tdm_planner.problems.base import Problem
+    from tdm_planner.problems.direct_problem import DirectProblem
+    from tdm_planner.trajectory import Interpolation, Trajectory
+
+WORLD_FRAME: Final = 'world'  # of the pendulum: the disk's centre, z up, psi about z from x
+ARENA_FRAME: Final = 'arena'  # of the robots: a corner, x along the length, y along the width
+
+QUANTITIES: Final = ('position', 'velocity', 'effort')
+
+
+class Joint(NamedTuple):
+    """A joint, and the states or controls that are its position, velocity and effort; '' none."""
+
+    name: str
+    position: str = ''
+    velocity: str = ''
+    effort: str = ''
+
+
+@dataclass(frozen=True)
+class PlantKind:
+    """
+    The states and controls of a plant, and the joints that they are in messages.
+
+    Poses are those of `frame`. The joints named in `odometry` (x, y, yaw) are measured by an
+    odometry, the others by joint states. `interpolation` says how the controls of a plan run
+    between its points; None: as they look like. States in `angles` are compared the shorter way
+    round.
+    """
+
+    state_names: tuple[str, ...]
+    control_names: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    state_units: tuple[str, ...] = ()
+    control_units: tuple[str, ...] = ()
+    frame: str = WORLD_FRAME
+    odometry: tuple[str, ...] = ()
+    interpolation: Interpolation | None = None
+    angles: tuple[str, ...] = ()
+
+    @cached_property
+    def measured(self) -> tuple[Joint, ...]:
+        """Joints whose states are in joint states."""
+        states = set(self.state_names)
+        return tuple(
+            joint
+            for joint in self.joints
+            if joint.name not in self.odometry and states & {joint.position, joint.velocity}
+        )
+
+    @cached_property
+    def actuated(self) -> tuple[Joint, ...]:
+        """Joints that are commanded."""
+        controls = set(self.control_names)
+        return tuple(j for j in self.joints if controls & {j.velocity, j.effort})
+
+
+PENDULUM: Final = PlantKind(
+    state_names=RotaryPendulum.state_names,
+    control_names=RotaryPendulum.control_names,
+    joints=(
+        Joint('pendulum', 'theta', 'theta_dot'),
+        Joint('disk', 'psi', 'psi_dot', 'torque'),
+    ),
+    state_units=RotaryPendulum.state_units,
+    control_units=RotaryPendulum.control_units,
+    angles=('theta',),
+)
+
+# The wheel's angle and speed are no states of a plan; they are told where they are known.
+ROBOT: Final = PlantKind(
+    state_names=FloatingRobot.state_names,
+    control_names=FloatingRobot.control_names,
+    joints=(
+        Joint('x', 'x', 'u'),
+        Joint('y', 'y', 'v'),
+        Joint('yaw', 'yaw', 'omega'),
+        Joint('thruster', 'alpha', 'thruster_rate', 'thrust'),
+        Joint('reaction_wheel', 'wheel_angle', 'wheel_speed', 'torque'),
+    ),
+    state_units=FloatingRobot.state_units,
+    control_units=FloatingRobot.control_units,
+    frame=ARENA_FRAME,
+    odometry=('x', 'y', 'yaw'),
+    angles=('yaw', 'alpha'),
+)
+
+BUILT_IN: Final = MappingProxyType({'pendulum': PENDULUM, 'robot': ROBOT})
+
+
+def named_kind(
+    states: Sequence[str],
+    controls: Sequence[str] = (),
+    joints: Sequence[tuple[str, str, str]] = (),
+    units: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
+) -> PlantKind:
+    """
+    Return a plant whose joints are named like its states (positions) and controls (efforts).
+
+    `joints` are the exceptions: name, and the states that are its position and velocity.
+    """
+    moved = {state for _, *pair in joints for state in pair}
+    table = {name: Joint(name, position, velocity) for name, position, velocity in joints}
+    table |= {name: Joint(name, name) for name in states if name not in moved}
+    for name in controls:
+        table[name] = table.get(name, Joint(name))._replace(effort=name)
+    return PlantKind(
+        tuple(states), tuple(controls), tuple(table.values()), *units, interpolation='linear'
+    )
+
+
+def kind_of(problem: DirectProblem) -> PlantKind:
+    """
+    Return the plant of a stated problem: its `joints`, the other states and controls by name.
+
+    Raises
+    ------
+    InvalidProblem
+        If `joints` names what is not a state.
+
+    """
+    joints = [(name, *pair) for name, pair in problem.joints().items()]
+    for name, *pair in joints:
+        for state in pair:
+            if state not in problem.state_names:
+                raise InvalidProblem(
+                    f"joints gives '{name}' the state '{state}', which is not one of "
+                    + ', '.join(problem.state_names)
+                )
+    units = tuple(problem.state_units), tuple(problem.control_units)
+    return named_kind(problem.state_names, problem.control_names, joints, units)
+
+
+def plan_kind(problem: Problem, trajectory: Trajectory) -> PlantKind:
+    """Return the plant that a problem's plan moves."""
+    from tdm_planner.problems.direct_problem import DirectProblem
+
+    if isinstance(problem, DirectProblem):
+        return kind_of(problem)
+    names = trajectory.state_names, trajectory.control_names
+    known = (kind for kind in BUILT_IN.values() if (kind.state_names, kind.control_names) == names)
+    return next(known, None) or named_kind(*names)
