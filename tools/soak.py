@@ -36,6 +36,7 @@ import numpy as np
 import rclpy
 from rclpy.context import Context
 from std_srvs.srv import Trigger
+from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_sim.processes import NodeProcesses
 
@@ -44,6 +45,7 @@ _NODES = {
     'tracker': 'tdm_planner.nodes.tracker',
     'planner': 'tdm_planner.nodes.planner',
 }
+_SETTLING = 3.0  # s
 _UP, _SILENT = 60.0, 30.0  # s for the nodes to be up, and after which a call is unanswered
 _SAMPLING, _FLIGHT = 1.0, 8.0  # s between looks at the memory, and of every mission
 
@@ -67,7 +69,7 @@ def soak(duration: float, clients: int, folder: Path) -> dict[str, Any]:
     node = rclpy.create_node('soak', namespace='/pendulum', context=context)
     executor = make_executor(context)
     executor.add_node(node)
-    ask = [node.create_client(Trigger, 'plan') for _ in range(clients)]
+    ask = [node.create_client(Trigger, 'plan', qos_profile=SERVICE) for _ in range(clients)]
     reset = node.create_client(Trigger, 'reset')
     late: dict[str, list[float]] = defaultdict(list)
     memory: dict[str, list[float]] = defaultdict(list)
@@ -80,7 +82,9 @@ def soak(duration: float, clients: int, folder: Path) -> dict[str, Any]:
             while not all(client.service_is_ready() for client in (*ask, reset)):
                 assert time.monotonic() < began + _UP, 'the nodes are not up'
                 executor.spin_once(timeout_sec=0.1)
-            began = time.monotonic()
+            began = time.monotonic() + _SETTLING
+            while time.monotonic() < began:  # until every client hears the planner, too
+                executor.spin_once(timeout_sec=0.1)
             sampled = flown = began
             calls: list[Any] = [None] * clients
             while (now := time.monotonic()) < began + duration:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import Box, Disc, Line, points_of, Shape
 from tdm_planner.palette import COLOURS
-from tdm_sim.report.embedding import packed
+from tdm_sim.report.charts import packed
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]

@@ -27,14 +27,16 @@ from tdm_sim.report.bag_files import check_recording, messages, salvaged, Unread
 from tdm_sim.report.mission import Mission, Vehicle
 from tdm_sim.report.plan_documents import PlanSummary, problem_of, read_summary
 from tdm_sim.report.recorded_events import events, RecordedClock, statuses
-from tdm_sim.report.recorded_plans import followed, read_plans, RecordedPlan
 from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
 from tdm_sim.report.recorded_vehicles import (
     choose,
     find_sites,
+    followed,
     measured,
     namespace_of,
     Planner,
+    read_plans,
+    RecordedPlan,
     Site,
 )
 

@@ -30,14 +30,21 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
-from tdm_planner.plan_files import UnusableFile
+from tdm_planner.plan_files import check_path, UnusableFile
+from tdm_planner.problems.registry import load_problem
+from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, plotly_figure, plotly_json
+from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_figure, plotly_json
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
-from tdm_sim.report.embedding import content_hash, json_for_html
-from tdm_sim.report.histories import control_chart, state_chart
+from tdm_sim.report.histories import (
+    control_chart,
+    distance_chart,
+    error_chart,
+    margin_chart,
+    state_chart,
+)
 from tdm_sim.report.mission import Mission
+from tdm_sim.report.reader import read_mission
 from tdm_sim.report.sections import cards, columns, details, missing
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
@@ -167,3 +174,33 @@ def _source(mission: Mission) -> str:
     if abs(mission.speed - 1.0) > _REAL_TIME:
         parts.append(f'simulated time at {mission.speed:.2g} times real time')
     return ' · '.join(parts)
+
+
+ENDINGS = ('.html', '.htm')
+
+
+def make_report(
+    source: Path,
+    output: Path,
+    progress: Progress,
+    namespace: str | None = None,
+    problem: str | None = None,
+) -> None:
+    """
+    Write the report on a recording or a plan file.
+
+    `namespace` chooses among several planners in one recording; `problem` names one that is not
+    installed, ``module:Class``.
+
+    Raises
+    ------
+    TdmError
+        If the source cannot be read or the report not be written.
+
+    """
+    check_path(output, ENDINGS)
+    progress.phase(f'reading {source}')
+    given = None if problem is None else load_problem(problem)
+    mission = read_mission(source, namespace, given)
+    progress.phase(f'writing {output}')
+    write_report(mission, output)

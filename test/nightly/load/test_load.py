@@ -20,7 +20,8 @@ GROWTH = 5.0  # MB in half a minute, while the planner answers thousands of requ
 
 def test_every_call_of_many_clients_is_answered(ros: Ros, tmp_path: Path) -> None:
     found = soak(60.0, 20, tmp_path)
-    assert set(found['answers']) <= {'PLAN', 'BUSY', 'DEADLINE', 'NO_STATE', 'INFEASIBLE'}
+    assert '' not in found['answers'], 'a call had no answer'
+    assert 'INTERNAL' not in found['answers']
     assert found['answers']['PLAN'] > 0
     assert found['answers']['BUSY'] > 0
     for name, (half_way, last) in found['memory [MB]'].items():

@@ -35,12 +35,13 @@ from tdm_sim.report.animation import (
     planned_frames,
     scene,
 )
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json, unpacked
 from tdm_sim.report.comparison import compare
-from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
-from tdm_sim.report.embedding import unpacked
 from tdm_sim.report.histories import (
     control_chart,
+    distance_chart,
+    error_chart,
+    margin_chart,
     plan_instants,
     state_chart,
     switching_instants,

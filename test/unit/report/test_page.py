@@ -23,8 +23,8 @@ from missions import Parts, pendulum_mission, robots_mission
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_sim.report.charts import json_for_html, packed, unpacked
 from tdm_sim.report.comparison import Comparison, Entry
-from tdm_sim.report.embedding import json_for_html, packed, unpacked
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.tables import events_table, number, parameters_table, summary_table
