@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-import re
 
 from tdm_planner.problems.base import Problem
 from tdm_planner.trajectory import NANOSECOND
@@ -26,7 +25,7 @@ from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
 from tdm_sim.report.mission import Mission, Vehicle
 from tdm_sim.report.plan_documents import PlanSummary, problem_of, read_summary
-from tdm_sim.report.recorded_events import events, RecordedClock, statuses
+from tdm_sim.report.recorded_events import events, RecordedClock
 from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
 from tdm_sim.report.recorded_vehicles import (
     choose,
@@ -173,7 +172,6 @@ def _mission(
         events=tuple(happened),
         parameters=next((f.parameters for f in reversed(figures) if f.parameters), {}),
         missing=tuple(dict.fromkeys(notes)),
-        counters=_counters(topics, sites[0].planner),
         document=summaries[max(summaries)].document if summaries else {},
         source=str(path),
         recorded_at=origin * NANOSECOND,
@@ -246,26 +244,3 @@ def _gaps(
     ):
         found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
     return found
-
-
-def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
-    """
-    Return how many requests the planner had, and how many failed, since its first plan.
-
-    While there is no plan, the planner may be asked before the plants are there. Without any plan
-    it is since the recording started.
-    """
-    first: dict[str, int] = {}
-    planned = False
-    last: dict[str, int] = {}
-    for status in statuses(topics):
-        if namespace_of(status.source) == planner and 'plan id' in status.values:
-            if not planned and status.values['plan id'] != '0':
-                planned = True
-                first.clear()
-            for name in ('requests', 'failures'):
-                count = status.values.get(name, '')
-                if re.fullmatch(r'\d{1,9}', count):
-                    first.setdefault(name, int(count))
-                    last[name] = int(count)
-    return {name: max(last[name] - first[name], 0) for name in last}

@@ -334,9 +334,6 @@ def _planner(mission: Mission) -> Iterator[Entry]:
     if not mission.was_carried_out and not mission.events:
         return
     yield Entry('planner', 'replans', '', None, float(max(plans - 1, 0)))
-    rejected = mission.counters.get('failures')
-    if rejected is not None:
-        yield Entry('planner', 'requests without a plan', '', None, float(rejected))
     yield Entry('planner', 'missed deadlines', '', 0.0, float(missed_deadlines(mission)))
     yield Entry('planner', 'errors reported by nodes', '', 0.0, float(_errors(mission)))
 

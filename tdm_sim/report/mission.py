@@ -240,8 +240,7 @@ class Mission:
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `counters` are the planner's own (requests, failures), from the first plan on
-    if there is one; `document` is the last plan's, as recorded; `source` is the file or folder it
+    follows from it; `document` is the last plan's, as recorded; `source` is the file or folder it
     was read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a
     plan that was not carried out; `speed` is that of simulated time, relative to real time.
     """
@@ -253,7 +252,6 @@ class Mission:
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
-    counters: Mapping[str, int] = field(default_factory=dict)
     document: Mapping[str, Any] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None

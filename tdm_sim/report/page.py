@@ -45,7 +45,7 @@ from tdm_sim.report.histories import (
 )
 from tdm_sim.report.mission import Mission
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.sections import cards, columns, details, missing
+from tdm_sim.report.sections import columns, details, missing
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
@@ -79,7 +79,6 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
     comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
-    space = None if scene is None else bool(scene['space'])
     data = json_for_html(
         {
             'span': list(mission.span),
@@ -108,7 +107,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
             'missing': missing(mission.missing),
-            'columns': columns(cards(mission, comparison, charts, space)),
+            'columns': columns(mission, comparison, charts, scene is not None),
             'details': details(mission),
             'source': escape(_source(mission)),
             'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),

@@ -40,8 +40,8 @@ _NOTES: Mapping[Kind, str] = {
     'duration': 'At the goal: from when on the states stay within the tolerances of the verdict, '
     'planned and measured alike. A plan ends at rest, which is later.',
     'landing': 'State at the planned end less the goal; planned: of the replayed plan.',
-    'planner': 'Requests count from the first plan on, errors from the start of its motion on; '
-    'what came before stands under Events only.',
+    'planner': 'Errors count from the start of the motion on; what came before stands under '
+    'Events only.',
 }
 _NOTHING = 1e-12  # below this a figure is shown as 0
 

@@ -357,19 +357,6 @@ def said(seconds: float, level: int, text: str, node: str = '/pendulum/planner',
     return Item('/diagnostics', at, status(at, node, level, text, **values))
 
 
-def test_requests_count_from_the_first_plan_on(tmp_path: Path) -> None:
-    # asked twice before the pendulum was there, and once in vain after the plan
-    counts = [(-0.4, 0, 0, 0), (-0.3, 0, 2, 2), (-0.2, 1, 3, 2), (0.5, 1, 4, 3)]
-    every = [
-        said(t, 0, 'ready', plan_id=plan, requests=requests, failures=failures)
-        for t, plan, requests, failures in counts
-    ]
-    for number, expected in ((4, 1), (2, 2)):
-        items = [*pendulum_recording(), *every[:number]]
-        mission = read_mission(write(tmp_path / f'{number}', items))
-        assert mission.counters == {'requests': expected, 'failures': expected}
-
-
 def replanned(second: int) -> list[Item]:
     """Return the recording with the same motion planned once more, from `second` [ns] on."""
     (again,) = (item for item in pendulum_recording()[:2] if item.topic.endswith('trajectory'))
