@@ -107,7 +107,7 @@ function sceneView(name, axes, up, { vehicles, ground, times, holder, wide }) {
       const parent = group(kind === 'planned' && alone ? 'planned alone' : kind);
       const body = { shapes: vehicle[kind], parent, parts: [], trails: [], name: null };
       for (const shape of vehicle[kind].filter((s) => s.trail)) {
-        const points = Array.from({ length: shape.frames }, (_, k) => shape.at(k).pop())
+        const points = Array.from({ length: shape.frames }, (_, k) => traced(shape, shape.at(k)))
           .map((p) => (p.every(Number.isFinite) ? at(p) : null));
         const path = draw(parent, 'path', { class: kind === 'planned' ? 'path' : 'trail' });
         if (kind === 'planned') place(path, { d: way(points) });
@@ -151,6 +151,13 @@ function sceneView(name, axes, up, { vehicles, ground, times, holder, wide }) {
   }
 
   return { update, resize };
+}
+
+// The point whose way is drawn: the last of a line, the centre of a disc or of a box.
+function traced(shape, points) {
+  if (shape.kind !== 'box') return points[points.length - 1];
+  const opposite = points[shape.size === 2 ? 2 : 9];
+  return points[0].map((value, axis) => (value + opposite[axis]) / 2);
 }
 
 function tickStep(span, count) {
