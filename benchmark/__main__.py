@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number, name in enumerate(options.sections, 1):
             section, title = SECTIONS[name], f'[{number}/{len(options.sections)}] {name}'
             progress.phase(title)
-            records[name] = _measured(section, options.quick, folder, title, progress)
+            records[name] = _measured(section, options.quick, title, progress)
             if records[name]['figures'] is None:
                 failed.append(name)
             if options.docs:  # after each, so that none are lost
@@ -61,13 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def _measured(
-    section: Section, quick: bool, folder: Path, title: str, progress: Progress
-) -> dict[str, Any]:
+def _measured(section: Section, quick: bool, title: str, progress: Progress) -> dict[str, Any]:
     """Run a section, print its table or why there is none; returns its record."""
     settings = dict(section.quick if quick else section.full)
-    if section.pictures:
-        settings['folder'] = str((folder / page.PICTURES).resolve())
     outcome = run(section, settings, lambda text: progress.update(f'{title}: {text}'))
     if outcome.figures is None:
         progress.line('\n'.join(outcome.log))

@@ -29,7 +29,7 @@ from benchmark.runner import Outcome
 
 NAME = 'benchmarks.json'
 _DIGITS = 6
-_PACKAGES = ('tdm_planner', 'numpy', 'scipy', 'numba', 'daqp', 'casadi', 'drake', 'ruckig')
+_PACKAGES = ('tdm_planner', 'numpy', 'scipy', 'numba', 'daqp', 'casadi')
 
 Records = dict[str, dict[str, Any]]
 

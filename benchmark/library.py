@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The direct method as a library: speed of a problem that is only stated, its length, overhead."""
+"""The direct method as a library: speed of a problem that is only stated, its length."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ import time
 from types import ModuleType
 from typing import Any
 
-from benchmark import overhead
 from benchmark.progress import report
 import numpy as np
 from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
@@ -46,16 +45,13 @@ _DEADLINE = 10.0  # s, for plans
 
 
 def run(
-    states: int = 20,
-    repetitions: int = 3,
     free: Sequence[int] = (2, 3, 6, 9),
     intervals: Sequence[int] = (40, 80),
 ) -> dict[str, Any]:
     """
     Measure evaluations per second of the landing with 21 parameters, lines, and optimality.
 
-    The overhead is measured for swing-ups from `states` states, `repetitions` times each; the
-    landing is planned with `free` parameters an output, and by collocation on `intervals`.
+    The landing is planned with `free` parameters an output, and by collocation on `intervals`.
     """
     sys.path.insert(0, str(FOLDER))
     modules = {module: importlib.import_module(module) for module in PLANTS}
@@ -75,7 +71,6 @@ def run(
             module: len([line for line in inspect.getsource(kind).splitlines() if line.strip()])
             for module, kind in problems.items()
         },
-        'overhead': overhead.run(states, repetitions),
         'double_integrator': _double_integrator(modules['double_integrator']),
         'brachistochrone': _brachistochrone(modules['brachistochrone']),
         'landing': _landing(modules['landing'], free, intervals),
@@ -142,7 +137,7 @@ def table(figures: dict[str, Any]) -> str:
     else:
         lines += ['landing, J (no casadi to compare with), by varied parameters:']
     lines += _rows(landing.get('ratio', landing.get('cost')))
-    return '\n'.join([*lines, overhead.table(figures['overhead'])])
+    return '\n'.join(lines)
 
 
 def _rows(values: dict[int, float]) -> list[str]:

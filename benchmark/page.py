@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The page benchmarks.md and its pictures, from the records of the sections."""
+"""The page benchmarks.md and its picture, from the records of the sections."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmark import aims, explanations
 from benchmark.peers.tables import in_short, sections
 from benchmark.sections import Section, SECTIONS
 
@@ -40,12 +39,6 @@ _QUICK = """\
 **A quick run of a few cases: it shows that the benchmark works. Its figures say nothing.**
 """
 
-_AIMS = """\
-## Aims and what was reached
-
-{table}
-"""
-
 _PEERS = """\
 - **tdm_planner**: `solve()` as the planner node calls it, with its own check of the plan.
   Iterations are evaluations of the dynamics along a candidate.
@@ -58,7 +51,6 @@ _PEERS = """\
   of time, or all bowed to one side. *Best of 3* tries all three.
 - **warm**: from the plan of a neighbouring state (up to .05 rad and .25 rad/s, or 5 cm for every
   robot away). Collocation starts from its own optimum there, with its multipliers.
-- **Drake**: its `MultibodyPlant` and `DirectCollocation` with SNOPT, the first {drake} cases.
 
 Every solution is flown: its controls, linear or held between nodes as its author says, drive the
 true equations of motion (DOP853, or exact quadrature for the robots). *Solved* means that this
@@ -71,27 +63,18 @@ collocation from its result gave (`benchmark/*_reference.py`).
 ![Share of cases solved near the best known cost within a time](images/benchmark_success.png)
 """
 
-_PROFILE = """\
-Shares are of processor time, of all threads together; a function's share holds all it calls. The
-three largest costs of every kind of plan that can be told apart, and why they remain:
-
-{costs}
-"""
-
 
 def write(records: Mapping[str, Any], folder: Path = DOCS, quick: bool = False) -> Path:
     """
-    Write the page from the records of the sections (`benchmark.figures`), and its charts.
+    Write the page from the records of the sections (`benchmark.figures`), and its chart.
 
     Sections that were never run, or failed, say so.
     """
-    figures = {name: r['figures'] for name, r in records.items() if r['figures'] is not None}
     made_with = Counter(_made_with(record) for record in records.values()).most_common(1)
     usual = made_with[0][0] if made_with else 'no machine yet'
     parts = [_INTRODUCTION.format(made_with=usual)]
     if quick:
         parts.append(_QUICK)
-    parts.append(_AIMS.format(table=aims.table(figures)))
     parts += [
         _section(section, records.get(name), folder, usual) for name, section in SECTIONS.items()
     ]
@@ -128,28 +111,15 @@ def _text(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
     return f'```text\n{section.table(figures)}\n```\n'
 
 
-def _profile(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
-    lines = [_text(section, figures, folder), _PROFILE.format(costs=explanations.text(figures))]
-    lines += [
-        f'![Flame graph: {title}]({PICTURES}/{found["picture"]})\n'
-        for title, found in figures.items()
-        if (folder / PICTURES / found['picture']).is_file()
-    ]
-    return '\n'.join(lines)
-
-
 def _peers(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
     from benchmark.peers.charts import draw
-    from benchmark.peers.pendulum_cases import DRAKE_CASES
 
     draw(figures, folder / PICTURES)
-    growth = 'Time over intervals, cost over varied parameters, time over robots'
     return '\n'.join([
-        _PEERS.format(drake=min(DRAKE_CASES, figures['cases'])),
+        _PEERS,
         f'### In short\n\n{in_short(figures)}\n',
         *(f'### {name}\n\n{body}\n' for name, body in sections(figures)),
-        f'![{growth}]({PICTURES}/benchmark_growth.png)\n',
     ])  # fmt: skip
 
 
-_BODIES = {'peers': _peers, 'profile': _profile}
+_BODIES = {'peers': _peers}

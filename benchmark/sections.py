@@ -32,7 +32,7 @@ class Section:
 
     `full` are the settings of the page, `quick` those that only show that everything works;
     `about` says what is measured, with the settings' values in braces. A section that takes
-    longer than `limit` s is ended. `pictures` says that `run` draws into a `folder`.
+    longer than `limit` s is ended.
     """
 
     name: str
@@ -41,12 +41,11 @@ class Section:
     full: Settings
     quick: Settings
     limit: float
-    pictures: bool = False
 
     @property
     def module(self) -> str:
         """Name of the module that measures it."""
-        return f'benchmark.{_MODULES.get(self.name, self.name)}'
+        return f'benchmark.{self.name}'
 
     def run(self, **settings: Any) -> dict[str, Any]:
         """Measure; returns figures that JSON can hold."""
@@ -62,8 +61,6 @@ class Section:
         """Return what was measured with these settings."""
         return self.about.format(**settings)
 
-
-_MODULES = {'profile': 'profiling'}
 
 _SECTIONS = (
     Section(
@@ -95,16 +92,6 @@ _SECTIONS = (
         'processor times of solving.',
         {'scenarios': 100},
         {'scenarios': 2},
-        300.0,
-    ),
-    Section(
-        'nodes',
-        'Nodes',
-        'The planner as a process of its own, over DDS: {starts} starts, {repetitions} requests '
-        'for every deadline that no plan can meet, {states} cold requests for random states of '
-        'either torque limit, from sending the request to receiving the answer.',
-        {'states': 100, 'starts': 5, 'repetitions': 3},
-        {'states': 2, 'starts': 1, 'repetitions': 1},
         300.0,
     ),
     Section(
@@ -151,29 +138,18 @@ _SECTIONS = (
         'The same problems, solved in one process on one core by this package and by what users '
         'would reach for otherwise, {cases} cases of each problem, in turn. Times are processor '
         'times.',
-        {'cases': 100, 'quick': False},
-        {'cases': 1, 'quick': True},
+        {'cases': 100},
+        {'cases': 1},
         1200.0,
     ),
     Section(
         'library',
         'Library',
         'The direct method as a library: speed of problems that are only stated, their length, '
-        'their optimality, and what its structure costs against a hand-written loop (swing-ups '
-        'from {states} states of either torque limit, the best of {repetitions} times).',
-        {'states': 20, 'repetitions': 3, 'free': (2, 3, 6, 9), 'intervals': (40, 80)},
-        {'states': 1, 'repetitions': 1, 'free': (2,), 'intervals': (20, 40)},
+        'and their optimality.',
+        {'free': (2, 3, 6, 9), 'intervals': (40, 80)},
+        {'free': (2,), 'intervals': (20, 40)},
         300.0,
-    ),
-    Section(
-        'profile',
-        'Profile',
-        'Where the time of a plan goes: {cases} cases of each kind, sampled over {seconds:g} s of '
-        'processor time.',
-        {'cases': 20, 'seconds': 6.0},
-        {'cases': 1, 'seconds': 0.3},
-        300.0,
-        pictures=True,
     ),
 )
 SECTIONS: Mapping[str, Section] = MappingProxyType({each.name: each for each in _SECTIONS})

@@ -25,6 +25,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from pathlib import Path
 import sys
+import webbrowser
 
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, TdmError
@@ -122,9 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FACTOR',
         help='of simulated time, relative to real time: 4 is four times as fast',
     )
-    demo.add_argument(
-        '--view', action='store_true', help='show the report in the browser, until Ctrl-C'
-    )
+    demo.add_argument('--view', action='store_true', help='show the report in the browser')
     demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
     demo.set_defaults(run=_demo)
 
@@ -146,7 +145,10 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         '--namespace', metavar='NAME', help="the planner's, where a recording has several"
     )
-    report.add_argument('--view', action='store_true', help='show it in the browser, until Ctrl-C')
+    report.add_argument(
+        '--problem', metavar='module:Class', help='of a plan for a problem that is not installed'
+    )
+    report.add_argument('--view', action='store_true', help='show it in the browser')
     report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     report.set_defaults(run=_report)
     return parser
@@ -219,10 +221,10 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from tdm_sim.report.command import make_report
+    from tdm_sim.report.page import make_report
 
     with make_progress(options.quiet) as progress:
-        make_report(options.source, options.output, progress, options.namespace)
+        make_report(options.source, options.output, progress, options.namespace, options.problem)
     progress.line(f'written to {options.output}')
     if options.view:
         _show(options.output)
@@ -230,9 +232,7 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _show(page: Path) -> None:
-    from tdm_sim.report.viewing import show
-
-    show(page)
+    webbrowser.open(page.resolve().as_uri())
 
 
 if __name__ == '__main__':

@@ -59,7 +59,11 @@ class Disc:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """A box of `size` (length, width and, in space, height) m, turned by `turn` rad about z."""
+    """
+    A box of `size` (length, width and, in space, height) m, turned by `turn` rad about z.
+
+    With `trail` the way of its centre is drawn too.
+    """
 
     centre: Point
     size: Sequence[float]

@@ -12,124 +12,129 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time histories of a plan, and of what was measured along it, as PNG, PDF or SVG."""
+"""A plan as a picture: the plants' way, and every quantity over time; PNG, PDF or SVG."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-import math
+import itertools
 from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.palette import LIMIT, MEASURED, PLANNED, SWITCH
-from tdm_planner.plan_margins import plan_margins, PlanMargin
+from tdm_planner.drawing import Disc, Line, points_of, Shape
+from tdm_planner.palette import COLOURS, LIMIT, SWITCH
+from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import dense_times
 
 Array = NDArray[np.float64]
+Plans = Mapping[str, Trajectory]
 
 TIME_LABEL = 'time from the start of the motion [s]'
 
+_INSTANTS = 1000  # of margins and ways
+_BODIES = 9  # instants at which the plants are drawn
+_FEW = 4  # pairs of vehicles that a legend names
+_COLOURS = {'limit': LIMIT, 'reach': '0.6', 'force': '#f0a020'}
 
-@dataclass(frozen=True)
-class Measurement:
-    """What was measured: times (n,) s from the start of the motion, columns by name (n,)."""
 
+@dataclass(frozen=True, eq=False)
+class PlanMargin:
+    """Margin of a constraint at `times` (n,) s, `values` (n,): negative where it is violated."""
+
+    name: str
+    unit: str
     times: Array
-    columns: dict[str, Array]
+    values: Array
+
+
+def plan_margins(problem: Problem, trajectory: Trajectory) -> tuple[PlanMargin, ...]:
+    """Return the margin of every constraint that the problem puts on one vehicle's motion."""
+    times = dense_times(trajectory, trajectory.duration / _INSTANTS)
+    states, controls = trajectory.sample(times)
+    return tuple(
+        PlanMargin(c.name, c.unit, times, np.asarray(c.margin(times, states, controls)))
+        for c in problem.constraints_on(trajectory)
+    )
 
 
 def plot_solution(problem: Problem, solution: Solution, path: Path) -> None:
-    """Write the time histories of a solution, with the problem's limits, to `path`."""
-    if len(solution.trajectories) == 1:
-        limits = plot_limits(problem)
-        margins = plan_margins(problem, solution.trajectory)
-        figure = plot_trajectory(
-            solution.trajectory,
-            limits,
-            title=solution.summary,
-            margins=margins,
-            upright='theta' if isinstance(problem, PendulumSwingUp) else '',
-        )
+    """Write the picture of a solution, with the problem's limits, to `path`."""
+    plot_plans(problem, solution.trajectories, solution.summary).savefig(path, dpi=110)
+
+
+def plot_plans(problem: Problem, plans: Plans, title: str = '') -> Figure:
+    """
+    Draw every state, control and margin of all vehicles over time, with limits and switches.
+
+    Beside them stand the ways of plants that are drawn in the plane, and their distances.
+    """
+    first = next(iter(plans.values()))
+    view = view_of(problem, first)
+    margins = {name: plan_margins(problem, plan) for name, plan in plans.items()}
+    named = {m.name for found in margins.values() for m in found}
+    rows = len(first.state_names) + len(first.control_names) + len(named)
+    shapes = _drawn(view, first, np.zeros(1))
+    if not shapes or points_of(shapes[0], 1).shape[-1] > 2:
+        figure = Figure(figsize=(9, 1.6 * rows + 1.0), layout='constrained')
+        names = [*first.state_names, *first.control_names]
+        _histories(figure, view, plans, names, margins)
     else:
-        from tdm_planner.formation_plot import FormationView, plot_formation
-
-        view = FormationView.of(problem)
-        figure = plot_formation(
-            view,
-            solution.trajectories,
-            title=solution.summary,
-            margins={
-                name: plan_margins(problem, trajectory)
-                for name, trajectory in solution.trajectories.items()
-            },
-        )
-    figure.savefig(path, dpi=110)
-
-
-def plot_limits(problem: Problem) -> dict[str, float]:
-    """Return the symmetric limits of states and controls that a problem declares, by name."""
-    group = getattr(problem, 'limits', None)
-    declared = {
-        column: getattr(group, name, None)
-        for column, name in {'torque': 'torque', 'psi': 'disk_angle'}.items()
-    }
-    return {column: float(value) for column, value in declared.items() if value is not None}
-
-
-def plot_trajectory(
-    trajectory: Trajectory,
-    limits: dict[str, float],
-    measured: Measurement | None = None,
-    title: str = '',
-    margins: Sequence[PlanMargin] = (),
-    upright: str = '',
-) -> Figure:
-    """
-    Draw every state, control and margin over time; planned and measured, limits, switches.
-
-    `upright` names the state that is a pendulum's angle from upright, '' if there is none.
-    """
-    columns = [*trajectory.state_names, *trajectory.control_names]
-    units = [*trajectory.state_units, *trajectory.control_units] or [''] * len(columns)
-    rows = len(columns) + len(margins)
-    figure = Figure(figsize=(9, 1.6 * rows + 1.0), layout='constrained')
-    axes: list[Axes] = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0].tolist()
-    switches = switching_instants(trajectory)
-    for axis, name, unit in zip(axes, columns, units, strict=False):
-        if measured is not None and name in measured.columns:
-            axis.plot(
-                measured.times,
-                measured.columns[name],
-                color=MEASURED,
-                lw=3,
-                alpha=0.5,
-                label='measured',
-            )
-        draw_planned(axis, trajectory, name, PLANNED, 'planned')
-        if name in limits:
-            draw_limits(axis, -limits[name], limits[name])
-        if name == upright:
-            _label_upright(axis, trajectory.state(name))
-        label_quantity(axis, name, unit)
-    first = len(columns)
-    for axis, margin in zip(axes[first:], margins, strict=True):
-        axis.plot(margin.times, margin.values, color=PLANNED)
-        draw_limits(axis, 0.0)
-        label_quantity(axis, f'margin of\n{margin.name}', margin.unit)
-    for axis in axes:
-        for instant in switches:
-            axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
-    _explain(axes, switches)
-    axes[-1].set_xlabel(TIME_LABEL)
+        figure = Figure(figsize=(18, 11.5), layout='constrained')
+        thirds = figure.subfigures(1, 3, width_ratios=[1.3, 1, 1])
+        assert isinstance(thirds, np.ndarray)
+        _picture(thirds[0], view, plans)
+        _histories(thirds[1], view, plans, first.state_names, {})
+        _histories(thirds[2], view, plans, first.control_names, margins)
     if title:
         figure.suptitle(title, fontsize='medium', wrap=True)
     return figure
+
+
+def _coloured(plans: Plans) -> dict[str, str]:
+    return {name: COLOURS[k % len(COLOURS)] for k, name in enumerate(plans)}
+
+
+def _histories(
+    part: Figure | SubFigure,
+    view: PlantView,
+    plans: Plans,
+    names: Sequence[str],
+    margins: Mapping[str, Sequence[PlanMargin]],
+) -> None:
+    """Draw panels of states or controls, then of margins."""
+    kept = {m.name: m.unit for found in margins.values() for m in found}
+    axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
+    bounds, colours = view.bounds(), _coloured(plans)
+    switches = np.concatenate([switching_instants(plan) for plan in plans.values()])
+    for axis, name in zip(axes, names, strict=False):
+        for vehicle, plan in plans.items():
+            _draw_planned(axis, plan, name, colours[vehicle])
+        _draw_limits(axis, *bounds.get(name, ()))
+        _label(axis, name, next(iter(plans.values())).units.get(name, ''))
+    _, last = np.split(axes, [len(names)])
+    for axis, (name, unit) in zip(last, kept.items(), strict=True):
+        for vehicle, found in margins.items():
+            for margin in (m for m in found if m.name == name):
+                axis.plot(margin.times, margin.values, color=colours[vehicle])
+        _draw_limits(axis, 0.0)
+        _label(axis, f'margin of\n{name}', unit)
+    for axis in axes:
+        for instant in switches if len(plans) == 1 else ():
+            axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
+    handles = {} if len(plans) == 1 else {n: Line2D([], [], color=c) for n, c in colours.items()}
+    handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
+    if len(plans) == 1 and switches.size:
+        handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
+    _legend(axes[0], handles)
+    axes[-1].set_xlabel(TIME_LABEL)
 
 
 def switching_instants(trajectory: Trajectory) -> Array:
@@ -141,63 +146,99 @@ def switching_instants(trajectory: Trajectory) -> Array:
     return instants
 
 
-def draw_planned(
-    axis: Axes, trajectory: Trajectory, name: str, colour: str, label: str = ''
-) -> None:
+def _draw_planned(axis: Axes, trajectory: Trajectory, name: str, colour: str) -> None:
     """Draw a state or a control as it runs between its samples."""
-    if name in trajectory.state_names:
-        axis.plot(trajectory.times, trajectory.state(name), color=colour, label=label)
-    elif trajectory.interpolation == 'zero_order_hold':
-        axis.step(
-            trajectory.times, trajectory.control(name), where='post', color=colour, label=label
-        )
-    else:
-        axis.plot(trajectory.times, trajectory.control(name), color=colour, label=label)
+    held = trajectory.interpolation == 'zero_order_hold' and name in trajectory.control_names
+    column = trajectory.control if name in trajectory.control_names else trajectory.state
+    style = 'steps-post' if held else 'default'
+    axis.plot(trajectory.times, column(name), color=colour, drawstyle=style)
 
 
-def draw_limits(axis: Axes, *levels: float) -> None:
+def _draw_limits(axis: Axes, *levels: float) -> None:
     """Draw what a quantity must not pass."""
     for level in levels:
         axis.axhline(level, color=LIMIT, lw=1, ls='--')
 
 
-def label_quantity(axis: Axes, name: str, unit: str) -> None:
+def _label(axis: Axes, name: str, unit: str) -> None:
     """Name a quantity beside its axis, with a grid to read it by."""
     axis.set_ylabel(f'{name} [{unit}]' if unit else name)
     axis.grid(alpha=0.25)
 
 
-def _explain(axes: Sequence[Axes], switches: Array) -> None:
-    """Put a legend above the first panel, of what there is."""
-    handles, labels = axes[0].get_legend_handles_labels()
-    limited = [line for axis in axes for line in axis.get_lines() if line.get_color() == LIMIT]
-    switched = [line for line in axes[0].get_lines() if line.get_color() == SWITCH]
-    if limited:
-        handles, labels = [*handles, limited[0]], [*labels, 'limits']
-    if switches.size:
-        handles, labels = [*handles, switched[-1]], [*labels, 'switching points']
-    axes[0].legend(
-        handles,
-        labels,
+def _legend(axis: Axes, handles: Mapping[str, Line2D]) -> None:
+    """Put a legend above a panel."""
+    axis.legend(
+        list(handles.values()),
+        list(handles),
         loc='lower right',
         bbox_to_anchor=(1.0, 1.0),
-        ncols=len(handles),
+        ncols=6,
         fontsize='small',
         frameon=False,
     )
 
 
-def _label_upright(axis: Axes, angles: Array) -> None:
-    """Mark the upright position that angles (n,) from upright end near."""
-    upright = 2 * math.pi * round(float(angles[-1]) / (2 * math.pi))
-    axis.axhline(upright, color='0.5', lw=1)
-    rising = bool(angles[0] < upright)
-    axis.annotate(
-        'upright',
-        (0.005, upright),
-        xycoords=axis.get_yaxis_transform(),
-        xytext=(0, -3 if rising else 3),
-        textcoords='offset points',
-        va='top' if rising else 'bottom',
-        fontsize='small',
+def _drawn(view: PlantView, plan: Trajectory, times: Array) -> Sequence[Shape]:
+    """Return the shapes of a plant at instants of its plan."""
+    states, controls = plan.sample(times)
+    controls = controls * (times <= plan.duration)[:, None]
+    return view.drawing(
+        dict(zip(plan.state_names, states.T, strict=True)),
+        dict(zip(plan.control_names, controls.T, strict=True)),
     )
+
+
+def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
+    """Draw the plants' ways in the plane, with bodies now and then, and their distances."""
+    apart = bool(view.place) and len(plans) > 1
+    axes = part.subplots(1 + apart, 1, height_ratios=[2.6, 1][: 1 + apart], squeeze=False)[:, 0]
+    ground, colours = axes[0], _coloured(plans)
+    end = max(plan.duration for plan in plans.values())
+    for shape in view.surroundings():
+        _draw_shape(ground, shape, 1, '0.3', faint=False)
+    for name, plan in plans.items():
+        for shape in _drawn(view, plan, np.linspace(0.0, end, _INSTANTS)):
+            if shape.trail:
+                way = Line([shape.centre] if not isinstance(shape, Line) else shape.points)
+                ground.plot(*points_of(way, _INSTANTS)[:, -1].T, color=colours[name])
+        for shape in _drawn(view, plan, np.linspace(0.0, end, _BODIES)):
+            _draw_shape(ground, shape, _BODIES, colours[name])
+    ground.set_aspect('equal')
+    ground.autoscale_view()
+    ground.set_xlabel('x [m]')
+    ground.set_ylabel('y [m]')
+    _legend(ground, {name: Line2D([], [], color=colour) for name, colour in colours.items()})
+    if apart:
+        _distances(axes[1], view, plans)
+
+
+def _draw_shape(axis: Axes, shape: Shape, count: int, colour: str, faint: bool = True) -> None:
+    points, colour = points_of(shape, count), _COLOURS.get(shape.style, colour)
+    ls = '--' if shape.style in ('limit', 'reach') else '-'
+    for k, at in enumerate(points):
+        alpha = 0.2 + 0.6 * k / count if faint else 1.0
+        if isinstance(shape, Disc):
+            circle = Circle(tuple(at[0]), shape.radius, fc='none', ec=colour, ls=ls, alpha=alpha)
+            axis.add_patch(circle)
+        else:
+            axis.plot(*at.T, color=colour, ls=ls, alpha=alpha, lw=1.2)
+
+
+def _distances(axis: Axes, view: PlantView, plans: Plans) -> None:
+    times = np.linspace(0.0, max(plan.duration for plan in plans.values()), 600)
+    places = {}
+    for name, plan in plans.items():
+        at = plan.sample(times).state
+        places[name] = at[:, [plan.state_names.index(state) for state in view.place]]
+    for k, (one, other) in enumerate(itertools.combinations(plans, 2)):
+        distance = np.linalg.norm(places[one] - places[other], axis=1)
+        colour = COLOURS[k % len(COLOURS)]
+        axis.plot(times, distance, color=colour, label=f'{one} - {other}')
+    if view.separation is not None:
+        _draw_limits(axis, view.separation)
+    axis.set_ylim(bottom=0.0)
+    _label(axis, 'distance', 'm')
+    axis.set_xlabel(TIME_LABEL)
+    if len(plans) <= _FEW:
+        axis.legend(fontsize='x-small', loc='upper right')

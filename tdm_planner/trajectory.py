@@ -281,6 +281,10 @@ class TimedTrajectory:
         """Planned state (nx,) at an instant [s]; the ends are held."""
         return self.sample(time).state
 
+    def moved(self, step: float) -> TimedTrajectory:
+        """Return the same by a clock whose instants are `step` [s] more."""
+        return replace(self, start=self.start + step)
+
 
 def _linear(t: Array, times: Array, values: Array) -> Array:
     columns = [np.interp(t, times, column) for column in values.T]

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -33,21 +32,18 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import InvalidProblem, NoState, TdmError
+from tdm_planner.exceptions import NoState, TdmError
 from tdm_planner.nodes.installation import require_one_ros
-from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
-from tdm_planner.resources import config_file
-from tdm_sim.demo_pendulum import PendulumScene
-from tdm_sim.demo_robots import RobotsScene
-from tdm_sim.demo_scene import Scene
-from tdm_sim.demo_stated import StatedScene
+from tdm_sim.demo_scene import make_scene, Scene
 from tdm_sim.processes import NodeProcesses
 from tdm_sim.progress import make_progress, Progress
-from tdm_sim.verdict import Verdict
-
-SCENES: dict[str, type[Scene]] = {'pendulum': PendulumScene, 'robots': RobotsScene}
+from tdm_sim.report.comparison import compare, Comparison
+from tdm_sim.report.mission import Mission
+from tdm_sim.report.page import write_report
+from tdm_sim.report.reader import read_mission
+from tdm_sim.report.tables import figures
 
 SPEED = ParameterSpec(
     name='speed',
@@ -60,7 +56,10 @@ SPEED = ParameterSpec(
 _START_LIMIT = 30.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its kernels
 _RETRY = 0.2  # s between requests while states are on their way
-_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'plan.png', 'report.html')
+_OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
+_REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
+_PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'cost_terms',
+              'verification', 'summary', 'parameters')  # fmt: skip
 
 
 class DemoFailed(TdmError):
@@ -77,7 +76,7 @@ def run_demo(
     speed: float = 1.0,
 ) -> bool:
     """
-    Run the demo of a plant and leave bag, plan, picture and report in `output`.
+    Run the demo of a plant and leave bag, plan and report in `output`.
 
     Simulated time runs `speed` times as fast as real time.
 
@@ -92,53 +91,26 @@ def run_demo(
 
     """
     require_one_ros()
-    faster = SPEED.check(speed)
-    if plant not in SCENES and faster != 1.0:
-        raise InvalidProblem("'--speed' is for pendulum and robots: other plants run in real time")
-    scene = _scene(plant, parameters, output)
-    scene.speed = faster
+    scene = make_scene(plant, parameters, output)
+    scene.speed = SPEED.check(speed)
     _prepare_folder(output)
     if not scene.file.exists():
         scene.file.write_text('/**:\n  ros__parameters: {}\n')
     with make_progress(quiet) as progress:
-        verdict = _conduct(scene, output, progress)
-        progress.phase(f'writing {output}/plan.json and {output}/plan.png')
-        save_plan(scene.plan(), output / 'plan.json')
-        scene.draw(output / 'plan.png')
-        fault = _report(output, scene.namespace, progress)
-    if speed != 1.0:
-        clock = ('speed of simulated time', f'{speed:g}', '')
-        verdict = replace(verdict, rows=(*verdict.rows, clock))
-    Console(quiet=quiet, highlight=False).print(_table(verdict))
-    progress.line(f'recorded to {output}/bag' + f', report in {output}/report.html' * (not fault))
-    if fault:
-        print(f'tdm demo: no report: {fault}', file=sys.stderr)
-    for reason in filter(None, (*verdict.reasons, verdict.undecided)):
+        unclean = _conduct(scene, output, progress)
+        progress.phase(f'reading {output}/bag')
+        mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))
+        comparison = compare(mission)
+        progress.phase(f'writing {output}/plan.json and {output}/report.html')
+        save_plan(_plan_file(mission), output / 'plan.json')
+        write_report(mission, output / 'report.html', comparison)
+    judged = comparison.verdict
+    Console(quiet=quiet, highlight=False).print(_table(mission, comparison))
+    progress.line(f'recorded to {output}/bag, report in {output}/report.html')
+    reasons = ['too little was recorded to judge it'] if judged is None else [*judged.reasons]
+    for reason in filter(None, (*reasons, judged.undecided if judged else '', *unclean)):
         print(f'tdm demo: {reason}', file=sys.stderr)
-    return verdict.reached
-
-
-def _scene(plant: str, parameters: Path | None, output: Path) -> Scene:
-    """Return the scene of a built-in plant, or of a stated problem by its name."""
-    if plant in SCENES:
-        file = config_file(f'{plant}.yaml') if parameters is None else parameters
-        kind = SCENES[plant]
-        return kind(read_parameters(file, namespace=kind.namespace), file.resolve())
-    if parameters is None:
-        return StatedScene({}, (output / 'parameters.yaml').resolve(), plant)
-    values = read_parameters(parameters, node='planner', required=False)
-    return StatedScene(values, parameters.resolve(), plant)
-
-
-def _report(folder: Path, namespace: str, progress: Progress) -> str:
-    """Write the report; returns why there is none, '' otherwise: the verdict stands without it."""
-    try:
-        from tdm_sim.report.command import make_report
-
-        make_report(folder / 'bag', folder / 'report.html', progress, namespace)
-    except TdmError as error:
-        return str(error)
-    return ''
+    return judged is not None and judged.reached and not unclean
 
 
 def _prepare_folder(folder: Path) -> None:
@@ -160,7 +132,8 @@ def _prepare_folder(folder: Path) -> None:
             path.unlink()
 
 
-def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
+def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
+    """Carry out the demo; returns which nodes did not end as they should."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = Context()
     rclpy.init(context=context)
@@ -202,19 +175,16 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> Verdict:
                 )
             progress.phase('asking for a plan')
             answer = _ask(client, wait)
-            scene.answered(answer)
             progress.phase(answer['summary'])
             if not wait(lambda: scene.planned, _ANSWER_LIMIT):
-                raise DemoFailed('the planner answered, but no trajectory was published')
+                raise DemoFailed('the planner answered, but no plan was published')
             wait(lambda: scene.over, scene.longest / min(scene.speed, 1.0))
             progress.phase('ending the nodes')
             codes = processes.end()
     finally:
         node.destroy_node()
         rclpy.shutdown(context=context)
-    verdict = scene.judge()
-    unclean = [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
-    return replace(verdict, reasons=(*verdict.reasons, *unclean))
+    return [f'{name} ended with exit code {code}' for name, code in codes.items() if code]
 
 
 def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
@@ -233,11 +203,26 @@ def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict
         wait(lambda: False, _RETRY)
 
 
-def _table(verdict: Verdict) -> Table:
-    title = 'not known' if verdict.undecided else 'goal missed'
-    table = Table(title='goal reached and held' if verdict.reached else title)
+def _plan_file(mission: Mission) -> dict[str, Any]:
+    """Return the plan that counts at the end, as published and with the planner's figures."""
+    document = {k: v for k, v in mission.document.items() if k in _PLAN_KEYS}
+    plans = {v.name: v.plan.trajectory for v in mission.vehicles if v.plan is not None}
+    if len(mission.vehicles) == 1:
+        return document | next(iter(plans.values())).to_dict()
+    head = {key: document[key] for key in _PLAN_KEYS[:6]}
+    robots = {name: {**head, 'duration': p.duration, **p.to_dict()} for name, p in plans.items()}
+    return document | {'robots': robots}
+
+
+def _table(mission: Mission, comparison: Comparison) -> Table:
+    judged = comparison.verdict
+    title = 'not known' if judged is None or not judged.reasons else 'goal missed'
+    reached = judged is not None and judged.reached
+    table = Table(title='goal reached and held' if reached else title)
     for heading in ('', 'planned', 'achieved'):
         table.add_column(heading, justify='right' if heading else 'left')
-    for row in verdict.rows:
+    for row in figures(mission, comparison):
         table.add_row(*map(escape, row))
+    if abs(mission.speed - 1.0) > _REAL_TIME:
+        table.add_row('speed of simulated time', '', f'{mission.speed:.2g}')
     return table

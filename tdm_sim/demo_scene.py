@@ -12,91 +12,152 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a demo is made of: its nodes, what it listens to, when it is over, how it is judged."""
+"""What a demo is made of: its nodes, what it hears of them, and when it is over."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import partial
 import json
+import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tdm_planner.nodes.messages import LATCHED, seconds_of
+from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.parameter_files import read_parameters
+from tdm_planner.plant_kind import QUANTITIES
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.registry import load_problem
+from tdm_planner.resources import config_file
 from tdm_sim.connections import Connections
 from tdm_sim.demo_speed import speed_settings
-from tdm_sim.verdict import Verdict
+from tdm_sim.report.verdict import HOLD_TIME
 
 NodeCommand = tuple[str, str, list[str]]
 
-_FIGURES = ('duration', 'cost', 'penalty', 'solve_time', 'evaluations')
+_AFTER = 0.5  # s that are waited beyond what the verdict needs
+_MODULES = {
+    'planner': 'tdm_planner.nodes.planner',
+    'tracker': 'tdm_planner.nodes.tracker',
+    'pendulum_plant': 'tdm_sim.pendulum_plant',
+    'robot_plant': 'tdm_sim.robot_plant',
+    'plant': 'tdm_sim.stated_plant',
+}
 
 
-class Scene(ABC):
-    """
-    A plant, or several, with planner and tracker(s), seen from outside over ROS topics.
+class Part(NamedTuple):
+    """A node of a scene: executable, namespace, parameters beside those of the file."""
 
-    `parameters` are the planner's, by dotted name; `file` is the parameter file of all nodes.
-    """
-
+    executable: str
     namespace: str
-    longest: float = 40.0
-    rates: float = 1.0  # see `speed_settings`
+    parameters: Mapping[str, Any] = {}
 
-    def __init__(self, parameters: Mapping[str, Any], file: Path) -> None:
-        self.parameters = dict(parameters)
-        self.file = file
+
+class Scene:
+    """
+    Planner, trackers and plants in the planner's namespace and below it, seen from outside.
+
+    `file` is the parameter file of all nodes; `parts` are the nodes, plants first; `rates` is how
+    many times more often than at real time they may be called in a second.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        namespace: str,
+        parts: tuple[Part, ...],
+        file: Path,
+        rates: float = 1.0,
+    ) -> None:
+        self.problem, self.namespace, self.parts, self.file = problem, namespace, parts, file
         self.speed = 1.0  # of simulated time
-        self.answer: dict[str, Any] = {}
         self.connections = Connections()
+        self._rates = rates
+        self._view = view_of(problem)
+        self._now = -math.inf
+        self._plan: dict[str, Any] = {}
+        self._errors: dict[str, dict[str, float]] = {}
+        self._near_since: dict[str, float] = {}
 
-    def command(
-        self, name: str, module: str, namespace: str, drives_clock: bool = False
-    ) -> NodeCommand:
-        """
-        Return the command of a node in a namespace, with the scene's parameter file.
+    @property
+    def plants(self) -> tuple[Part, ...]:
+        """Return the nodes that simulate."""
+        return tuple(part for part in self.parts if part.executable.endswith('plant'))
 
-        One plant drives the clock where the scene's speed is not that of real time.
-        """
-        arguments = ['--ros-args', '-r', f'__ns:={namespace}', '--params-file', str(self.file)]
-        executable = module.rsplit('.', 1)[-1]
-        settings = speed_settings(
-            executable,
-            self.file,
-            self.speed,
-            drives_clock,
-            self.rates,
-            self.followers,
-            namespace,
-        )
-        for key, value in settings.items():
-            arguments += ['-p', f'{key}:={json.dumps(value)}']
-        return name, module, arguments
-
-    @abstractmethod
     def nodes(self) -> list[NodeCommand]:
         """Name, module and arguments of every node to start."""
+        spaces = [plant.namespace for plant in self.plants]
+        # what simulated time waits for: commands, and states of all plants
+        followers = [f'{space}/joint_command' for space in spaces]
+        followers += [f'{space}/joint_states' for space in spaces[1:]]
+        commands = []
+        for part in self.parts:
+            arguments = ['--ros-args', '-r', f'__ns:={part.namespace}']
+            arguments += ['--params-file', str(self.file)]
+            drives_clock = part == self.plants[0]
+            settings = speed_settings(
+                part.executable,
+                self.file,
+                self.speed,
+                drives_clock,
+                self._rates,
+                followers,
+                part.namespace,
+            )
+            for key, value in {**settings, **part.parameters}.items():
+                told = value if isinstance(value, str) else json.dumps(value)
+                arguments += ['-p', f'{key}:={told}']
+            below = part.namespace.removeprefix(self.namespace).strip('/')
+            name = f'{part.executable}_{below}' if below else part.executable
+            commands.append((name, _MODULES[part.executable], arguments))
+        return commands
 
-    @property
-    def followers(self) -> tuple[str, ...]:
-        """Topics of what simulated time waits for: commands, and states of all plants."""
-        own = [f'{plant}/joint_command' for plant in self.plants]
-        return (*own, *(f'{plant}/joint_states' for plant in self.plants[1:]))
-
-    @property
-    @abstractmethod
-    def plants(self) -> tuple[str, ...]:
-        """Namespace of every plant."""
-
-    @abstractmethod
-    def clear(self) -> None:
-        """Forget what was measured and planned: another mission begins."""
-
-    @abstractmethod
     def listen(self, node: Node) -> None:
-        """Subscribe to everything that is judged, and to what the nodes say of themselves."""
+        """Subscribe to what the nodes say of themselves, the plan, and every plant's motion."""
         self.connections.listen(node)
+        node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
+        for plant in self.plants:
+            for topic, take in (
+                ('joint_states', self._on_state),
+                ('tracking_error', self._on_error),
+            ):
+                node.create_subscription(
+                    JointState,
+                    f'{plant.namespace}/{topic}',
+                    partial(take, plant.namespace),
+                    qos_profile_sensor_data,
+                )
+
+    def _on_plan(self, message: String) -> None:
+        self._plan = json.loads(message.data)
+
+    def _on_state(self, space: str, message: JointState) -> None:
+        self._now = max(self._now, seconds_of(message.header.stamp))
+
+    def _on_error(self, space: str, message: JointState) -> None:
+        found = {}
+        for joint in self._view.kind.joints:
+            if joint.name in message.name:
+                index = list(message.name).index(joint.name)
+                for quantity in QUANTITIES[:2]:
+                    values, state = getattr(message, quantity), getattr(joint, quantity)
+                    if state in self._view.kind.state_names and len(values):
+                        found[state] = float(values[index])
+        self._errors[space] = found
+        at = seconds_of(message.header.stamp)
+        near = all(
+            math.hypot(*(found.get(name, math.inf) for name in names)) < allowed
+            for names, allowed in self._view.near
+        )
+        before = self._near_since.get(space, math.inf)
+        self._near_since[space] = min(before, at) if near else math.inf
 
     def missing(self, client: Client) -> list[str]:
         """
@@ -104,42 +165,103 @@ class Scene(ABC):
 
         Whoever asks earlier has a plan that some node receives when its motion is over.
         """
-        return self.unconnected() + ([] if client.service_is_ready() else ['planner'])
-
-    @abstractmethod
-    def unconnected(self) -> list[str]:
-        """Name the plants that are not heard or not driven, and the trackers that hear nobody."""
-
-    def answered(self, answer: Mapping[str, Any]) -> None:
-        """Keep the planner's answer to the request."""
-        self.answer = dict(answer)
-
-    def figures(self, problem: str) -> dict[str, Any]:
-        """Return what a plan file tells of the planner's answer."""
-        return {'problem': problem, **{name: self.answer[name] for name in _FIGURES}}
+        found = []
+        for part in self.parts:
+            name = f'{part.namespace}/{part.executable}'
+            up = client.service_is_ready()
+            if part.executable == 'tracker':
+                up = self.connections.tracker(name)
+            elif part in self.plants:
+                up = self.connections.plant(name)
+            found += [] if up else [name]
+        return found
 
     @property
-    @abstractmethod
     def planned(self) -> bool:
-        """Whether the plan has been received."""
+        """Whether the plan has been heard of."""
+        return bool(self._plan)
 
     @property
-    @abstractmethod
+    def _start(self) -> float:
+        stamp = self._plan['stamp']
+        return float(stamp['sec'] + 1e-9 * stamp['nanosec'])
+
+    @property
+    def longest(self) -> float:
+        """Time [s] from the answer to the end of the demo, at most."""
+        return 30.0 + float(self._plan['duration']) + self._view.settling + HOLD_TIME
+
+    @property
     def over(self) -> bool:
-        """Whether there is nothing more to wait for."""
+        """Whether the goal has been held long enough, or it is too late for it."""
+        if not self._plan:
+            return False
+        end = self._start + float(self._plan['duration'])
+        if self._now > end + self._view.settling + HOLD_TIME + _AFTER:
+            return True
+        if not self._view.near or len(self._near_since) < len(self.plants):
+            return False
+        return self._now - max(end, *self._near_since.values()) > HOLD_TIME + _AFTER
 
-    @abstractmethod
     def status(self) -> str:
-        """Return the live line."""
+        """Return the live line: time, and how far the plants are from their plans."""
+        if not math.isfinite(self._now):
+            return 'waiting for the plants'
+        parts = []
+        if self._plan:
+            since, length = self._now - self._start, float(self._plan['duration'])
+            parts.append(f't = {since:+6.2f} s of {length:.2f} s, off the plan by')
+            several = len(self._errors) > 1
+            for space, errors in self._errors.items():
+                shown = ' '.join(f'{name} {value:+.3f}' for name, value in errors.items())
+                worst = max(map(abs, errors.values()), default=0.0)
+                parts.append(f'{space.rsplit("/", 1)[-1]} {worst:.3f}' if several else shown)
+        return '   '.join(parts)
 
-    @abstractmethod
-    def judge(self) -> Verdict:
-        """Judge what was measured."""
 
-    @abstractmethod
-    def plan(self) -> dict[str, Any]:
-        """Return the plan as published, checked again, for the JSON file."""
+def make_scene(plant: str, parameters: Path | None, output: Path) -> Scene:
+    """
+    Return the scene of a built-in plant, or of a stated problem by its name.
 
-    @abstractmethod
-    def draw(self, path: Path) -> None:
-        """Write the picture of plan and measurement."""
+    Raises
+    ------
+    InvalidProblem
+        If there is no such problem, or the parameter file cannot be used.
+
+    """
+    made = {'pendulum': _pendulum, 'robots': _robots}.get(plant)
+    if made is not None:
+        return made(config_file(f'{plant}.yaml') if parameters is None else parameters)
+    kind = load_problem(plant)
+    file = output / 'parameters.yaml' if parameters is None else parameters
+    values = read_parameters(parameters, node='planner', required=False) if parameters else {}
+    space = f'/{kind.name}'
+    parts = tuple(
+        Part(executable, space, {parameter: plant})
+        for executable, parameter in (
+            ('plant', 'problem'),
+            ('tracker', 'kind'),
+            ('planner', 'problem'),
+        )
+    )
+    return Scene(kind.from_parameters(values), space, parts, file.resolve())
+
+
+def _pendulum(file: Path) -> Scene:
+    space = '/pendulum'
+    problem = load_problem('pendulum_swing_up')
+    parts = tuple(Part(name, space) for name in ('pendulum_plant', 'tracker', 'planner'))
+    values = read_parameters(file, namespace=space)
+    return Scene(problem.from_parameters(values), space, parts, file.resolve(), rates=2.0)
+
+
+def _robots(file: Path) -> Scene:
+    space = '/robots'
+    values = read_parameters(file, namespace=space)
+    problem = load_problem('robot_formation').from_parameters(values)
+    parts = [
+        Part(node.executable, f'{space}/{node.robot}'.rstrip('/'), node.parameters)
+        for node in robot_nodes({'/**/planner': {'ros__parameters': values}})
+    ]
+    ordered = sorted(parts, key=lambda part: part.executable == 'planner')
+    return Scene(problem, space, tuple(ordered), file.resolve())

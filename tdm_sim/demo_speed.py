@@ -40,12 +40,14 @@ _COVER_REAL_TIME: Mapping[str, tuple[str, ...]] = {
     'tracker': ('state_timeout', 'replan.interval'),
     'pendulum_plant': ('command_timeout',),
     'robot_plant': ('command_timeout',),
+    'plant': ('command_timeout',),
 }
 _DECLARED: Mapping[str, Callable[[], Mapping[str, ParameterSpec]]] = {
     'planner': lambda: specifications(RequestParameters),
     'tracker': lambda: tracker_specifications('pendulum'),
     'pendulum_plant': lambda: specifications(SimulationParameters),
     'robot_plant': lambda: specifications(SimulationParameters),
+    'plant': lambda: specifications(SimulationParameters),
 }
 
 

@@ -40,7 +40,7 @@ STEPPED_PATIENCE = 20.0  # s, where that changes nothing
 HELD = 0.5  # s upright, after which the pendulum counts as held
 UPRIGHT = 0.2  # rad from upright within which the pendulum is held
 LONGEST_LOOK = 5.0  # s before a torque that its command is looked for
-FIGURES = 'TDM_FAULT_FIGURES'  # the file where `python -m tools.measure_faults` collects
+FIGURES = 'TDM_FAULT_FIGURES'  # the file to keep figures in
 _QUEUE = 20_000
 
 # The plant is 2 % other than planner and tracker believe, and its sensors are noisy.

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The documentation's generated parts: what stands between markers in its pages, and pictures.
+The documentation's generated parts: what stands between markers in its pages.
 
 A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for the name, then
 ``<!-- end -->``.
@@ -33,7 +33,6 @@ from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.json_keys import json_keys
 from tools.node_parameters import parameters_by_node
-from tools.node_pictures import node_picture
 from tools.node_tables import (
     key_table,
     launch_arguments,
@@ -64,9 +63,6 @@ def documentation(folder: Path) -> dict[Path, str]:
         text = path.read_text(encoding='utf-8')
         if '_build' not in path.parts and _MARKED.search(text):
             found[path] = filled(text)
-    for name in SET_UPS:
-        picture = folder / 'images' / 'nodes' / f'{name.replace(" ", "_")}.svg'
-        found[picture] = node_picture(name.split()[0], endpoints(name))
     return found
 
 

@@ -68,22 +68,16 @@ def best_of(attempts: Sequence[Attempt]) -> Attempt:
 def alternate(
     methods: Mapping[str, Method],
     cases: Sequence[int],
-    limits: Mapping[str, int],
     report: Callable[[str], None],
 ) -> dict[str, list[Attempt]]:
-    """
-    Solve every case by every method in turn, each time beginning with another one.
-
-    `limits` holds how many of the cases a slow method is given, by name.
-    """
+    """Solve every case by every method in turn, each time beginning with another one."""
     names = list(methods)
     found: dict[str, list[Attempt]] = {name: [] for name in names}
     for count, case in enumerate(cases):
         turn = count % len(names)
         for name in names[turn:] + names[:turn]:
-            if count < limits.get(name, len(cases)):
-                report(f'case {count + 1} of {len(cases)}: {name}')
-                found[name].append(methods[name](case))
+            report(f'case {count + 1} of {len(cases)}: {name}')
+            found[name].append(methods[name](case))
     return found
 
 

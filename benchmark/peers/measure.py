@@ -22,21 +22,13 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
-import importlib.util
 import json
 import os
 from pathlib import Path
 from typing import Any
 
-from benchmark.peers import memory, scaling
 from benchmark.peers.attempts import alternate, Attempt, best_of
-from benchmark.peers.pendulum_cases import (
-    best_known,
-    DRAKE,
-    DRAKE_CASES,
-    GUESSES,
-    PendulumCases,
-)
+from benchmark.peers.pendulum_cases import best_known, GUESSES, PendulumCases
 from benchmark.peers.robots_cases import BOWS, RobotsCases
 from benchmark.pendulum import REGIMES
 from benchmark.progress import report
@@ -46,32 +38,21 @@ import tdm_planner
 BEST = 'collocation, best of 3 guesses'
 
 
-def measure(cases: int, extent: scaling.Extent) -> dict[str, Any]:
-    """Return everything as JSON holds it: `cases` of the problems, the growth to an extent."""
+def measure(cases: int) -> dict[str, Any]:
+    """Return everything as JSON holds it: `cases` of the problems."""
     figures: dict[str, Any] = {'cases': cases, 'versions': versions(), 'problems': {}}
     problems = figures['problems']
     for regime in REGIMES:
         pendulum = PendulumCases(regime)
-        found = alternate(pendulum.methods(), range(cases), {DRAKE: DRAKE_CASES}, report)
+        found = alternate(pendulum.methods(), range(cases), report)
         problems[f'pendulum, {regime} torque'] = _problem(found, list(GUESSES), best_known(regime))
         problems[f'pendulum, {regime} torque']['build_s'] = pendulum.collocation.build_seconds
         problems[f'pendulum, {regime} torque']['variables'] = pendulum.collocation.solver.variables
     robots = RobotsCases()
-    found = alternate(robots.methods(), range(cases), {}, report)
+    found = alternate(robots.methods(), range(cases), report)
     problems['3 robots'] = _problem(found, list(BOWS), references())
     problems['3 robots']['build_s'] = robots.collocation.build_seconds
     problems['3 robots']['variables'] = robots.collocation.solver.variables
-    if importlib.util.find_spec('ruckig') is not None:
-        problems['3 robots']['bound'] = _bounds(robots, cases)
-    report('memory: one process a solver')
-    figures['memory_mb'] = {
-        problem: {solver: memory.peak(solver, problem) for solver in memory.SOLVERS}
-        for problem in memory.PROBLEMS
-    }
-    figures['memory_mb']['robots']['Drake'] = None
-    figures['nodes'] = scaling.nodes(extent)
-    figures['parameters'] = scaling.parameters(extent)
-    figures['teams'] = scaling.teams(extent)
     return figures
 
 
@@ -88,27 +69,9 @@ def _problem(
     }
 
 
-def _bounds(robots: RobotsCases, cases: int) -> list[dict[str, float]]:
-    from benchmark.peers.ruckig_bound import bound
-
-    found = []
-    for case in range(cases):
-        task = robots.problem(case).task
-        best = bound(task)
-        found.append(
-            {
-                'case': case,
-                'cost': best.cost,
-                'seconds': best.seconds,
-                'apart': best.separation / task.separation,
-            }
-        )
-    return found
-
-
 def versions() -> dict[str, str]:
     """Versions of this package and of what it is compared with."""
-    names = ('numpy', 'scipy', 'numba', 'daqp', 'casadi', 'drake', 'ruckig')
+    names = ('numpy', 'scipy', 'numba', 'daqp', 'casadi')
     found = {'tdm_planner': tdm_planner.__version__}
     for name in names:
         try:
@@ -125,12 +88,10 @@ def main() -> None:
     )
     parser.add_argument('--cases', type=int, default=100, help='random cases of every problem')
     parser.add_argument('--output', type=Path, required=True, help='JSON file to write')
-    parser.add_argument('--quick', action='store_true', help='as little of the growth as shows it')
     arguments = parser.parse_args()
     if hasattr(os, 'sched_setaffinity'):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    extent = scaling.QUICK if arguments.quick else scaling.FULL
-    figures = measure(arguments.cases, extent)
+    figures = measure(arguments.cases)
     arguments.output.write_text(json.dumps(figures) + '\n')
 
 

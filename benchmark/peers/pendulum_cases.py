@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-import importlib.util
 import json
 from pathlib import Path
 import time
@@ -46,13 +45,12 @@ Array = NDArray[np.float64]
 
 INTERVALS = 50
 DEADLINE = 2.0
-DRAKE_CASES = 30
 _NEAR = np.array([0.05, 0.05, 0.25, 0.25])  # rad, rad/s: how far a neighbouring state is
 _BEST_KNOWN = Path(__file__).parents[1] / 'data' / 'pendulum_best_known.json'
 
 OURS, OURS_WARM = 'tdm_planner', 'tdm_planner, warm'
 LINE, SWING, PUMP = (f'collocation, {kind}' for kind in ('straight line', 'swing', 'slow swing'))
-COLLOCATION_WARM, DRAKE = 'collocation, warm', 'Drake + SNOPT, swing'
+COLLOCATION_WARM = 'collocation, warm'
 GUESSES: dict[str, Callable[[SwingUpTask], Guess]] = {
     LINE: straight_line,
     SWING: lambda task: energy_swing(task, HARD),
@@ -91,8 +89,6 @@ class PendulumCases:
                 case, guess(self.task(case))
             )
         found[COLLOCATION_WARM] = self.collocate_warm
-        if importlib.util.find_spec('pydrake') is not None:
-            found[DRAKE] = self._drake()
         return found
 
     def ours(self, case: int, earlier: Solution | None) -> Attempt:
@@ -153,27 +149,3 @@ class PendulumCases:
 
     def _end(self, outcome: Outcome) -> Array:
         return np.asarray(self.collocation.trajectory(outcome).states[-1])
-
-    def _drake(self) -> Method:
-        from benchmark.peers.drake_pendulum import DrakeSwingUp
-
-        drake = DrakeSwingUp(self.task(0), self.intervals)
-
-        def solve(case: int) -> Attempt:
-            task = self.task(case)
-            guess = energy_swing(task, HARD)
-            found = drake.solve(task.start, task.goal_nearest(guess.states[-1]), guess)
-            reasons = ('not converged',)
-            if found.converged:
-                reasons = judge_pendulum(task, found.motion)  # type: ignore[assignment]
-            return Attempt(
-                case,
-                found.converged,
-                not reasons,
-                found.seconds,
-                None,
-                found.motion.duration,
-                '; '.join(reasons),
-            )
-
-        return solve

@@ -24,20 +24,6 @@ import numpy as np
 
 OURS, OURS_WARM, COLLOCATION_WARM = 'tdm_planner', 'tdm_planner, warm', 'collocation, warm'
 _BLANK = '-'
-_NOTES = {
-    'nodes': (
-        'Intervals of the collocation (swing; straight ways), for the robots those to the first '
-        "arrival; nodes of this package's quadrature of the gas."
-    ),
-    'parameters': (
-        'Order of the polynomials with end accelerations given (the first row) or varied; most '
-        'arcs of constant torque.'
-    ),
-    'teams': (
-        'Collocation starts from straight ways, is given 20 s a case, and is not tried for more '
-        'than 8 robots.'
-    ),
-}
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]], align: str = 'r') -> str:
@@ -119,70 +105,15 @@ def pace(times: float | None) -> str:
     return f'{times:.2g} times slower' if times >= 1 else f'{1 / times:.2g} times quicker'
 
 
-def bound(problem: Mapping[str, Any]) -> str:
-    """One sentence on what Ruckig's motions say."""
-    found = problem.get('bound')
-    if not found:
-        return ''
-    costs = {item['case']: item['cost'] for item in found}
-    ours = [a for a in problem['attempts'][OURS] if a['solved']]
-    over = [a['cost'] / costs[a['case']] for a in ours]
-    clear = sum(item['apart'] >= 1.0 for item in found)
-    micro = 1e6 * float(np.median([item['seconds'] for item in found]))
-    return (
-        f'Ruckig along the straight ways ({micro:.0f} us for three robots) bounds J from below: '
-        f'plans of this package cost {np.median(over):.3f} of the bound in the median, '
-        f'{np.max(over):.3f} at most. The bound knows no collisions; its motions keep the '
-        f'separation in {clear} of {len(found)} crossings.'
-    )
-
-
-def scaling(rows: Sequence[Mapping[str, Any]], value: str, against_what: str) -> str:
-    """Time and cost over nodes, varied parameters or robots."""
-    head = [
-        'problem', 'solver', value, 'variables', 'cases', 'solved', 'ms, median',
-        f'cost / {against_what}', 'build, s',
-    ]  # fmt: skip
-    return markdown(
-        head,
-        [
-            [
-                row['section'], row['solver'], str(row['value']),
-                _BLANK if row['variables'] is None else str(row['variables']),
-                str(row['cases']), share(row['solved']), number(row['ms_median']),
-                ratio(row['ratio_median']), number(row.get('build_s'), 2),
-            ]
-            for row in rows
-        ],
-    )  # fmt: skip
-
-
-def memory(figures: Mapping[str, Mapping[str, float | None]]) -> str:
-    """Peak memory of every solver."""
-    solvers = list(next(iter(figures.values())))
-    rows = [[problem, *(number(found[s]) for s in solvers)] for problem, found in figures.items()]
-    return markdown(['MB', *('problem stated' if s == 'none' else s for s in solvers)], rows)
-
-
 def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Headings and tables."""
     found = []
     for name, problem in figures['problems'].items():
-        parts = [comparison(problem), bound(problem)]
-        parts.append(
+        program = (
             f'The program of the collocation has {problem["variables"]} variables; building it '
             f'and its derivatives took {problem["build_s"]:.2f} s, once, not counted above.'
         )
-        found.append((name, '\n\n'.join(part for part in parts if part)))
-    note = 'Peak of a process that solves five cases; all of them load this package to state them.'
-    found.append(('Memory', f'{note}\n\n{memory(figures["memory_mb"])}'))
-    for heading, key, value, relative in (
-        ('Nodes', 'nodes', 'nodes', 'best known'),
-        ('Varied parameters', 'parameters', 'order or arcs', 'best known'),
-        ('Robots', 'teams', 'robots', 'ours'),
-    ):
-        note = _NOTES[key]
-        found.append((heading, f'{note}\n\n{scaling(figures[key], value, relative)}'))
+        found.append((name, f'{comparison(problem)}\n\n{program}'))
     return found
 
 

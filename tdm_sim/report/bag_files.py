@@ -16,34 +16,32 @@
 Messages of a recording, whole or damaged: rosbag2 folders and single MCAP or SQLite files.
 
 A recording that is whole is read by `rosbags`. Of one that was cut short - no metadata, no index,
-half a file - everything that can still be read is.
+half a file - what comes before the damage is read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
 import shutil
-import struct
+import sqlite3
 from tempfile import TemporaryDirectory
 from typing import ClassVar, NamedTuple
 
 from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report import untrusted
-from tdm_sim.report.damaged_mcap import LARGEST_RECORD, read_records
 import zstandard
 
 STORAGES = ('.mcap', '.db3')
 _COMPRESSED = '.zstd'
 _ZSTD = b'\x28\xb5\x2f\xfd'
-_SIDECARS = ('-wal', '-journal')
-_LARGEST_PAGE = 65536  # of SQLite, bytes
-_LARGEST_DATABASE = 2**42
+_LARGEST = 2**30  # bytes of a record or a message; a longer one is damage
 _BLOCK = 2**20
 
 
@@ -96,41 +94,39 @@ def check_recording(path: Path) -> None:
         )
 
 
-def topics(path: Path) -> dict[str, str]:
-    """Return the type of every topic of a whole recording."""
-    with Reader(path) as reader:
-        return {connection.topic: connection.msgtype for connection in reader.connections}
-
-
 def messages(path: Path, wanted: Wanted) -> Iterator[Raw]:
     """Read a whole recording; raises whatever the library does for one that is damaged."""
-    if path.suffix == _COMPRESSED or _sidecars(path):
+    if path.suffix == _COMPRESSED or path.with_name(path.name + '-wal').exists():
         raise UnreadableRecording(f"'{path}' must be unpacked first")
     with Reader(path) as reader:
         chosen = [c for c in reader.connections if wanted(c.topic, c.msgtype)]
-        if not chosen:
-            return
-        for connection, stamp, data in reader.messages(chosen):
-            yield Raw(connection.topic, connection.msgtype, stamp, unpacked(data))
+        for connection, stamp, data in reader.messages(chosen) if chosen else ():
+            yield Raw(connection.topic, connection.msgtype, stamp, _unpacked(data))
 
 
 def salvaged(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
     """Read what is left of a damaged recording; what is lost is told in `notes`."""
-    files = _files(path) if path.is_dir() else [path]
-    for file in files:
-        with _unpacked_file(file, notes) as plain:
+    for file in _files(path) if path.is_dir() else [path]:
+        with TemporaryDirectory(prefix='tdm_report') as folder:
+            plain = _copied(file, Path(folder), notes)
             read = _salvaged_mcap if plain.suffix == '.mcap' else _salvaged_sqlite
-            yield from read(plain, wanted, notes)
+            try:
+                yield from read(plain, wanted)
+            except Exception as error:  # noqa: B902
+                # The libraries raise many kinds where a file ends in the middle.
+                notes.append(
+                    f'{file.name} is damaged or was cut short: messages are missing '
+                    f'({untrusted.text(str(error), 100)}).'
+                )
 
 
-def unpacked(data: bytes) -> bytes:
+def _unpacked(data: bytes) -> bytes:
     """Return a message, unpacked where it was compressed alone."""
     if data[:4] != _ZSTD:
         return data
-    limit = zstandard.frame_content_size(data)
-    if limit > LARGEST_RECORD:
+    if zstandard.frame_content_size(data) > _LARGEST:
         raise ValueError('a compressed message is too large')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_RECORD)
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=_LARGEST)
 
 
 def _storage(path: Path) -> str:
@@ -145,95 +141,60 @@ def _files(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: [int(n) for n in re.findall(r'\d{1,9}', path.name)])
 
 
-def _sidecars(path: Path) -> list[Path]:
-    """Return what SQLite has not yet moved into a file that was not closed."""
-    beside = [path.with_name(path.name + ending) for ending in _SIDECARS]
-    return [file for file in beside if file.is_file() and file.stat().st_size]
-
-
-@contextmanager
-def _unpacked_file(path: Path, notes: list[str]) -> Iterator[Path]:
-    """Return a file that can be read as it is; originals are not touched."""
-    beside, size = _sidecars(path), _stated_size(path)
-    if path.suffix != _COMPRESSED and not beside and size <= path.stat().st_size:
-        yield path
-        return
-    with TemporaryDirectory(prefix='tdm_report') as folder:
-        plain = Path(folder, 'recording' + _storage(path))
-        if path.suffix == _COMPRESSED:
-            _unpack(path, plain, notes)
-        else:
-            shutil.copyfile(path, plain)
-        for file in beside:
-            shutil.copyfile(file, plain.with_name(plain.name + file.name.removeprefix(path.name)))
-        if _stated_size(plain) > plain.stat().st_size and not beside:
-            # SQLite refuses a file that is too short; pages of zeros it only refuses to read.
-            notes.append(f'{path.name} was cut short: what was recorded last is missing.')
-            os.truncate(plain, _stated_size(plain))
-        yield plain
-
-
-def _stated_size(path: Path) -> int:
-    """Return how long a database says it is [bytes]; 0 if it is none, or says nothing sensible."""
-    with path.open('rb') as file:
-        head = file.read(32)
-    if len(head) < 32 or not head.startswith(b'SQLite format 3'):
-        return 0
-    page, count = struct.unpack('>H', head[16:18])[0], struct.unpack('>I', head[28:])[0]
-    size = count * (_LARGEST_PAGE if page == 1 else page)
-    return size if size < _LARGEST_DATABASE else 0
-
-
-def _unpack(packed: Path, plain: Path, notes: list[str]) -> None:
-    with packed.open('rb') as source, plain.open('wb') as target:
+def _copied(path: Path, folder: Path, notes: list[str]) -> Path:
+    """Return a file that can be read, and written to, as it is; originals are not touched."""
+    if path.suffix != _COMPRESSED and _storage(path) == '.mcap':
+        return path
+    plain = folder / f'recording{_storage(path)}'
+    if path.suffix != _COMPRESSED:
+        shutil.copyfile(path, plain)
+        for ending in ('-wal', '-journal'):  # what SQLite has not yet moved into the file
+            beside = path.with_name(path.name + ending)
+            if beside.is_file():
+                shutil.copyfile(beside, plain.with_name(plain.name + ending))
+        # SQLite refuses a file that is too short; pages of zeros it only refuses to read.
+        with plain.open('rb') as file:
+            head = file.read(32).ljust(32, b'\0')
+        stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')
+        if plain.stat().st_size < stated < _LARGEST:
+            os.truncate(plain, stated)
+        return plain
+    with path.open('rb') as source, plain.open('wb') as target:
         stream = zstandard.ZstdDecompressor().stream_reader(source, read_across_frames=True)
         try:
             while block := stream.read(_BLOCK):
                 target.write(block)
         except zstandard.ZstdError:
-            notes.append(f'{packed.name} is damaged: it was unpacked as far as it goes.')
+            notes.append(f'{path.name} is damaged: it was unpacked as far as it goes.')
+    return plain
 
 
-def _salvaged_mcap(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
+def _salvaged_mcap(path: Path, wanted: Wanted) -> Iterator[Raw]:
     topics: dict[int, tuple[str, str]] = {}
     schemas: dict[int, str] = {}
-    for record in read_records(path, notes):
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel):
-            topics[record.id] = record.topic, schemas.get(record.schema_id, '')
-        elif isinstance(record, Message) and record.channel_id in topics:
-            topic, kind = topics[record.channel_id]
-            if wanted(topic, kind):
-                with suppress(Exception):  # of a compressed message that is damaged
-                    yield Raw(topic, kind, record.log_time, unpacked(record.data))
+    with path.open('rb') as file:
+        for record in StreamReader(file, record_size_limit=_LARGEST).records:
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                topics[record.id] = record.topic, schemas.get(record.schema_id, '')
+            elif isinstance(record, Message) and wanted(*topics.get(record.channel_id, ('', ''))):
+                with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
+                    data = _unpacked(record.data)
+                    yield Raw(*topics[record.channel_id], record.log_time, data)
 
 
-def _salvaged_sqlite(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
-    import sqlite3
-
-    # Copied files may be written to (SQLite puts them in order); others are left as they are.
-    mode = 'mode=rw' if _sidecars(path) else 'mode=ro&immutable=1'
+def _salvaged_sqlite(path: Path, wanted: Wanted) -> Iterator[Raw]:
+    database = sqlite3.connect(path)
     try:
-        database = sqlite3.connect(f'{path.absolute().as_uri()}?{mode}', uri=True)
         database.text_factory = lambda text: text.decode('utf-8', 'replace')
         rows = database.execute('SELECT id, name, type FROM topics').fetchall()
-    except (sqlite3.Error, ValueError) as error:  # a message of SQLite's may not be text
-        notes.append(f'{path.name} cannot be read as a database of messages ({_said(error)}).')
-        return
-    known = {key: (str(name), str(kind)) for key, name, kind in rows}
-    chosen = [key for key, (name, kind) in known.items() if wanted(name, kind)]
-    marks = ','.join('?' * len(chosen))
-    query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
-    try:
+        known = {key: (str(name), str(kind)) for key, name, kind in rows}
+        chosen = [key for key, (name, kind) in known.items() if wanted(name, kind)]
+        marks = ','.join('?' * len(chosen))
+        query = f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})'
         for key, stamp, data in database.execute(query, chosen):
-            with suppress(Exception):  # of a compressed message that is damaged
-                yield Raw(*known[key], int(stamp), unpacked(bytes(data)))
-    except (sqlite3.Error, ValueError) as error:
-        notes.append(f'{path.name} is damaged: messages are missing ({_said(error)}).')
+            with suppress(zstandard.ZstdError, ValueError):  # of a compressed message
+                yield Raw(*known[key], int(stamp), _unpacked(bytes(data)))
     finally:
         database.close()
-
-
-def _said(error: Exception) -> str:
-    return untrusted.text(str(error), 100)

@@ -17,42 +17,40 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-import re
 
+from tdm_planner.problems.base import Problem
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import (
-    check_recording,
-    messages,
-    salvaged,
-    UnreadableRecording,
-)
-from tdm_sim.report.mission import Mission, PlanFigures, Vehicle
-from tdm_sim.report.plan_documents import (
-    diagnosed_figures,
-    PlannedVehicle,
-    PlanSummary,
-    read_summary,
-)
-from tdm_sim.report.recorded_choice import choose
-from tdm_sim.report.recorded_clock import RecordedClock
-from tdm_sim.report.recorded_events import events, statuses
-from tdm_sim.report.recorded_gaps import gaps
-from tdm_sim.report.recorded_plans import in_force, read_plans, TimedPlan
+from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
+from tdm_sim.report.mission import Mission, Vehicle
+from tdm_sim.report.plan_documents import PlanSummary, problem_of, read_summary
+from tdm_sim.report.recorded_events import events, RecordedClock
 from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
-from tdm_sim.report.recorded_vehicles import find_sites, measured, namespace_of, Site
+from tdm_sim.report.recorded_vehicles import (
+    choose,
+    find_sites,
+    followed,
+    measured,
+    namespace_of,
+    Planner,
+    read_plans,
+    RecordedPlan,
+    Site,
+)
 
 _MOST_NAMED = 8  # topics that an error message lists
-_TITLES = {'pendulum': 'Swing-up of the rotary pendulum', 'robot': 'Formation of floating robots'}
 
-Summaries = dict[str, dict[int, PlanSummary]]
+Summaries = dict[str, dict[int, PlanSummary]]  # by namespace and start [ns]
 
 
-def read_bag(path: Path, namespace: str | None = None) -> Mission:
+def read_bag(
+    path: Path, namespace: str | None = None, given: type[Problem] | None = None
+) -> Mission:
     """
     Read the mission that a recording holds, that below `namespace` if it holds several.
+
+    `given` is the class of a problem that is not installed.
 
     Raises
     ------
@@ -64,11 +62,21 @@ def read_bag(path: Path, namespace: str | None = None) -> Mission:
     notes: list[str] = []
     topics = _topics(path, notes)
     summaries = _summaries(topics, notes)
-    found = find_sites(topics, summaries)
-    if not found:
+    reasons: dict[str, list[str]] = {planner: [] for planner in summaries}
+    planners = {
+        planner: Planner(
+            _problem(found, given, reasons[planner]),
+            {name: told.kind for name, told in found[max(found)].vehicles.items()},
+        )
+        for planner, found in summaries.items()
+    }
+    sites = find_sites(topics, planners)
+    if not sites:
         raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
-    sites = choose(found, topics, namespace, notes)
-    return _mission(topics, summaries.get(sites[0].planner, {}), sites, path, notes)
+    chosen = choose(sites, topics, namespace, notes)
+    planner = chosen[0].planner
+    notes += reasons.get(planner, [])
+    return _mission(topics, summaries.get(planner, {}), chosen, path, notes)
 
 
 def _topics(path: Path, notes: list[str]) -> RecordedTopics:
@@ -95,10 +103,10 @@ def _topics(path: Path, notes: list[str]) -> RecordedTopics:
 
 
 def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str]) -> str:
-    if not topics:
+    names = [untrusted.text(topic, 60) for topic in sorted(topics) if topic]
+    if not names:
         reason = damage[0].rstrip('.') if damage else 'it holds no messages'
         return f"nothing can be read from the recording '{path}': {untrusted.text(reason)}"
-    names = [untrusted.text(topic, 60) for topic in sorted(topics)]
     more = f' and {len(names) - _MOST_NAMED} more' if len(names) > _MOST_NAMED else ''
     return (
         f"the recording '{path}' holds nothing of a planner, tracker or plant of tdm_planner; its "
@@ -118,12 +126,12 @@ def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
     return found
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """The mission's origin [ns], and plan numbers by the start of the motion [ns]."""
-
-    origin: int
-    plan_ids: Mapping[int, str]
+def _problem(
+    summaries: Mapping[int, PlanSummary], given: type[Problem] | None, notes: list[str]
+) -> Problem | None:
+    """Return the problem as it was asked last."""
+    last = summaries[max(summaries)]
+    return problem_of(last.problem, last.figures(0).parameters, given, notes)
 
 
 def _mission(
@@ -134,29 +142,37 @@ def _mission(
     notes: list[str],
 ) -> Mission:
     names = _names(sites, summaries)
-    plans = {
-        site: read_plans(topics, site.namespace, site.plant, _said(summaries, names[site]), notes)
-        for site in sites
-    }
-    origin = _origin(topics, sites, plans, summaries)
-    figures = _figures(topics, summaries, sites[0].planner, origin, plans)
-    frame = _Frame(origin, {start: _number(figures, start, origin) for start in _starts(plans)})
-    vehicles = [_vehicle(topics, site, names[site], plans[site], frame) for site in sites]
+    plans: dict[Site, list[RecordedPlan]] = {}
+    for site in sites:
+        told = {
+            start: summary.vehicles[names[site]].interpolation
+            for start, summary in summaries.items()
+            if names[site] in summary.vehicles
+        }
+        plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
+    starts = sorted({plan.start for found in plans.values() for plan in found})
+    origin = (starts or sorted(summaries) or _firsts(topics, sites))[0]
+    figures = [summaries[start].figures(origin) for start in sorted(summaries)]
+    ids = {start: summary.figures(origin).plan_id for start, summary in summaries.items()}
+    vehicles = []
+    for site in sites:
+        own = followed(plans[site], origin, ids)
+        found = measured(topics, site, origin, own)
+        vehicles.append(Vehicle(names[site], site.view, own, **vars(found)))
     clock = RecordedClock.of(topics)
     happened, left_out = events(topics, sites[0].planner, origin, clock)
     if left_out:
         notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
-    notes += gaps(topics, sites, vehicles, summaries, figures, names)
-    parameters = next((f.parameters for f in reversed(figures) if f.parameters), {})
+    notes += _gaps(topics, sites, vehicles, summaries, names)
     return Mission(
-        title=_TITLES.get(sites[0].plant, names[sites[0]]),
-        problem=next((s.problem for s in summaries.values()), _problem(topics, sites)),
+        title=sites[0].view.title or names[sites[0]],
+        problem=next((s.problem for s in summaries.values()), ''),
         vehicles=tuple(vehicles),
         figures=tuple(figures),
         events=tuple(happened),
-        parameters=parameters,
+        parameters=next((f.parameters for f in reversed(figures) if f.parameters), {}),
         missing=tuple(dict.fromkeys(notes)),
-        counters=_counters(topics, sites[0].planner),
+        document=summaries[max(summaries)].document if summaries else {},
         source=str(path),
         recorded_at=origin * NANOSECOND,
         speed=1.0 if clock is None else clock.speed,
@@ -169,119 +185,62 @@ def _names(sites: Sequence[Site], summaries: Mapping[int, PlanSummary]) -> dict[
     names = {}
     for site in sites:
         own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
-        if site.plant == 'pendulum':
-            own = 'pendulum'
-        elif site.namespace == site.planner and len(told) == 1:
-            own = next(iter(told))
-        names[site] = own or 'vehicle'
+        if site.namespace == site.planner:
+            own = next(iter(told)) if len(told) == 1 else site.view.name
+        names[site] = own or site.view.name
     return names
 
 
-def _said(summaries: Mapping[int, PlanSummary], name: str) -> dict[int, PlannedVehicle]:
-    return {
-        start: summary.vehicles[name]
-        for start, summary in summaries.items()
-        if name in summary.vehicles
-    }
-
-
-def _starts(plans: Mapping[Site, Sequence[TimedPlan]]) -> list[int]:
-    return sorted({plan.start for found in plans.values() for plan in found})
-
-
-def _origin(
-    topics: RecordedTopics,
-    sites: Sequence[Site],
-    plans: Mapping[Site, Sequence[TimedPlan]],
-    summaries: Mapping[int, PlanSummary],
-) -> int:
-    """Return the start of the first plan [ns]; failing that, of the first measurement."""
-    starts = _starts(plans) or sorted(summaries)
-    if starts:
-        return starts[0]
+def _firsts(topics: RecordedTopics, sites: Sequence[Site]) -> list[int]:
+    """Return the instant of the first measurement [ns]."""
     own = {site.namespace for site in sites}
     firsts = [
         int(stream.instants[0])
         for topic, stream in topics.streams.items()
         if namespace_of(topic) in own and stream.instants.size
     ]
-    return min(firsts, default=0)
+    return sorted(firsts) or [0]
 
 
-def _figures(
+def _gaps(
     topics: RecordedTopics,
+    sites: Sequence[Site],
+    vehicles: Sequence[Vehicle],
     summaries: Mapping[int, PlanSummary],
-    planner: str,
-    origin: int,
-    plans: Mapping[Site, Sequence[TimedPlan]],
-) -> list[PlanFigures]:
-    """Return figures of every plan: the planner's summary or, failing that, its diagnostics."""
-    if summaries:
-        return [summaries[start].figures(origin) for start in sorted(summaries)]
-    starts = _starts(plans)
-    found: dict[str, PlanFigures] = {}
-    for status in statuses(topics):
-        if namespace_of(status.source) == planner:
-            # Plans are numbered from 1; with others before the recording, the last are these.
-            figures = diagnosed_figures(status.values, 0.0)
-            if figures is not None:
-                found[figures.plan_id] = figures
-    count = len(starts)
-    last = list(found.values())[-count:] if count else []
-    shift = len(starts) - len(last)
-    return [
-        PlanFigures(**{**vars(figures), 'time': (starts[shift + k] - origin) * NANOSECOND})
-        for k, figures in enumerate(last)
+    names: Mapping[Site, str],
+) -> list[str]:
+    """Say what is not in the recording, and what follows."""
+    found = []
+    for site, vehicle in zip(sites, vehicles, strict=True):
+        where = untrusted.text(site.namespace, 100)
+        states = 'odom' if site.view.kind.odometry else 'joint_states'
+        expected: list[tuple[str, object, str]] = [
+            (states, vehicle.states, 'what the plant did is not known'),
+            ('joint_command', vehicle.commands, 'what the tracker asked for is not known'),
+            ('tracking_error', vehicle.tracking_error, 'errors are those of states and plans'),
+        ]
+        if site.view.kind.odometry:
+            told = 'what the actuators did is not known'
+            expected.append(('joint_states', vehicle.applied, told))
+        for topic, there, consequence in expected:
+            if there is None:
+                found.append(f'{where}/{topic} is not in the recording, or empty: {consequence}.')
+        if not vehicle.plans:
+            found.append(f'There is no plan of {vehicle.name} in the recording.')
+    if not summaries:
+        found.append(
+            f'{untrusted.text(sites[0].planner, 100)}/plan_summary is not in the '
+            'recording: neither cost nor limits of the plans are known.'
+        )
+    named = next(iter(summaries.values())).vehicles if summaries else {}
+    found += [
+        f'Nothing of {name}, which the plan names, is in the recording.'
+        for name in named
+        if name not in names.values()
     ]
-
-
-def _number(figures: Sequence[PlanFigures], start: int, origin: int) -> str:
-    time = (start - origin) * NANOSECOND
-    return next((f.plan_id for f in figures if abs(f.time - time) < 1e-6), '')
-
-
-def _vehicle(
-    topics: RecordedTopics, site: Site, name: str, plans: Sequence[TimedPlan], frame: _Frame
-) -> Vehicle:
-    followed = in_force(plans, frame.origin, frame.plan_ids)
-    found = measured(topics, site, frame.origin, followed)
-    return Vehicle(
-        name=name,
-        plant=site.plant,
-        plans=followed,
-        states=found.states,
-        commands=found.commands,
-        applied=found.applied,
-        tracking_error=found.tracking_error,
-    )
-
-
-def _problem(topics: RecordedTopics, sites: Sequence[Site]) -> str:
-    """Return the problem's name from the planner's diagnostics."""
-    for status in statuses(topics):
-        if namespace_of(status.source) == sites[0].planner and 'problem' in status.values:
-            return untrusted.text(status.values['problem'], 100)
-    return ''
-
-
-def _counters(topics: RecordedTopics, planner: str) -> dict[str, int]:
-    """
-    Return how many requests the planner had, and how many failed, since its first plan.
-
-    While there is no plan, the planner may be asked before the plants are there. Without any plan
-    it is since the recording started.
-    """
-    first: dict[str, int] = {}
-    planned = False
-    last: dict[str, int] = {}
-    for status in statuses(topics):
-        if namespace_of(status.source) == planner and 'plan id' in status.values:
-            if not planned and status.values['plan id'] != '0':
-                planned = True
-                first.clear()
-            for name in ('requests', 'failures'):
-                count = status.values.get(name, '')
-                if re.fullmatch(r'\d{1,9}', count):
-                    first.setdefault(name, int(count))
-                    last[name] = int(count)
-    return {name: max(last[name] - first[name], 0) for name in last}
+    for counts, fault in (
+        (topics.malformed, 'are not what their type says and were left out'),
+        (topics.not_finite, 'hold values that are not finite, which were left out'),
+    ):
+        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
+    return found

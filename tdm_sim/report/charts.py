@@ -12,19 +12,26 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Charts of time histories: panels one below the other on one time axis, as plotly figures."""
+"""
+Charts of time histories, panels one below the other on one time axis; data inside a page.
+
+Numbers are written as plotly.js reads typed arrays, ``{"dtype": "f4", "bdata": base64}``. Texts
+come from files that anybody may have written: no string can end the element that holds the data.
+"""
 
 from __future__ import annotations
 
+import base64
 from dataclasses import dataclass
+import hashlib
 import html
+import json
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 import plotly.graph_objects as go
 from tdm_planner.palette import COLOURS, LIMIT, SWITCH
-from tdm_sim.report.embedding import packed
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']
@@ -32,6 +39,9 @@ Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching'
 # Shares of a panel's height that its title and the gap below it take.
 TITLE_SHARE, FOOT_SHARE = 0.17, 0.06
 _PADDING = 0.08
+
+# Within a JSON string these mean the same as the characters; in HTML they mean nothing.
+_ESCAPES = {'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,3 +210,36 @@ def _layout(chart: Chart) -> dict[str, Any]:
         )
     layout['meta'] = {'panels': [[p.title, p.description, p.unit] for p in chart.panels]}
     return layout
+
+
+def packed(values: ArrayLike) -> dict[str, str]:
+    """Return numbers (n,) in single precision as plotly.js reads them; NaN is a gap."""
+    data = np.ascontiguousarray(values, dtype='<f4').tobytes()
+    return {'dtype': 'f4', 'bdata': base64.b64encode(data).decode('ascii')}
+
+
+def unpacked(data: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Inverse of `packed`."""
+    return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
+
+
+def json_for_html(data: Any) -> str:
+    """
+    Return `data` as JSON that may stand inside a ``<script>`` element.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not finite, which JSON cannot hold.
+
+    """
+    text = json.dumps(data, allow_nan=False, separators=(',', ':'))
+    for character, escape in _ESCAPES.items():
+        text = text.replace(character, escape)
+    return text
+
+
+def content_hash(script: str) -> str:
+    """Return the source expression by which a content security policy lets a script run."""
+    digest = hashlib.sha256(script.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode('ascii')}'"

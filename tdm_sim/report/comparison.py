@@ -16,23 +16,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+import math
+import re
+from typing import Literal
 
-from tdm_sim.report.entries import Entry, Kind
-from tdm_sim.report.goal_entries import cost_entries, duration_entries, landing_entries
-from tdm_sim.report.limit_entries import (
-    distance_entries,
-    margin_entries,
-    planner_entries,
-    tracking_entries,
-)
-from tdm_sim.report.margins import History, limits_of, margin_history, separations
-from tdm_sim.report.mission import Mission, Signals
-from tdm_sim.report.outcome import arrival, tracking_errors, verdict
-from tdm_sim.verdict import Verdict
+import numpy as np
+from numpy.typing import NDArray
+from tdm_sim.report.margins import History, margin_history, ROUNDING, separations, smallest
+from tdm_sim.report.mission import Margin, Mission, Severity, Signals, Vehicle
+from tdm_sim.report.verdict import arrival, goal_errors, held_from, judge, Verdict
 
-__all__ = ['Comparison', 'Entry', 'Kind', 'compare']
+Array = NDArray[np.float64]
+Kind = Literal['duration', 'cost', 'landing', 'margin', 'distance', 'tracking', 'planner']
+
+_STEP, _MOST_STEPS = 0.001, 50_000  # between instants at which a plan is judged
+
+
+@dataclass(frozen=True)
+class Entry:
+    """
+    A figure, planned and achieved; None: there is none. '' as vehicle: of all together.
+
+    `planned_at` and `achieved_at` are instants since the mission's origin [s]. `mark` is a word on
+    the achieved value.
+    """
+
+    kind: Kind
+    name: str
+    unit: str
+    planned: float | None = None
+    achieved: float | None = None
+    planned_at: float | None = None
+    achieved_at: float | None = None
+    vehicle: str = ''
+    note: str = ''
+    mark: str = ''
+
+    @property
+    def violated(self) -> bool:
+        """Whether this is a margin that was not kept, as planned or as achieved."""
+        known = [value for value in (self.planned, self.achieved) if value is not None]
+        return self.kind == 'margin' and any(value < -ROUNDING for value in known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,52 +67,297 @@ class Comparison:
     What a report shows beside the mission itself.
 
     `entries` stand in the order of the summary; `margins` and `tracking_errors` are by vehicle;
-    `separations` are distances of pairs, `minimum_separation` what they must keep [m]; `verdict`
-    is the demo's judgement, None where not enough was recorded for one; `missing` says what could
-    not be computed.
+    `separations` are distances of pairs; `verdict` is None where not enough was recorded for one.
     """
 
     entries: tuple[Entry, ...]
     margins: Mapping[str, History] = field(default_factory=dict)
     separations: History = field(default_factory=History)
-    minimum_separation: float | None = None
     tracking_errors: Mapping[str, Signals] = field(default_factory=dict)
     verdict: Verdict | None = None
-    missing: tuple[str, ...] = ()
-
-    def of(self, kind: Kind, vehicle: str | None = None) -> tuple[Entry, ...]:
-        """Return the entries of a kind, of one vehicle if it is given."""
-        return tuple(
-            entry
-            for entry in self.entries
-            if entry.kind == kind and (vehicle is None or entry.vehicle == vehicle)
-        )
 
 
 def compare(mission: Mission) -> Comparison:
     """Compare what was planned with what was achieved."""
-    limits = limits_of(mission)
-    margins = {v.name: margin_history(v, limits) for v in mission.vehicles}
+    margins = {v.name: margin_history(v) for v in mission.vehicles}
     apart = separations(mission)
-    errors = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
-    arrivals = {vehicle.name: arrival(vehicle) for vehicle in mission.vehicles}
-    minimum = mission.number('arena.minimum_separation')
-    known = {name: error for name, error in errors.items() if error is not None}
+    followed = {vehicle.name: tracking_errors(vehicle) for vehicle in mission.vehicles}
+    errors = {name: history for name, history in followed.items() if history is not None}
     entries = [
-        *duration_entries(mission, arrivals),
-        *cost_entries(mission, limits, arrivals),
-        *landing_entries(mission),
-        *margin_entries(mission, margins),
-        *distance_entries(mission, apart, minimum),
-        *tracking_entries(known),
-        *planner_entries(mission),
+        *_durations(mission),
+        *_costs(mission),
+        *_landings(mission),
+        *_margins(mission, margins),
+        *_distances(mission, apart),
+        *_tracking(errors),
+        *_planner(mission),
     ]
-    return Comparison(
-        entries=tuple(entries),
-        margins=margins,
-        separations=apart,
-        minimum_separation=minimum,
-        tracking_errors=known,
-        verdict=verdict(mission, limits) if mission.was_carried_out else None,
-        missing=(limits.fault,) if limits.fault else (),
+    found = judge(mission) if mission.was_carried_out else None
+    return Comparison(tuple(entries), margins, apart, errors, found)
+
+
+def tracking_errors(vehicle: Vehicle) -> Signals | None:
+    """
+    Return measured minus planned while plans were carried out.
+
+    What the tracker published or, where that was not recorded, the difference of states and plans.
+    """
+    if not vehicle.plans:
+        return None
+    start, end = vehicle.plans[0].start, vehicle.plans[-1].end
+    whole = vehicle.states if vehicle.tracking_error is None else vehicle.tracking_error
+    found = None if whole is None else whole.between(start, end)
+    if found is None or not found.times.size:
+        return None
+    if vehicle.tracking_error is not None:
+        return found
+    names = vehicle.plans[-1].trajectory.state_names
+    shown = found.select(*(name for name in names if name in found))
+    planned = vehicle.planned(shown.times).state
+    error = shown.values.copy()
+    for k, name in enumerate(shown.names):
+        error[:, k] = vehicle.view.away(name, error[:, k] - planned[:, names.index(name)])
+    return Signals(shown.times, error, shown.names, shown.units)
+
+
+def _several(mission: Mission) -> str:
+    count = len(mission.figures)
+    return f'planned: the first of {count} plans' if count > 1 else ''
+
+
+def _durations(mission: Mission) -> Iterator[Entry]:
+    """
+    How long plans are, and when the goal is reached for good, from the start of the first plan.
+
+    A plan ends at rest in the goal. The goal counts as reached within the tolerances of the
+    verdict, before that: planned and measured states are judged alike.
+    """
+    note = _several(mission)
+    planned = [vehicle for vehicle in mission.vehicles if vehicle.plans]
+    if len(planned) > 1:
+        longest = max(v.plans[0].trajectory.duration for v in planned)
+        yield Entry('duration', 'duration of all plans', 's', longest, note=note)
+    for vehicle in planned:
+        length = vehicle.plans[0].trajectory.duration
+        yield Entry(
+            'duration', 'duration of the plan', 's', length, vehicle=vehicle.name, note=note
+        )
+    rows = [_time_to_goal(vehicle, note) for vehicle in planned if vehicle.states is not None]
+    if len(rows) > 1:
+        due = [row.planned for row in rows if row.planned is not None]
+        done = [row.achieved for row in rows if row.achieved is not None]
+        yield Entry(
+            kind='duration',
+            name='time until all are at the goal',
+            unit='s',
+            planned=max(due) if len(due) == len(rows) else None,
+            achieved=max(done) if len(done) == len(rows) else None,
+            note=note,
+        )
+    yield from rows
+
+
+def _time_to_goal(vehicle: Vehicle, note: str) -> Entry:
+    first, last = vehicle.plans[0], vehicle.plans[-1]
+    reached, due = arrival(vehicle), _due(vehicle)
+    if reached == math.inf and vehicle.states is not None:
+        early = vehicle.states.times[-1] <= last.end + vehicle.view.settling
+        note = 'the recording ends before' if early else 'the goal was not held to the end'
+        reached = None
+    return Entry(
+        kind='duration',
+        name='time to the goal',
+        unit='s',
+        planned=due if due < math.inf else None,
+        achieved=None if reached is None else max(reached - first.start, 0.0),
+        achieved_at=reached,
+        vehicle=vehicle.name,
+        note=note,
     )
+
+
+def _due(vehicle: Vehicle) -> float:
+    """Return when the first plan's own states are at its goal for good [s]; inf if never."""
+    motion = vehicle.plans[0].trajectory
+    times = np.linspace(0.0, motion.duration, min(int(motion.duration / _STEP) + 2, _MOST_STEPS))
+    names = motion.state_names
+    states = Signals(times, motion.sample(times).state, names, ('',) * len(names))
+    return held_from(*goal_errors(vehicle.view, motion, states))
+
+
+def _costs(mission: Mission) -> Iterator[Entry]:
+    """Yield the performance index of the first plan, and its terms."""
+    figures = mission.figures[0] if mission.figures else None
+    if figures is None or figures.cost is None:
+        return
+    yield Entry('cost', 'cost J', '', figures.cost, note=_several(mission))
+    if len(figures.cost_terms) > 1:
+        for name, value in figures.cost_terms.items():
+            yield Entry('cost', f'cost: {name}', '', value)
+
+
+def _landings(mission: Mission) -> Iterator[Entry]:
+    """Where the vehicle was when the last plan was to end."""
+    said = mission.figures[-1].terminal_error if mission.figures else {}
+    for vehicle in mission.vehicles:
+        plan = vehicle.plan
+        if plan is None:
+            continue
+        motion = plan.trajectory
+        for k, name in enumerate(motion.state_names):
+            planned = said.get(name, said.get(f'{vehicle.name}.{name}'))
+            achieved = None
+            if vehicle.states is not None and name in vehicle.states:
+                measured = vehicle.states.select(name).at(np.array([plan.end]))[:, 0]
+                away = float(vehicle.view.away(name, measured - motion.states[-1, k])[0])
+                achieved = away if math.isfinite(away) else None
+            if planned is not None or achieved is not None:
+                yield Entry(
+                    kind='landing',
+                    name=f'error of {name} at the planned end',
+                    unit=motion.units.get(name, ''),
+                    planned=planned,
+                    achieved=achieved,
+                    achieved_at=plan.end,
+                    vehicle=vehicle.name,
+                )
+
+
+def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Entry]:
+    """Worst margins, as planned and of the measured motion."""
+    for vehicle in mission.vehicles:
+        history = histories[vehicle.name]
+        planned, measured = smallest(history.planned), smallest(history.measured)
+        planned = planned or _said(mission, vehicle)
+        for name in dict.fromkeys([*planned, *measured]):
+            yield _margin(name, planned.get(name), measured.get(name), vehicle)
+
+
+def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
+    """Return what the planner's checks found of all plans of a vehicle."""
+    found: dict[str, Margin] = {}
+    for figures in mission.figures:
+        for whole, margin in figures.margins.items():
+            name = whole.removeprefix(f'{vehicle.name}.')
+            if name == whole and len(mission.vehicles) > 1:
+                continue
+            at = None if margin.instant is None else figures.time + margin.instant
+            if name not in found or margin.worst < found[name].worst:
+                found[name] = Margin(margin.worst, at, margin.unit)
+    return found
+
+
+def _margin(
+    name: str, planned: Margin | None, achieved: Margin | None, vehicle: Vehicle | None
+) -> Entry:
+    controls: tuple[str, ...] = ()
+    if vehicle is not None and vehicle.plan is not None:
+        controls = vehicle.plan.trajectory.control_names
+    # of a control: the plant could not do more
+    at_limit = name in controls and achieved is not None and abs(achieved.worst) <= ROUNDING
+    return Entry(
+        kind='margin',
+        name=f'margin of {name}',
+        unit=next((m.unit for m in (achieved, planned) if m is not None and m.unit), ''),
+        planned=None if planned is None else planned.worst,
+        achieved=None if achieved is None else achieved.worst,
+        planned_at=None if planned is None else planned.instant,
+        achieved_at=None if achieved is None else achieved.instant,
+        vehicle='' if vehicle is None else vehicle.name,
+        mark='saturated' if at_limit else '',
+    )
+
+
+def _distances(mission: Mission, history: History) -> Iterator[Entry]:
+    """Smallest distance of all, and of every pair."""
+    planned, measured = smallest(history.planned), smallest(history.measured)
+    names = list(dict.fromkeys([*planned, *measured]))
+    if not names:
+        return
+    nearest = min(planned.values(), key=lambda m: m.worst, default=None)
+    closest = min(measured.values(), key=lambda m: m.worst, default=None)
+    yield _distance('smallest distance', nearest, closest)
+    least = mission.vehicles[0].view.separation
+    if least is not None:
+        due, kept = (
+            None if m is None else Margin(m.worst - least, m.instant, 'm')
+            for m in (nearest, closest)
+        )
+        yield _margin('separation', due, kept, None)
+    if len(names) > 1:
+        for name in names:
+            yield _distance(name, planned.get(name), measured.get(name))
+
+
+def _distance(name: str, planned: Margin | None, achieved: Margin | None) -> Entry:
+    return Entry(
+        kind='distance',
+        name=name,
+        unit='m',
+        planned=None if planned is None else planned.worst,
+        achieved=None if achieved is None else achieved.worst,
+        planned_at=None if planned is None else planned.instant,
+        achieved_at=None if achieved is None else achieved.instant,
+    )
+
+
+def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
+    """Root mean square and largest tracking error while plans were carried out."""
+    for vehicle, history in errors.items():
+        for name, unit, column in zip(history.names, history.units, history.values.T, strict=True):
+            if not np.isfinite(column).any():
+                continue
+            k = int(np.nanargmax(np.abs(column)))
+            rms = math.sqrt(float(np.nanmean(column**2)))
+            yield Entry('tracking', f'rms error of {name}', unit, None, rms, vehicle=vehicle)
+            yield Entry(
+                kind='tracking',
+                name=f'largest error of {name}',
+                unit=unit,
+                achieved=abs(float(column[k])),
+                achieved_at=float(history.times[k]),
+                vehicle=vehicle,
+            )
+
+
+def _planner(mission: Mission) -> Iterator[Entry]:
+    """
+    Solving times, and how often plans were made anew, rejected or late.
+
+    Errors count from the start of the first plan's motion on: before, nodes wait for each other.
+    """
+    times = [f.solve_time for f in mission.figures if f.solve_time is not None]
+    if times:
+        note = f'longest of {len(times)} plans' if len(times) > 1 else ''
+        yield Entry('planner', 'time to solve', 's', mission.deadline, max(times), note=note)
+    plans = max([len(mission.figures), *(len(v.plans) for v in mission.vehicles)], default=0)
+    if not mission.was_carried_out and not mission.events:
+        return
+    yield Entry('planner', 'replans', '', None, float(max(plans - 1, 0)))
+    yield Entry('planner', 'missed deadlines', '', 0.0, float(missed_deadlines(mission)))
+    yield Entry('planner', 'errors reported by nodes', '', 0.0, float(_errors(mission)))
+
+
+def _errors(mission: Mission) -> int:
+    """Count errors since the motion started, those that a node had not got over by then too."""
+    said_last: dict[str, Severity] = {}
+    count = 0
+    for event in mission.events:
+        if mission.is_early(event):
+            said_last[event.source] = event.level
+        else:
+            count += event.level >= Severity.ERROR
+    return count + sum(level >= Severity.ERROR for level in said_last.values())
+
+
+def missed_deadlines(mission: Mission) -> int:
+    """Count plans that took longer than allowed, came after their start, or never came."""
+    times = [f.solve_time for f in mission.figures if f.solve_time is not None]
+    deadline = math.inf if mission.deadline is None else mission.deadline
+    late = [
+        event
+        for event in mission.events
+        if event.text.startswith('DEADLINE:')
+        or re.match(r'plan \d+ is published .* after the start', event.text)
+    ]
+    return sum(time > deadline for time in times) + len(late)

@@ -12,18 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Time histories of every state and control of a mission, planned and measured, as charts."""
+"""Charts: states and controls, planned and measured; margins, distances, tracking errors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from tdm_sim.report.charts import Chart, Curve, Kind, Panel
-from tdm_sim.report.mission import Mission, PlanInForce, Signals, Vehicle
+from tdm_sim.report.comparison import Comparison
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]
 Group = Literal['states', 'controls']
@@ -31,33 +32,8 @@ Group = Literal['states', 'controls']
 # Points of all curves together: a page stays below 8 MB however many vehicles there are.
 MOST_POINTS = 200_000
 FEWEST_PER_CURVE, MOST_PER_CURVE = 60, 3000
+SHOWN_PAIRS = 6  # of vehicles
 _OTHER_CURVES = 24  # distances, limits
-
-DESCRIPTIONS: Mapping[str, Mapping[str, str]] = {
-    'pendulum': {
-        'theta': 'pendulum from upright',
-        'psi': 'disk',
-        'theta_dot': 'pendulum rate',
-        'psi_dot': 'disk rate',
-        'torque': 'motor of the disk',
-        'disk_angle': 'end stops of the disk',
-    },
-    'robot': {
-        'x': 'position',
-        'y': 'position',
-        'u': 'velocity along x',
-        'v': 'velocity along y',
-        'yaw': 'yaw',
-        'omega': 'yaw rate',
-        'alpha': 'thruster angle',
-        'thrust': 'thruster',
-        'thruster_rate': 'turning of the thruster',
-        'torque': 'reaction wheel',
-        'walls': 'and safety radius',
-        'keep_out': 'zones and safety radius',
-    },
-    'other': {},
-}
 
 
 def points_per_curve(mission: Mission) -> int:
@@ -94,26 +70,7 @@ def colour_of(mission: Mission, index: int, kind: Kind) -> int:
 
 def description_of(mission: Mission, name: str) -> str:
     """Return a few words on a state, a control or a constraint; '' if none are known."""
-    return DESCRIPTIONS[mission.vehicles[0].plant].get(name, '')
-
-
-def limits_of(mission: Mission, plant: str, name: str) -> tuple[float, ...]:
-    """Return the limits of a state or control as far as the mission's parameters tell them."""
-    number = mission.number
-    if plant == 'pendulum':
-        limit = number({'torque': 'limits.torque', 'psi': 'limits.disk_angle'}.get(name, ''))
-        return () if limit is None else (-limit, limit)
-    if plant == 'robot' and name in ('x', 'y'):
-        side = number('arena.length' if name == 'x' else 'arena.width')
-        separation = number('arena.minimum_separation')
-        if side is None or separation is None:
-            return ()
-        return separation / 2, side - separation / 2
-    if plant == 'robot' and name in ('thrust', 'thruster_rate', 'torque'):
-        limit = number(f'limits.{name}')
-        if limit is not None:
-            return (0.0, limit) if name == 'thrust' else (-limit, limit)
-    return ()
+    return mission.vehicles[0].view.labels.get(name, '')
 
 
 def _panels(mission: Mission, group: Group) -> tuple[Panel, ...]:
@@ -128,7 +85,7 @@ def _panel(mission: Mission, group: Group, name: str, most: int) -> Panel:
     switches: set[float] = set()
     unit = ''
     for k, vehicle in enumerate(mission.vehicles):
-        limits.update(limits_of(mission, vehicle.plant, name))
+        limits.update(vehicle.view.bounds().get(name, ()))
         for kind, signals in _signals(vehicle, group).items():
             if signals is None or name not in signals:
                 continue
@@ -155,12 +112,12 @@ def _signals(vehicle: Vehicle, group: Group) -> dict[Kind, Signals | None]:
     return {'measured': vehicle.applied, 'commanded': vehicle.commands}
 
 
-def _plan_names(plan: PlanInForce, group: Group) -> tuple[str, ...]:
+def _plan_names(plan: FollowedPlan, group: Group) -> tuple[str, ...]:
     trajectory = plan.trajectory
     return trajectory.state_names if group == 'states' else trajectory.control_names
 
 
-def _plan_unit(plan: PlanInForce, group: Group, name: str) -> str:
+def _plan_unit(plan: FollowedPlan, group: Group, name: str) -> str:
     trajectory = plan.trajectory
     units = trajectory.state_units if group == 'states' else trajectory.control_units
     return units[_plan_names(plan, group).index(name)] if units else ''
@@ -184,7 +141,7 @@ def _signal_curve(
     return Curve(kind, thin.times, thin.values[:, 0], colour, series)
 
 
-def switching_instants(plan: PlanInForce) -> list[float]:
+def switching_instants(plan: FollowedPlan) -> list[float]:
     """Return the instants at which a held control of the plan jumps while it is followed [s]."""
     trajectory = plan.trajectory
     if trajectory.interpolation != 'zero_order_hold':
@@ -195,7 +152,7 @@ def switching_instants(plan: PlanInForce) -> list[float]:
 
 
 def _planned_curve(
-    mission: Mission, index: int, plans: Sequence[PlanInForce], group: Group, name: str, most: int
+    mission: Mission, index: int, plans: Sequence[FollowedPlan], group: Group, name: str, most: int
 ) -> Curve:
     """Every plan as long as it was followed, with gaps between them."""
     held = False
@@ -206,7 +163,7 @@ def _planned_curve(
         column = _plan_names(plan, group).index(name)
         if group == 'controls':
             held = trajectory.interpolation == 'zero_order_hold'
-            read = plan.controls(at)[:, column]
+            read = plan.sample(at).control[:, column]
         else:
             read = _states(plan, at)[:, column]
         times += [at, at[-1:]]
@@ -215,15 +172,15 @@ def _planned_curve(
     return Curve('planned', np.concatenate(times), np.concatenate(values), colour, series, held)
 
 
-def _states(plan: PlanInForce, at: Array) -> Array:
+def _states(plan: FollowedPlan, at: Array) -> Array:
     """Read states of a plan; smoothly where only its samples are known but it is smooth."""
     motion = plan.trajectory
     if motion.interpolation != 'cubic' or motion.rates is not None or motion.times.size < 4:
-        return plan.states(at)
+        return plan.sample(at).state
     return np.asarray(CubicSpline(motion.times, motion.states)(at - plan.start))
 
 
-def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
+def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
     """
     Return about `most` instants at which a plan is drawn while it is followed.
 
@@ -238,3 +195,87 @@ def plan_instants(plan: PlanInForce, most: int = MOST_PER_CURVE) -> Array:
     # an instant and its double, rounded differently, would make a needle in a held control
     apart: Array = instants[np.append(True, np.diff(instants) > 1e-9)]
     return apart
+
+
+def margin_chart(mission: Mission, comparison: Comparison) -> Chart:
+    """How far every constraint is from being violated."""
+    sources: dict[Kind, Callable[[str], Signals | None]] = {
+        'planned': lambda name: comparison.margins[name].planned,
+        'measured': lambda name: comparison.margins[name].measured,
+    }
+    panels = _named_panels(mission, sources, limits=(0.0,))
+    note = 'Distance from the limit: what is below zero is a violation.'
+    return Chart('margins', 'Constraint margins', panels, note)
+
+
+def error_chart(mission: Mission, comparison: Comparison) -> Chart:
+    """How far the vehicles were from their plans."""
+    sources: dict[Kind, Callable[[str], Signals | None]] = {
+        'error': comparison.tracking_errors.get
+    }
+    panels = _named_panels(mission, sources)
+    return Chart('errors', 'Tracking errors', panels, 'Measured less planned.')
+
+
+def distance_chart(mission: Mission, comparison: Comparison) -> Chart:
+    """Distances of pairs of robots, of many pairs those that come closest."""
+    history = comparison.separations
+    names = _closest_pairs(history.planned, history.measured)
+    most = points_per_curve(mission)
+    curves = []
+    for kind, signals in {'planned': history.planned, 'measured': history.measured}.items():
+        for k, name in enumerate(names):
+            if signals is not None and name in signals:
+                thin = signals.select(name).thinned(most)
+                colour = k if len(names) > 1 else (0 if kind == 'planned' else 1)
+                series = name if len(names) > 1 else ''
+                known: Kind = 'planned' if kind == 'planned' else 'measured'
+                curves.append(Curve(known, thin.times, thin.values[:, 0], colour, series))
+    minimum = mission.vehicles[0].view.separation if mission.vehicles else None
+    limits = () if minimum is None else (minimum,)
+    panel = Panel('distance', 'm', tuple(curves), 'between centres', limits)
+    found = 0 if not curves else len(_pairs(history.planned) | _pairs(history.measured))
+    note = f'The {len(names)} of {found} pairs that come closest.' if found > len(names) else ''
+    return Chart('distances', 'Distances', (panel,), note)
+
+
+def _named_panels(
+    mission: Mission,
+    sources: dict[Kind, Callable[[str], Signals | None]],
+    limits: tuple[float, ...] = (),
+) -> tuple[Panel, ...]:
+    """One panel for every name; `sources` give a vehicle's signals for each kind of curve."""
+    most = points_per_curve(mission)
+    curves: dict[str, list[Curve]] = {}
+    units: dict[str, str] = {}
+    for k, vehicle in enumerate(mission.vehicles):
+        for kind, source in sources.items():
+            signals = source(vehicle.name)
+            for name in () if signals is None else signals.names:
+                assert signals is not None
+                thin = signals.select(name).thinned(most)
+                colour, series = colour_of(mission, k, kind), series_of(mission, k)
+                curve = Curve(kind, thin.times, thin.values[:, 0], colour, series)
+                curves.setdefault(name, []).append(curve)
+                units[name] = units.get(name, '') or signals.unit(name)
+    return tuple(
+        Panel(name, units[name], tuple(found), description_of(mission, name), limits)
+        for name, found in curves.items()
+    )
+
+
+def _pairs(signals: Signals | None) -> set[str]:
+    return set() if signals is None else set(signals.names)
+
+
+def _closest_pairs(*histories: Signals | None) -> list[str]:
+    nearest: dict[str, float] = {}
+    for signals in histories:
+        for name in () if signals is None else signals.names:
+            assert signals is not None
+            column = signals.column(name)
+            known = column[np.isfinite(column)]
+            if known.size:
+                nearest[name] = min(nearest.get(name, np.inf), float(known.min()))
+    closest = sorted(nearest, key=lambda name: nearest[name])[:SHOWN_PAIRS]
+    return [name for name in nearest if name in closest]

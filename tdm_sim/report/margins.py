@@ -21,24 +21,21 @@ The limits are those that the planner checks a plan against, for the parameters 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import TdmError
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import robot_constraints
-from tdm_planner.verification import Constraint
-from tdm_sim.report.entries import ROUNDING
+from tdm_planner.plant_views import LOWER_THRUST
+from tdm_planner.verification import Constraint, dense_times
 from tdm_sim.report.mission import Margin, Mission, Signals, Vehicle
 
 Array = NDArray[np.float64]
 
 MOST_PAIRS = 200
-THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
-_PLANNED_STEP = 0.01  # s, between instants at which planned distances are computed
+ROUNDING = 1e-6  # of a margin, in its unit
+_INSTANTS = 1000  # of a plan
+_STEP = 0.01  # s, between instants at which planned distances are computed
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,63 +46,11 @@ class History:
     measured: Signals | None = None
 
 
-@dataclass(frozen=True)
-class Limits:
-    """
-    What the parameters say a vehicle must keep; `formation` is None but for robots.
-
-    `fault` says why nothing is known, '' otherwise.
-    """
-
-    by_plant: Mapping[str, Sequence[Constraint]] = field(default_factory=dict)
-    formation: FormationTask | None = None
-    fault: str = ''
-
-
-def limits_of(mission: Mission) -> Limits:
-    """Return the limits that the mission's parameters stand for."""
-    if not mission.parameters:
-        return Limits()
-    try:
-        if mission.problem == PendulumSwingUp.name:
-            task = PendulumSwingUp.from_parameters(mission.parameters).task
-            return Limits({'pendulum': task.constraints})
-        if mission.problem == RobotFormation.name:
-            formation = RobotFormation.from_parameters(mission.parameters).task
-            return Limits({'robot': _robot_limits(formation)}, formation)
-    except TdmError as error:
-        return Limits(
-            fault=f'Limits are not known: the recorded parameters are invalid ({error}).'
-        )
-    return Limits()
-
-
-def _robot_limits(task: FormationTask) -> list[Constraint]:
-    """
-    Limits of one robot, those of its thrust apart.
-
-    A robot that coasts is at the lower one all the time: together with it, the margin of the upper
-    one would never be seen.
-    """
-    most = task.thrust * task.plant.mass
-    found = []
-    for constraint in robot_constraints(task):
-        if constraint.name != THRUST:
-            found.append(constraint)
-            continue
-        upper = replace(constraint, margin=lambda t, x, u: most - u[:, 0])
-        lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
-        found += [upper, lower]
-    return found
-
-
-def margin_history(vehicle: Vehicle, limits: Limits) -> History:
-    """
-    Return the margin of every constraint over time; negative values are violations.
-
-    Of the thrust it is that of the upper limit; the lower one is there only if it is violated.
-    """
-    constraints = limits.by_plant.get(vehicle.plant, ())
+def margin_history(vehicle: Vehicle) -> History:
+    """Return the margin of every constraint over time; negative values are violations."""
+    if vehicle.plan is None:
+        return History()
+    constraints = vehicle.view.constraints(vehicle.plan.trajectory)
     if not constraints:
         return History()
     return History(_planned(vehicle, constraints), _measured(vehicle, constraints))
@@ -115,13 +60,11 @@ def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | N
     parts = []
     for plan in vehicle.plans:
         motion = plan.trajectory
-        if not motion.control_names:
-            continue
-        inside = motion.times + plan.start <= plan.carried_out_until
-        if inside.any():
-            times = motion.times[inside]
-            states, controls = motion.states[inside], motion.controls[inside]
-            parts.append((times + plan.start, _margins(constraints, times, states, controls)))
+        times = dense_times(motion, motion.duration / _INSTANTS)
+        times = times[times + plan.start <= plan.carried_out_until]
+        if times.size:
+            values = _margins(constraints, times, *motion.sample(times))
+            parts.append((times + plan.start, values))
     if not parts:
         return None
     times = np.concatenate([part[0] for part in parts])
@@ -130,44 +73,41 @@ def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | N
 
 def _measured(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | None:
     """Margins of what was measured, from the start of the first plan on."""
-    if vehicle.states is None or not vehicle.plans:
+    if vehicle.states is None:
         return None
     states = vehicle.states.between(vehicle.plans[0].start, np.inf)
     if not states.times.size:
         return None
     plan = vehicle.plans[-1].trajectory
+    nothing = np.full(states.times.size, np.nan)
+    own = [states.column(n) if n in states else nothing for n in plan.state_names]
     controls = np.full((states.times.size, len(plan.control_names)), np.nan)
     if vehicle.controls is not None:
         found = vehicle.controls.at(states.times)
         for k, name in enumerate(plan.control_names):
             if name in vehicle.controls:
                 controls[:, k] = found[:, vehicle.controls.names.index(name)]
-    if not plan.control_names:
-        return None
-    values = _margins(constraints, states.times, _named(states, plan.state_names), controls)
+    times = states.times - vehicle.plans[-1].start
+    values = _margins(constraints, times, np.stack(own, axis=1), controls)
     return _signals(states.times, values, constraints)
-
-
-def _named(states: Signals, names: Sequence[str]) -> Array:
-    missing = np.full(states.times.size, np.nan)
-    return np.stack([states.column(n) if n in states else missing for n in names], axis=1)
 
 
 def _margins(
     constraints: Sequence[Constraint], times: Array, states: Array, controls: Array
 ) -> Array:
-    columns = [np.asarray(c.margin(times, states, controls), dtype=float) for c in constraints]
+    with np.errstate(invalid='ignore'):
+        columns = [np.asarray(c.margin(times, states, controls), dtype=float) for c in constraints]
     return np.stack(columns, axis=1)
 
 
 def _signals(times: Array, values: Array, constraints: Sequence[Constraint]) -> Signals:
     shown = [
         k
-        for k, constraint in enumerate(constraints)
+        for k, constraint in enumerate(constraints)  # a robot that coasts is at the lower bound
         if constraint.name != LOWER_THRUST or (values[:, k] < -ROUNDING).any()
     ]
-    names = tuple(constraints[k].name for k in shown)
-    return Signals(times, values[:, shown], names, tuple(constraints[k].unit for k in shown))
+    units = tuple(constraints[k].unit for k in shown)
+    return Signals(times, values[:, shown], tuple(constraints[k].name for k in shown), units)
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:
@@ -184,52 +124,32 @@ def smallest(history: Signals | None) -> dict[str, Margin]:
 
 def separations(mission: Mission) -> History:
     """
-    Return the distance of every pair of robots over time, called ``one - other``.
+    Return the distance of every pair of vehicles over time, called ``one - other``.
 
     Of more than `MOST_PAIRS` pairs those that come closest.
     """
-    robots = [vehicle for vehicle in mission.vehicles if vehicle.plant == 'robot']
-    if len(robots) < 2:
-        return History()
-    planned = [robot for robot in robots if robot.plans]
-    seen = [robot for robot in robots if robot.states is not None]
-    return History(_planned_distances(planned), _measured_distances(seen))
+    moving = [v for v in mission.vehicles if v.view.place]
+    planned = {v.name: v for v in moving if v.plans}
+    seen = {v.name: v.states for v in moving if v.states is not None}
+    found = History()
+    if len(planned) > 1:
+        start = min(v.plans[0].start for v in planned.values())
+        end = max(v.plans[-1].end for v in planned.values())
+        times = np.linspace(start, end, min(int((end - start) / _STEP) + 2, 20_000))
+        places = {name: planned_place(v, times) for name, v in planned.items()}
+        found = History(planned=_distances(places, times))
+    if len(seen) > 1:
+        place = moving[0].view.place
+        times = max(seen.values(), key=lambda states: states.times.size).times
+        places = {name: states.select(*place).at(times) for name, states in seen.items()}
+        found = History(found.planned, _distances(places, times))
+    return found
 
 
-def _planned_distances(robots: Sequence[Vehicle]) -> Signals | None:
-    if len(robots) < 2:
-        return None
-    start = min(robot.plans[0].start for robot in robots)
-    end = max(robot.plans[-1].end for robot in robots)
-    times = np.linspace(start, end, min(int((end - start) / _PLANNED_STEP) + 2, 20_000))
-    return _distances({robot.name: planned_place(robot, times) for robot in robots}, times)
-
-
-def planned_place(robot: Vehicle, times: Array) -> Array:
-    """
-    Return the planned x, y (n, 2) at instants since the mission's origin, of the plans in turn.
-
-    Before the first plan starts it is where that starts; after the last one ends, where it ends.
-    """
-    place = robot.plans[0].states(times)[:, :2]
-    for plan in robot.plans[1:]:
-        later = times >= plan.start
-        place[later] = plan.states(times[later])[:, :2]
-    return place
-
-
-def _measured_distances(robots: Sequence[Vehicle]) -> Signals | None:
-    if len(robots) < 2:
-        return None
-    histories = [robot.states for robot in robots if robot.states is not None]
-    times = max(histories, key=lambda states: states.times.size).times
-    return _distances(
-        {
-            robot.name: states.select('x', 'y').at(times)
-            for robot, states in zip(robots, histories, strict=True)
-        },
-        times,
-    )
+def planned_place(vehicle: Vehicle, times: Array) -> Array:
+    """Return where a vehicle is planned to be at instants, (n, 2)."""
+    names = vehicle.plans[0].trajectory.state_names
+    return vehicle.planned(times).state[:, [names.index(name) for name in vehicle.view.place]]
 
 
 def _distances(places: Mapping[str, Array], times: Array) -> Signals:

@@ -26,15 +26,14 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 import itertools
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plant_kind import PlantKind
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.plant_views import PlantView
+from tdm_planner.trajectory import Sample, TimedTrajectory
 
 Array = NDArray[np.float64]
-Plant = Literal['pendulum', 'robot', 'other']
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,38 +117,21 @@ def thinned_indices(values: Array, most: int) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanInForce:
+class FollowedPlan(TimedTrajectory):
     """
-    One published plan of one vehicle.
+    One published plan of one vehicle; its motion starts `start` s after the mission's origin.
 
-    The trajectory's own times count from its first sample; the motion starts `start` s after the
-    mission's origin and is followed `until` the next plan starts (None: to the end). `plan_id` is
-    '' where it is not known; `kind` is that of the plant where it was recorded.
+    It is followed `until` the next plan starts (None: to the end). `plan_id` is '' where it is not
+    known.
     """
 
-    plan_id: str
-    start: float
-    trajectory: Trajectory
+    plan_id: str = ''
     until: float | None = None
-    kind: PlantKind | None = None
-
-    @property
-    def end(self) -> float:
-        """Planned end of the motion [s since the mission's origin]."""
-        return self.start + float(self.trajectory.times[-1])
 
     @property
     def carried_out_until(self) -> float:
         """Instant until which the plan was to be followed: its end, or the next plan's start."""
         return self.end if self.until is None else min(self.end, self.until)
-
-    def states(self, instants: Array) -> Array:
-        """Return the planned states at instants (k,) since the mission's origin, (k, nx)."""
-        return self.trajectory.sample(instants - self.start).state
-
-    def controls(self, instants: Array) -> Array:
-        """Return the planned controls at instants (k,) since the mission's origin, (k, nu)."""
-        return self.trajectory.sample(instants - self.start).control
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,20 +142,19 @@ class Vehicle:
     `name` is the robot's, or the plant's where there is one only; `plans` stand in the order of
     their starts. `states` and `applied` are measured: the states, and the controls as the plant
     carried them out; `commands` are the controls the tracker asked for. All bear the names of the
-    plan's states and controls (pendulum: theta, psi, theta_dot, psi_dot; torque. Robots: x, y, u,
-    v, yaw, omega, alpha; thrust, thruster_rate, torque). None: not recorded.
+    plan's states and controls. None: not recorded.
     """
 
     name: str
-    plant: Plant
-    plans: tuple[PlanInForce, ...] = ()
+    view: PlantView
+    plans: tuple[FollowedPlan, ...] = ()
     states: Signals | None = None
     commands: Signals | None = None
     applied: Signals | None = None
     tracking_error: Signals | None = None
 
     @property
-    def plan(self) -> PlanInForce | None:
+    def plan(self) -> FollowedPlan | None:
         """Return the last plan, whose goal counts."""
         return self.plans[-1] if self.plans else None
 
@@ -181,6 +162,18 @@ class Vehicle:
     def controls(self) -> Signals | None:
         """Return the controls as carried out or, where that was not recorded, as commanded."""
         return self.commands if self.applied is None else self.applied
+
+    def planned(self, times: Array) -> Sample:
+        """
+        Return planned states and controls at instants (n,), of the plans in turn.
+
+        Before the first plan starts it is where that starts; after the last one, where it ends.
+        """
+        state, control = self.plans[0].sample(times)
+        for plan in self.plans[1:]:
+            during = times >= plan.start
+            state[during], control[during] = plan.sample(times[during])
+        return Sample(state, control)
 
 
 @dataclass(frozen=True)
@@ -247,10 +240,9 @@ class Mission:
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
-    follows from it; `counters` are the planner's own (requests,
-    failures), from the first plan on if there is one; `source` is the file or folder it was read
-    from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a plan that
-    was not carried out; `speed` is that of simulated time, relative to real time.
+    follows from it; `document` is the last plan's, as recorded; `source` is the file or folder it
+    was read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a
+    plan that was not carried out; `speed` is that of simulated time, relative to real time.
     """
 
     title: str
@@ -260,7 +252,7 @@ class Mission:
     events: tuple[Event, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
-    counters: Mapping[str, int] = field(default_factory=dict)
+    document: Mapping[str, Any] = field(default_factory=dict)
     source: str = ''
     recorded_at: float | None = None
     speed: float = 1.0
@@ -286,18 +278,8 @@ class Mission:
         """Whether an event came before the motion: while the nodes were starting."""
         return event.time < 0.0 and any(vehicle.plans for vehicle in self.vehicles)
 
-    def number(self, name: str) -> float | None:
-        """Return a parameter's value if it is a finite number."""
-        value = self.parameters.get(name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            return None
-        return float(value) if np.isfinite(value) else None
-
-    def numbers(self, name: str) -> Array | None:
-        """Return a parameter's value (k,) if it is a list of finite numbers."""
-        value = self.parameters.get(name)
-        if not isinstance(value, (list, tuple)):
-            return None
-        if not all(isinstance(v, (int, float)) and np.isfinite(v) for v in value):
-            return None
-        return np.array(value, dtype=float)
+    @property
+    def deadline(self) -> float | None:
+        """Return the time [s] that the planner had for a plan, if the parameters tell."""
+        value = self.parameters.get('solver.deadline')
+        return float(value) if isinstance(value, (int, float)) else None

@@ -30,18 +30,25 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
-from tdm_planner.plan_files import UnusableFile
+from tdm_planner.plan_files import check_path, UnusableFile
+from tdm_planner.problems.registry import load_problem
+from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, plotly_figure, plotly_json
+from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_figure, plotly_json
 from tdm_sim.report.comparison import compare, Comparison
-from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
-from tdm_sim.report.embedding import content_hash, json_for_html
-from tdm_sim.report.histories import control_chart, state_chart
+from tdm_sim.report.histories import (
+    control_chart,
+    distance_chart,
+    error_chart,
+    margin_chart,
+    state_chart,
+)
 from tdm_sim.report.mission import Mission
-from tdm_sim.report.sections import cards, columns, details, missing
+from tdm_sim.report.reader import read_mission
+from tdm_sim.report.sections import columns, details, missing
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
-_SCRIPTS = ('data.js', 'clock.js', 'pendulum.js', 'arena.js', 'charts.js', 'report.js')
+_SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
 _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
@@ -49,7 +56,7 @@ _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 Slots = Mapping[str, str]
 
 
-def write_report(mission: Mission, path: Path) -> int:
+def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> int:
     """
     Write the report on a mission to `path`; returns the file's size in bytes.
 
@@ -59,7 +66,7 @@ def write_report(mission: Mission, path: Path) -> int:
         If the file cannot be written.
 
     """
-    page = report_page(mission).encode()
+    page = report_page(mission, comparison).encode()
     try:
         path.write_bytes(page)
     except OSError as error:
@@ -67,12 +74,11 @@ def write_report(mission: Mission, path: Path) -> int:
     return len(page)
 
 
-def report_page(mission: Mission) -> str:
-    """Return the report on a mission as HTML."""
-    comparison = compare(mission)
+def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
+    """Return the report on a mission as HTML; `comparison` is what `compare` makes of it."""
+    comparison = comparison or compare(mission)
     charts = mission_charts(mission, comparison)
     scene = animation.scene(mission)
-    kind = None if scene is None else str(scene['kind'])
     data = json_for_html(
         {
             'span': list(mission.span),
@@ -100,8 +106,8 @@ def report_page(mission: Mission) -> str:
             'title': escape(mission.title),
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
-            'missing': missing((*mission.missing, *comparison.missing)),
-            'columns': columns(cards(mission, comparison, charts, kind)),
+            'missing': missing(mission.missing),
+            'columns': columns(mission, comparison, charts, scene is not None),
             'details': details(mission),
             'source': escape(_source(mission)),
             'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),
@@ -167,3 +173,33 @@ def _source(mission: Mission) -> str:
     if abs(mission.speed - 1.0) > _REAL_TIME:
         parts.append(f'simulated time at {mission.speed:.2g} times real time')
     return ' · '.join(parts)
+
+
+ENDINGS = ('.html', '.htm')
+
+
+def make_report(
+    source: Path,
+    output: Path,
+    progress: Progress,
+    namespace: str | None = None,
+    problem: str | None = None,
+) -> None:
+    """
+    Write the report on a recording or a plan file.
+
+    `namespace` chooses among several planners in one recording; `problem` names one that is not
+    installed, ``module:Class``.
+
+    Raises
+    ------
+    TdmError
+        If the source cannot be read or the report not be written.
+
+    """
+    check_path(output, ENDINGS)
+    progress.phase(f'reading {source}')
+    given = None if problem is None else load_problem(problem)
+    mission = read_mission(source, namespace, given)
+    progress.phase(f'writing {output}')
+    write_report(mission, output)

@@ -12,17 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures of plans, from plan files and `plan_summary` messages or, failing these, diagnostics."""
+"""Figures of plans, from plan files and `plan_summary` messages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
-import re
 from typing import Any, cast, get_args
 
-from tdm_planner.plant_kind import Joint, QUANTITIES
+from tdm_planner.exceptions import TdmError
+from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.trajectory import Interpolation
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Margin, PlanFigures
@@ -33,11 +35,10 @@ _SECOND = 1_000_000_000  # ns
 
 @dataclass(frozen=True)
 class PlannedVehicle:
-    """What a summary says of a vehicle's samples: how to read between them, units, joints."""
+    """What a summary says of a vehicle: how controls run between samples, and its joints."""
 
     interpolation: Interpolation | None
-    units: Mapping[str, str]
-    joints: tuple[Joint, ...] = ()
+    kind: PlantKind | None
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,9 @@ def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
     check = untrusted.mapping(document.get('verification'))
     instants = untrusted.numbers(check.get('worst_times'))
     units = untrusted.mapping(check.get('units'))
+    number = untrusted.whole(document.get('plan_id'))
     return PlanFigures(
-        plan_id=_plan_id(document.get('plan_id')),
+        plan_id='' if number is None else str(number),
         time=time,
         duration=untrusted.number(document.get('duration')),
         cost=untrusted.number(document.get('cost')),
@@ -78,20 +80,14 @@ def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
     )
 
 
-def _plan_id(value: object) -> str:
-    found = untrusted.whole(value)
-    return untrusted.text(value, 40) if found is None else str(found)
-
-
 def read_summary(data: str) -> PlanSummary | None:
     """Return a summary from its JSON; None if it is not one."""
     if len(data) > _LONGEST_DOCUMENT:
         return None
     try:
-        document = json.loads(data)
+        document = untrusted.mapping(json.loads(data))
     except (ValueError, RecursionError):
         return None
-    document = untrusted.mapping(document)
     stamp = untrusted.mapping(document.get('stamp'))
     sec, nanosec = (untrusted.whole(stamp.get(name)) for name in ('sec', 'nanosec'))
     if sec is None or nanosec is None or 'problem' not in document:
@@ -110,47 +106,52 @@ def read_summary(data: str) -> PlanSummary | None:
 
 
 def _vehicle(document: Mapping[str, Any]) -> PlannedVehicle:
-    kind = document.get('interpolation')
-    units = untrusted.mapping(document.get('units'))
+    told = document.get('interpolation')
+    joints = tuple(
+        Joint(name, *(untrusted.text(untrusted.mapping(j).get(what), 60) for what in QUANTITIES))
+        for name, j in untrusted.mapping(document.get('joints')).items()
+    )
+    given = untrusted.mapping(document.get('units'))
+    units = {name: untrusted.text(u, 20) for name, u in given.items()}
+    states = [name for joint in joints for name in (joint.position, joint.velocity) if name]
+    states = [*(name for name in units if name in states), *states]
+    states = list(dict.fromkeys(states))
+    controls = [joint.effort for joint in joints if joint.effort]
+    kind = PlantKind(
+        state_names=tuple(states),
+        control_names=tuple(controls),
+        joints=joints,
+        state_units=tuple(units.get(name, '') for name in states),
+        control_units=tuple(units.get(name, '') for name in controls),
+    )
     return PlannedVehicle(
-        cast(Interpolation, kind) if kind in get_args(Interpolation) else None,
-        {name: untrusted.text(unit, 20) for name, unit in units.items()},
-        tuple(
-            Joint(name, *(untrusted.text(item.get(what), 60) for what in QUANTITIES))
-            for name, item in (
-                (untrusted.text(name, 60), untrusted.mapping(item))
-                for name, item in untrusted.mapping(document.get('joints')).items()
-            )
-        ),
+        cast(Interpolation, told) if told in get_args(Interpolation) else None,
+        kind if joints else None,
     )
 
 
-def diagnosed_figures(values: Mapping[str, str], time: float) -> PlanFigures | None:
-    """Return the figures that the planner's diagnostics give of the plan in force, if any."""
-    plan_id = values.get('plan id', '0')
-    if plan_id == '0' or not re.fullmatch(r'\d{1,9}', plan_id):
+def problem_of(
+    name: str, parameters: Mapping[str, object], given: type[Problem] | None, notes: list[str]
+) -> Problem | None:
+    """
+    Return the problem that was planned for; None where it is not known.
+
+    It is of the class `given` if that has the name; else only what is installed is known: what a
+    recording names is not imported. Why it cannot be made is told in `notes`.
+    """
+    if given is None or given.name != name:
+        if name not in problem_names():
+            if name:
+                notes.append(
+                    f"The problem '{name}' is not installed: goal, limits and picture are not "
+                    'known. `--problem module:Class` tells them.'
+                )
+            return None
+        given = load_problem(name)
+    if not parameters:
         return None
-    found = {name: _parsed(value) for name, value in values.items()}
-    margins = {
-        name.removeprefix('margin of '): Margin(value)
-        for name, value in found.items()
-        if name.startswith('margin of ') and value is not None
-    }
-    evaluations = found.get('evaluations')
-    return PlanFigures(
-        plan_id=plan_id,
-        time=time,
-        duration=found.get('duration [s]'),
-        cost=found.get('cost'),
-        penalty=found.get('penalty'),
-        solve_time=found.get('solve time [s]'),
-        evaluations=None if evaluations is None else int(evaluations),
-        margins=margins,
-    )
-
-
-def _parsed(value: str) -> float | None:
     try:
-        return untrusted.number(float(value))
-    except ValueError:
+        return given.from_parameters(parameters)
+    except TdmError as error:
+        notes.append(f'Limits are not known: the recorded parameters are invalid ({error}).')
         return None

@@ -12,25 +12,57 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the nodes said of themselves during a recording: changes in diagnostics, and warnings."""
+"""What nodes said of themselves during a recording, and by which clock."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report import untrusted
 from tdm_sim.report.mission import Event, Severity
-from tdm_sim.report.recorded_clock import RecordedClock
-from tdm_sim.report.recorded_topics import DIAGNOSTICS, LOG, RecordedTopics
+from tdm_sim.report.recorded_topics import CLOCK, DIAGNOSTICS, LOG, RecordedTopics
 
 MOST_EVENTS = 300
+_LEAST_CLOCK = 10  # messages of a simulated clock
 
 _WARNING, _ERROR = 30, 40  # levels of a log message
 _PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
 _SAME_TIME = 2.0  # s; within it, a diagnostic and a log message tell of the same matter
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedClock:
+    """What the simulated clock showed, `shown` (n,) ns, at the instants `recorded` (n,) ns."""
+
+    recorded: NDArray[np.int64]
+    shown: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, topics: RecordedTopics) -> RecordedClock | None:
+        """Return the clock of a recording; None where time was not simulated."""
+        for received in topics.of_type(CLOCK).values():
+            if len(received) >= _LEAST_CLOCK:
+                pairs = [(item.stamp, nanoseconds_of(item.message.clock)) for item in received]
+                recorded, shown = np.array(sorted(pairs), dtype=np.int64).T
+                return cls(recorded, shown)
+        return None
+
+    @property
+    def speed(self) -> float:
+        """Return the simulated time relative to real time, over the whole recording."""
+        elapsed = int(self.recorded[-1] - self.recorded[0])
+        return int(self.shown[-1] - self.shown[0]) / elapsed if elapsed > 0 else 1.0
+
+    def instant(self, stamp: int) -> int:
+        """Return what the clock showed at an instant [ns] of the computer's own clock."""
+        index = int(np.clip(np.searchsorted(self.recorded, stamp), 1, self.recorded.size - 1))
+        nearest = index if stamp >= self.recorded[index] else index - 1
+        return int(self.shown[nearest]) + round((stamp - int(self.recorded[nearest])) * self.speed)
 
 
 @dataclass(frozen=True)

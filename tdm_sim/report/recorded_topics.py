@@ -23,38 +23,31 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.nodes.reading import nanoseconds_of
+from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.report.bag_files import Raw
-from tdm_sim.report.cdr_columns import Columns, columns
 
 Array = NDArray[np.float64]
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ODOMETRY = 'nav_msgs/msg/Odometry'
-JOINT_PLAN = 'trajectory_msgs/msg/JointTrajectory'
+PLAN = 'trajectory_msgs/msg/JointTrajectory'
 STRING = 'std_msgs/msg/String'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 STATUSES = 'action_msgs/msg/GoalStatusArray'
 LOG = 'rcl_interfaces/msg/Log'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 
-QUANTITIES = ('position', 'velocity', 'effort')
 ODOMETRY_COLUMNS = ('x', 'y', 'qx', 'qy', 'qz', 'qw', 'vx', 'vy', 'omega')
 
 _STREAMS = (JOINT_STATE, ODOMETRY)
-_MESSAGES = (JOINT_PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
-_BATCH = 4096  # messages of a topic decoded at once
+_MESSAGES = (PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
 _LATEST = 2**63 - 1  # ns
 _LARGEST = 1e100  # a number beyond it is damage; its square still is a number
 _MOST_JOINTS = 64  # of a topic
 _MOST_MESSAGES = 20_000  # of a topic that is not a stream of numbers
-
-_ODOMETRY_PATHS = (
-    *(f'pose.pose.position.{axis}' for axis in 'xy'),
-    *(f'pose.pose.orientation.{axis}' for axis in 'xyzw'),
-    *(f'twist.twist.linear.{axis}' for axis in 'xy'),
-    'twist.twist.angular.z',
-)
+_DAY = 86_400.0  # s
 
 
 def wanted(topic: str, kind: str) -> bool:
@@ -81,9 +74,9 @@ class Stream:
         return self.columns.get(name, np.full(self.instants.size, np.nan))
 
     @property
-    def joints(self) -> tuple[str, ...]:
+    def joints(self) -> frozenset[str]:
         """Names of the joints."""
-        return tuple(dict.fromkeys(name.rsplit('.', 1)[0] for name in self.columns))
+        return frozenset(name.rsplit('.', 1)[0] for name in self.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,95 +105,73 @@ class RecordedTopics:
             if self.types[topic] == kind and (not name or topic.rsplit('/', 1)[-1] == name)
         }
 
+    def stream(self, topic: str, kind: str) -> Stream | None:
+        """Return the numbers of a topic; None if there are none of this type."""
+        found = self.streams.get(topic) if self.types.get(topic) == kind else None
+        return found if found is not None and found.instants.size else None
+
 
 @dataclass
 class _StreamParts:
-    """A topic's numbers as they come in."""
+    """A topic's numbers as they come in: rows of messages that have the same joints."""
 
-    kind: str
-    waiting: list[tuple[int, bytes]] = field(default_factory=list)
-    instants: list[NDArray[np.int64]] = field(default_factory=list)
-    parts: list[dict[str, Array]] = field(default_factory=list)
-    joints: set[str] = field(default_factory=set)
+    rows: dict[tuple[str, ...], list[list[float]]] = field(default_factory=dict)
+    instants: dict[tuple[str, ...], list[int]] = field(default_factory=dict)
     frame: str = ''
-    malformed: int = 0
 
-    def take(self, definitions: Mapping[str, Any]) -> None:
-        """Decode what is waiting."""
-        stamps = np.array([stamp for stamp, _ in self.waiting], dtype=np.int64)
-        data = [message for _, message in self.waiting]
-        read = 0
-        for found in columns(definitions, self.kind, data):
-            taken = self._odometry(found) if self.kind == ODOMETRY else self._joints(found)
-            if taken is not None:
-                read += found.rows.size
-                self.parts.append(taken)
-                self.instants.append(_instants(found, stamps[found.rows]))
-        self.malformed += len(data) - read
-        self.waiting.clear()
-
-    def _odometry(self, found: Columns) -> dict[str, Array] | None:
-        self.frame = found.strings['header.frame_id'][0]
-        values = [found.numbers[path][:, 0].astype(float) for path in _ODOMETRY_PATHS]
-        return dict(zip(ODOMETRY_COLUMNS, values, strict=True))
-
-    def _joints(self, found: Columns) -> dict[str, Array] | None:
-        names = found.strings['name']
-        self.joints |= set(names)
-        if len(set(names)) != len(names) or len(self.joints) > _MOST_JOINTS:
-            return None
-        taken = {}
-        for quantity in QUANTITIES:
-            values = found.numbers[quantity]
-            if values.shape[1] == len(names):
-                for k, name in enumerate(names):
-                    taken[f'{name}.{quantity}'] = values[:, k].astype(float)
-            elif values.shape[1]:
-                return None
-        return taken
+    def take(self, message: Any, stamp: int) -> None:
+        """Keep a message's numbers; ValueError where it contradicts itself."""
+        if hasattr(message, 'pose'):
+            names: tuple[str, ...] = ODOMETRY_COLUMNS
+            row = _odometry(message)
+            self.frame = message.header.frame_id
+        else:
+            joints = tuple(message.name)
+            if len(set(joints)) != len(joints) or len(joints) > _MOST_JOINTS:
+                raise ValueError('joints that are named twice, or too many')
+            given = [quantity for quantity in QUANTITIES if len(getattr(message, quantity))]
+            names = tuple(f'{joint}.{quantity}' for quantity in given for joint in joints)
+            row = []
+            for quantity in given:
+                values = getattr(message, quantity).tolist()
+                if len(values) != len(joints):
+                    raise ValueError(f'{len(values)} values of {quantity}')
+                row += values
+        if names not in self.rows and len(self.rows) >= _MOST_JOINTS:
+            raise ValueError('too many sets of joints')
+        self.rows.setdefault(names, []).append(row)
+        at = nanoseconds_of(message.header.stamp) or stamp
+        self.instants.setdefault(names, []).append(at)
 
     def stream(self) -> tuple[Stream, int]:
         """Return everything in order of time, and how many messages held infinities or NaN."""
-        instants = np.concatenate(self.instants) if self.instants else np.zeros(0, dtype=np.int64)
-        names = list(dict.fromkeys(name for part in self.parts for name in part))
-        found = {}
-        for name in names:
-            pieces = [
-                part.get(name, np.full(size.size, np.nan))
-                for part, size in zip(self.parts, self.instants, strict=True)
-            ]
-            found[name] = np.concatenate(pieces)
+        sizes = [len(rows) for rows in self.rows.values()]
+        instants = np.array([at for part in self.instants.values() for at in part], dtype=np.int64)
+        found: dict[str, Array] = {}
+        bad = np.zeros(instants.size, dtype=bool)
+        start = 0
+        for (names, rows), size in zip(self.rows.items(), sizes, strict=True):
+            values = np.array(rows, dtype=float).reshape(size, len(names))
+            sound = np.abs(values) < _LARGEST
+            own = slice(start, start + size)
+            bad[own] = (~sound).any(axis=1)
+            values[~sound] = np.nan
+            for name, column in zip(names, values.T, strict=True):
+                whole = found.setdefault(name, np.full(instants.size, np.nan))
+                whole[own] = column
+            start += size
         order = np.argsort(instants, kind='stable')
-        order = order[_plausible(instants[order])]
-        bad = np.zeros(order.size, dtype=bool)
-        for name, values in found.items():
-            ordered = values[order]
-            given = np.concatenate(
-                [
-                    np.full(size.size, name in part)
-                    for part, size in zip(self.parts, self.instants, strict=True)
-                ]
-            )[order]
-            sound = np.abs(ordered) < _LARGEST
-            bad |= given & ~sound
-            ordered[~sound] = np.nan
-            found[name] = ordered
-        return Stream(instants[order], found, self.frame), int(bad.sum())
+        away = (instants[order] - instants[order[order.size // 2]]) * NANOSECOND
+        order = order[np.abs(away) < _DAY]  # of one recording, as most others
+        columns = {name: column[order] for name, column in found.items()}
+        return Stream(instants[order], columns, self.frame), int(bad.sum())
 
 
-def _instants(found: Columns, received: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the stamps of messages [ns]; when they were recorded, where there is none."""
-    seconds = found.numbers['header.stamp.sec'][:, 0].astype(np.int64)
-    stamps = seconds * 1_000_000_000 + found.numbers['header.stamp.nanosec'][:, 0].astype(np.int64)
-    return np.where(stamps == 0, received, stamps)
-
-
-def _plausible(instants: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which instants belong to one recording: within a day of most others."""
-    if not instants.size:
-        return np.zeros(0, dtype=bool)
-    away = (instants - instants[instants.size // 2]) * NANOSECOND
-    return np.asarray(np.abs(away) < 86400.0)
+def _odometry(message: Any) -> list[float]:
+    pose, twist = message.pose.pose, message.twist.twist
+    turn = pose.orientation
+    at = [pose.position.x, pose.position.y, turn.x, turn.y, turn.z, turn.w]
+    return [*at, twist.linear.x, twist.linear.y, twist.angular.z]
 
 
 def gather(messages: Iterable[Raw]) -> RecordedTopics:
@@ -208,36 +179,30 @@ def gather(messages: Iterable[Raw]) -> RecordedTopics:
     from rosbags.typesys import get_typestore, Stores
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    streams: dict[str, _StreamParts] = {}
+    parts: dict[str, _StreamParts] = {}
     others: dict[str, list[Received]] = {}
     types: dict[str, str] = {}
     malformed: Counter[str] = Counter()
     for topic, kind, stamp, data in messages:
         types[topic] = kind
-        stamp = min(max(stamp, 0), _LATEST)
-        if kind in _STREAMS:
-            parts = streams.setdefault(topic, _StreamParts(kind))
-            parts.waiting.append((stamp, data))
-            if len(parts.waiting) >= _BATCH:
-                parts.take(store.fielddefs)
-            continue
-        received = others.setdefault(topic, [])
+        at = min(max(stamp, 0), _LATEST)
+        received = others.setdefault(topic, []) if kind not in _STREAMS else []
         if len(received) >= _MOST_MESSAGES:
             continue
         try:
-            received.append(Received(store.deserialize_cdr(data, kind), stamp))
+            message = store.deserialize_cdr(data, kind)
+            if kind in _STREAMS:
+                parts.setdefault(topic, _StreamParts()).take(message, at)
+            else:
+                received.append(Received(message, at))
         except Exception:  # noqa: B902
             # The library raises many kinds for bytes that are not such a message.
             malformed[topic] += 1
-    found, not_finite = {}, {}
-    for topic, parts in streams.items():
-        parts.take(store.fielddefs)
-        found[topic], not_finite[topic] = parts.stream()
-        malformed[topic] += parts.malformed
+    read = {topic: part.stream() for topic, part in parts.items() if part.rows}
     return RecordedTopics(
-        streams=found,
+        streams={topic: stream for topic, (stream, _) in read.items()},
         messages=others,
         types=types,
-        malformed={topic: count for topic, count in malformed.items() if count},
-        not_finite={topic: count for topic, count in not_finite.items() if count},
+        malformed=malformed,
+        not_finite={topic: count for topic, (_, count) in read.items() if count},
     )

@@ -20,40 +20,53 @@ Topics are told by their last name and by what is in them, in whichever namespac
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plant_kind import ARENA_FRAME, PENDULUM, QUANTITIES, ROBOT
-from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.trajectory import NANOSECOND
-from tdm_sim.report.mission import PlanInForce, Plant, Signals
-from tdm_sim.report.recorded_plans import is_pendulum
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
+from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
+from tdm_planner.problems.base import Problem
+from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
+from tdm_sim.report import untrusted
+from tdm_sim.report.bag_files import UnreadableRecording
+from tdm_sim.report.mission import FollowedPlan, Signals
 from tdm_sim.report.recorded_topics import (
-    JOINT_PLAN,
     JOINT_STATE,
     ODOMETRY,
+    PLAN,
+    Received,
     RecordedTopics,
+    STATUSES,
     Stream,
 )
 
 Array = NDArray[np.float64]
+Columns = dict[str, Array]
 
 _TURN = 2 * np.pi
-_PENDULUM_JOINTS = {joint.name for joint in PENDULUM.joints}
-_ROBOT_JOINTS = {joint.name for joint in ROBOT.actuated}
+_STATES = 'joint_states', JOINT_STATE
+_UNIT = 1e-3  # that the length of a quaternion may differ from 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Site:
     """Where a vehicle's topics stand, what it is, and where its planner's do."""
 
     namespace: str
-    plant: Plant
+    view: PlantView
     planner: str
+
+
+class Planner(NamedTuple):
+    """What a planner told of its plans: the problem, if it is known, and vehicles' joints."""
+
+    problem: Problem | None
+    kinds: Mapping[str, PlantKind | None]
 
 
 def namespace_of(topic: str) -> str:
@@ -61,50 +74,131 @@ def namespace_of(topic: str) -> str:
     return topic.rsplit('/', 1)[0]
 
 
-def find_sites(topics: RecordedTopics, summaries: Mapping[str, object]) -> list[Site]:
-    """Return every vehicle; `summaries` has the namespaces in which planners told of plans."""
-    plants: dict[str, Plant] = {}
-    for topic, kind in sorted(topics.types.items()):
-        found = _plant_of(topics, topic, kind)
-        namespace = namespace_of(topic)
-        if found is not None and plants.get(namespace, 'other') == 'other':
-            plants[namespace] = found
+def unknown_view(plan: Trajectory) -> PlantView:
+    """Return the plant of a problem that is not known, by the names of a plan's states."""
+    for view in (PendulumView(), RobotView()):
+        if set(view.kind.state_names) <= set(plan.state_names):
+            return view
+    return PlantView(kind_by_names(plan))
+
+
+def find_sites(topics: RecordedTopics, planners: Mapping[str, Planner]) -> list[Site]:
+    """Return every vehicle; `planners` are the namespaces in which plans were told of."""
     sites = []
-    for namespace, plant in plants.items():
-        planner = _planner_of(namespace, plant, summaries)
-        if planner is not None:
-            sites.append(Site(namespace, plant, planner))
+    for namespace in dict.fromkeys(map(namespace_of, sorted(topics.types))):
+        above = namespace_of(namespace)
+        planner = next((p for p in (namespace, above) if p in planners), None)
+        joints = _joints(topics, namespace)
+        view = _built_in(topics, namespace, joints)
+        if planner is not None and joints:
+            view = _told(planners[planner], namespace) or view
+        if view is not None:
+            alone = above if view.place else namespace
+            sites.append(Site(namespace, view, alone if planner is None else planner))
     return sites
 
 
-def _planner_of(namespace: str, plant: Plant, summaries: Mapping[str, object]) -> str | None:
-    above = namespace_of(namespace)
-    for candidate in (namespace, above):
-        if candidate in summaries:
-            return candidate
-    if plant == 'other':
-        return None  # topics called `trajectory` and `joint_states` are not ours alone
-    return above if plant == 'robot' else namespace
+def _told(planner: Planner, namespace: str) -> PlantView | None:
+    """Return the plant that a planner told of: of its problem, or as its summary names joints."""
+    if planner.problem is not None:
+        return view_of(planner.problem)
+    only = next(iter(planner.kinds.values())) if len(planner.kinds) == 1 else None
+    kind = planner.kinds.get(namespace.rsplit('/', 1)[-1], only)
+    return None if kind is None else PlantView(kind)
 
 
-def _plant_of(topics: RecordedTopics, topic: str, kind: str) -> Plant | None:
-    """Return the plant that a topic tells of."""
-    name = topic.rsplit('/', 1)[-1]
-    if kind == JOINT_PLAN and name == 'trajectory':
-        received = topics.messages.get(topic)
-        if not received:
-            return None
-        if is_pendulum(received[0].message):
-            return 'pendulum'
-        return 'robot' if set(received[0].message.joint_names) >= _ROBOT_JOINTS else 'other'
-    if kind == ODOMETRY and name == 'odom':
-        return 'robot' if topics.streams[topic].frame == ARENA_FRAME else None
-    if kind == JOINT_STATE and name in ('joint_states', 'joint_command'):
-        joints = list(topics.streams[topic].joints)
-        if set(joints) >= _PENDULUM_JOINTS:
-            return 'pendulum'
-        return 'robot' if set(joints) >= _ROBOT_JOINTS else 'other'
+def _joints(topics: RecordedTopics, namespace: str) -> set[str]:
+    """Return the joints that a vehicle's topics name."""
+    found: set[str] = set()
+    for received in _plans(topics, namespace)[:1]:
+        found |= set(received.message.joint_names)
+    for name in ('joint_states', 'joint_command'):
+        stream = topics.stream(f'{namespace}/{name}', JOINT_STATE)
+        found |= stream.joints if stream is not None else frozenset()
+    return found
+
+
+def _plans(topics: RecordedTopics, namespace: str) -> Sequence[Any]:
+    topic = f'{namespace}/trajectory'
+    return topics.messages.get(topic, ()) if topics.types.get(topic) == PLAN else ()
+
+
+def _built_in(topics: RecordedTopics, namespace: str, joints: set[str]) -> PlantView | None:
+    for view in (PendulumView(), RobotView()):
+        odometry = topics.stream(f'{namespace}/odom', ODOMETRY) if view.kind.odometry else None
+        here = odometry is not None and odometry.frame == view.kind.frame
+        if (
+            here
+            or {j.name for j in view.kind.joints if j.name not in view.kind.odometry} <= joints
+        ):
+            return view
     return None
+
+
+def choose(
+    sites: Sequence[Site], topics: RecordedTopics, namespace: str | None, notes: list[str]
+) -> list[Site]:
+    """
+    Return the vehicles of one planner: that of `namespace` or, by default, the liveliest.
+
+    That is one of whose vehicles a planned motion was measured; failing that, or of several such,
+    the one of most plans. `notes` are told of the others.
+
+    Raises
+    ------
+    UnreadableRecording
+        If nothing was recorded in the namespace.
+
+    """
+    planners = list(dict.fromkeys(site.planner for site in sites))
+    if namespace is None:
+        chosen = max(planners, key=lambda planner: _liveliness(topics, sites, planner))
+    else:
+        chosen = '/' + namespace.strip('/') if namespace.strip('/') else ''
+        if chosen not in planners:
+            raise UnreadableRecording(
+                f"the recording holds nothing in the namespace '{namespace}'; it has: "
+                + ', '.join(map(_shown, planners))
+            )
+    others = [_shown(planner) for planner in planners if planner != chosen]
+    if others:
+        notes.append(
+            f'The recording also holds {", ".join(others)}, which this report does not tell of: '
+            'tdm report --namespace chooses.'
+        )
+    return [site for site in sites if site.planner == chosen]
+
+
+def _shown(planner: str) -> str:
+    return untrusted.text(planner, 60) or '/'
+
+
+def _liveliness(
+    topics: RecordedTopics, sites: Sequence[Site], planner: str
+) -> tuple[bool, int, bool]:
+    """
+    Return whether a plan was seen carried out, how many plans, whether anything was measured.
+
+    A plan alone is no sign of life: planners publish theirs to whoever comes later.
+    """
+    carried_out, plans, seen = False, 0, False
+    for site in (site for site in sites if site.planner == planner):
+        name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
+        stream = topics.stream(f'{site.namespace}/{name}', kind)
+        seen |= stream is not None
+        for start, end in _motions(topics, site):
+            plans += 1
+            if stream is not None:
+                carried_out |= bool(((stream.instants >= start) & (stream.instants <= end)).any())
+    return carried_out, plans, seen
+
+
+def _motions(topics: RecordedTopics, site: Site) -> Iterator[tuple[int, int]]:
+    """Yield start and end of every planned motion [ns]."""
+    for received in _plans(topics, site.namespace):
+        if received.message.points:
+            start = nanoseconds_of(received.message.header.stamp)
+            yield start, start + nanoseconds_of(received.message.points[-1].time_from_start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,47 +212,52 @@ class Measured:
 
 
 def measured(
-    topics: RecordedTopics, site: Site, origin: int, plans: tuple[PlanInForce, ...]
+    topics: RecordedTopics, site: Site, origin: int, plans: tuple[FollowedPlan, ...]
 ) -> Measured:
     """
     Return measured states and controls, times from `origin` [ns].
 
-    Angles of robots are unwrapped, and counted on the turn on which the first plan starts.
+    Angles are counted on the turn on which the first plan that was followed starts.
     """
+    kind = site.view.kind
+    units = site.view.units
 
-    def stream(name: str, kind: str) -> Stream | None:
-        found = topics.streams.get(f'{site.namespace}/{name}')
-        right = topics.types.get(f'{site.namespace}/{name}') == kind
-        return found if found is not None and right and found.instants.size else None
+    def signals(name: str, joints: Sequence[Joint], wanted: Sequence[str]) -> Signals | None:
+        stream = topics.stream(f'{site.namespace}/{name}', JOINT_STATE)
+        if stream is None:
+            return None
+        return _signals(stream, origin, columns_of(stream, joints, wanted), units)
 
-    joints, command = stream('joint_states', JOINT_STATE), stream('joint_command', JOINT_STATE)
-    error = stream('tracking_error', JOINT_STATE)
-    errors = None if error is None else _errors(error, site.plant, origin)
-    if site.plant == 'pendulum':
-        return Measured(
-            states=None if joints is None else _pendulum_states(joints, origin),
-            commands=None if command is None else _pendulum_controls(command, origin),
-            applied=None if joints is None else _pendulum_controls(joints, origin),
-            tracking_error=errors,
-        )
-    if site.plant == 'robot':
-        odometry = stream('odom', ODOMETRY)
-        states = None if odometry is None else _robot_states(odometry, joints, origin)
-        return Measured(
-            states=None if states is None else _on_planned_turn(states, plans),
-            commands=None if command is None else _robot_controls(command, origin),
-            applied=None if joints is None else _robot_controls(joints, origin),
-            tracking_error=errors,
-        )
-    states = None if joints is None else _named(joints, origin, plans, 'states')
-    commands = None if command is None else _named(command, origin, plans, 'controls')
-    return Measured(states, commands, None, errors)
+    states = signals('joint_states', kind.measured, kind.state_names)
+    odometry = topics.stream(f'{site.namespace}/odom', ODOMETRY) if kind.odometry else None
+    if kind.odometry:
+        states = None if odometry is None else _moving(odometry, states, site.view, origin, units)
+    return Measured(
+        states=None if states is None else _on_planned_turn(states, plans, site.view),
+        commands=signals('joint_command', kind.actuated, kind.control_names),
+        applied=signals('joint_states', kind.actuated, kind.control_names),
+        tracking_error=signals('tracking_error', kind.joints, kind.state_names),
+    )
+
+
+def columns_of(stream: Stream, joints: Sequence[Joint], wanted: Sequence[str]) -> Columns:
+    """Return those of the states or controls `wanted` that joints have in a stream."""
+    places = {
+        getattr(joint, quantity): f'{joint.name}.{quantity}'
+        for joint in joints
+        for quantity in QUANTITIES
+    }
+    return {
+        name: stream.columns[places[name]] for name in wanted if places.get(name) in stream.columns
+    }
 
 
 def _signals(
-    stream: Stream, origin: int, columns: Mapping[str, Array], units: Mapping[str, str]
+    stream: Stream, origin: int, columns: Columns, units: Mapping[str, str]
 ) -> Signals | None:
     """Return histories; None if nothing at all was measured."""
+    if not columns:
+        return None
     values = np.stack(list(columns.values()), axis=1)
     if np.isnan(values).all():
         return None
@@ -166,75 +265,45 @@ def _signals(
     return Signals(times, values, tuple(columns), tuple(units.get(name, '') for name in columns))
 
 
-_PENDULUM_UNITS = dict(zip(PENDULUM.state_names, RotaryPendulum.state_units, strict=True))
-_ROBOT_UNITS = {
-    **dict(zip(ROBOT.state_names, FloatingRobot.state_units, strict=True)),
-    **dict(zip(FloatingRobot.control_names, FloatingRobot.control_units, strict=True)),
-}
-
-
-def _pendulum_states(joints: Stream, origin: int) -> Signals | None:
-    columns = {
-        'theta': joints.column('pendulum.position'),
-        'psi': joints.column('disk.position'),
-        'theta_dot': joints.column('pendulum.velocity'),
-        'psi_dot': joints.column('disk.velocity'),
-    }
-    return _signals(joints, origin, columns, _PENDULUM_UNITS)
-
-
-def _pendulum_controls(stream: Stream, origin: int) -> Signals | None:
-    return _signals(stream, origin, {'torque': stream.column('disk.effort')}, {'torque': 'N m'})
-
-
-def _robot_states(odometry: Stream, joints: Stream | None, origin: int) -> Signals | None:
+def _moving(
+    odometry: Stream,
+    joints: Signals | None,
+    view: PlantView,
+    origin: int,
+    units: Mapping[str, str],
+) -> Signals | None:
+    """Return the states by an odometry, its twist turned into its frame, and those of joints."""
     qx, qy, qz, qw = (odometry.column(name) for name in ('qx', 'qy', 'qz', 'qw'))
     yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-    yaw[~(np.abs(np.sqrt(qx**2 + qy**2 + qz**2 + qw**2) - 1.0) < 1e-3)] = np.nan
+    yaw[~(np.abs(np.sqrt(qx**2 + qy**2 + qz**2 + qw**2) - 1.0) < _UNIT)] = np.nan
     c, s = np.cos(yaw), np.sin(yaw)
+    known = ~np.isnan(yaw)
+    yaw[known] = np.unwrap(yaw[known])
     vx, vy = odometry.column('vx'), odometry.column('vy')
-    columns = {
-        'x': odometry.column('x'),
-        'y': odometry.column('y'),
-        'u': c * vx - s * vy,
-        'v': s * vx + c * vy,
-        'yaw': _unwrapped(yaw),
-        'omega': odometry.column('omega'),
-    }
+    motions = (
+        (odometry.column('x'), c * vx - s * vy),
+        (odometry.column('y'), s * vx + c * vy),
+        (yaw, odometry.column('omega')),
+    )
+    table = {joint.name: joint for joint in view.kind.joints}
+    found: Columns = {}
+    for name, pair in zip(view.kind.odometry, motions, strict=True):
+        found |= zip((table[name].position, table[name].velocity), pair, strict=True)
     if joints is not None:
-        columns['alpha'] = np.interp(
-            odometry.instants.astype(float),
-            joints.instants.astype(float),
-            joints.column('thruster.position'),
-            left=np.nan,
-            right=np.nan,
-        )
-    return _signals(odometry, origin, columns, _ROBOT_UNITS)
+        times = np.asarray((odometry.instants - origin) * NANOSECOND, dtype=np.float64)
+        found |= zip(joints.names, joints.at(times).T, strict=True)
+    ordered = {name: found[name] for name in view.kind.state_names if name in found}
+    return _signals(odometry, origin, ordered, units)
 
 
-def _robot_controls(stream: Stream, origin: int) -> Signals | None:
-    columns = {
-        'thrust': stream.column('thruster.effort'),
-        'thruster_rate': stream.column('thruster.velocity'),
-        'torque': stream.column('reaction_wheel.effort'),
-    }
-    return _signals(stream, origin, columns, _ROBOT_UNITS)
-
-
-def _unwrapped(angle: Array) -> Array:
-    known = ~np.isnan(angle)
-    unwrapped = angle.copy()
-    unwrapped[known] = np.unwrap(angle[known])
-    return unwrapped
-
-
-def _on_planned_turn(states: Signals, plans: tuple[PlanInForce, ...]) -> Signals:
+def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: PlantView) -> Signals:
     """Shift angles by whole turns to where the first plan that was followed has them."""
-    for plan in plans:
+    for plan in plans[:1]:
         values = states.values.copy()
-        for name in {'yaw', 'alpha'} & set(states.names) & set(plan.trajectory.state_names):
+        motion = plan.trajectory
+        for name in set(view.kind.angles) & set(states.names) & set(motion.state_names):
             k = states.names.index(name)
-            planned = plan.states(states.times)[:, plan.trajectory.state_names.index(name)]
+            planned = plan.sample(states.times).state[:, motion.state_names.index(name)]
             during = (states.times >= plan.start) & (states.times <= plan.carried_out_until)
             away = values[during, k] - planned[during]
             if np.isfinite(away).any():
@@ -244,60 +313,78 @@ def _on_planned_turn(states: Signals, plans: tuple[PlanInForce, ...]) -> Signals
     return states
 
 
-def _named(
-    stream: Stream, origin: int, plans: tuple[PlanInForce, ...], group: str
-) -> Signals | None:
-    """States or controls of a plan, by the joints of a JointState that they are."""
-    kind = plans[-1].kind if plans else None
-    if kind is None:
-        return None
-    wanted = kind.state_names if group == 'states' else kind.control_names
-    columns = {
-        getattr(joint, what): stream.column(f'{joint.name}.{what}')
-        for joint in kind.joints
-        for what in QUANTITIES
-        if getattr(joint, what) in wanted and f'{joint.name}.{what}' in stream.columns
-    }
-    return _signals(stream, origin, columns, plans[-1].trajectory.units) if columns else None
+# Of action_msgs/GoalStatus: statuses of a plan that was begun, and those of one that is over.
+_BEGUN = {2, 3, 4}  # EXECUTING, CANCELING, SUCCEEDED
+_OVER = {5, 6}  # CANCELED, ABORTED
 
 
-# What a tracker's joints say, by the names of the states; and their units.
-_ERRORS: Mapping[str, tuple[Mapping[str, str], Mapping[str, str]]] = MappingProxyType(
-    {
-        'pendulum': (
-            {
-                'theta': 'pendulum.position',
-                'psi': 'disk.position',
-                'theta_dot': 'pendulum.velocity',
-                'psi_dot': 'disk.velocity',
-            },
-            _PENDULUM_UNITS,
-        ),
-        'robot': (
-            {
-                'x': 'x.position',
-                'y': 'y.position',
-                'u': 'x.velocity',
-                'v': 'y.velocity',
-                'yaw': 'yaw.position',
-                'omega': 'yaw.velocity',
-                'alpha': 'thruster.position',
-            },
-            _ROBOT_UNITS,
-        ),
-    }
-)
+@dataclass(frozen=True, eq=False)
+class RecordedPlan:
+    """A plan whose motion starts at the instant `start` [ns]."""
+
+    start: int
+    trajectory: Trajectory
 
 
-def _errors(stream: Stream, plant: Plant, origin: int) -> Signals | None:
-    """Return what the tracker says of its errors, by the names of the states."""
-    if plant in _ERRORS:
-        sources, units = _ERRORS[plant]
-        columns = {name: stream.column(source) for name, source in sources.items()}
-        return _signals(stream, origin, columns, units)
-    columns = {
-        joint: stream.column(f'{joint}.position')
-        for joint in stream.joints
-        if f'{joint}.position' in stream.columns
-    }
-    return _signals(stream, origin, columns, {}) if columns else None
+def read_plans(
+    topics: RecordedTopics,
+    namespace: str,
+    kind: PlantKind,
+    told: Mapping[int, Interpolation | None],
+    notes: list[str],
+) -> list[RecordedPlan]:
+    """
+    Return the plans published in a vehicle's namespace, in the order of their starts.
+
+    `told` is what summaries say of the samples, by the start of the motion [ns]. A plan that
+    cannot be read is told in `notes`, and so are those that the tracker never began: it rejected
+    them, or they were superseded while pending.
+    """
+    motions = _by_start(topics, f'{namespace}/trajectory')
+    never_begun = _never_begun(topics, f'{namespace}/tracker_status') & set(motions)
+    if never_begun:
+        notes.append(
+            f'{len(never_begun)} of the plans on {namespace}/trajectory were rejected by the '
+            'tracker or superseded before they began.'
+        )
+    plans = []
+    for start in sorted(set(motions) - never_begun):
+        try:
+            trajectory = read_plan(kind, motions[start], told.get(start))
+        except (InvalidProblem, ValueError, IndexError) as error:
+            reason = untrusted.text(str(error))
+            notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')
+            continue
+        plans.append(RecordedPlan(start, trajectory))
+    return plans
+
+
+def followed(
+    plans: Sequence[RecordedPlan], origin: int, plan_ids: Mapping[int, str]
+) -> tuple[FollowedPlan, ...]:
+    """Return plans with times from `origin` [ns], each until the next one starts."""
+    starts = [(plan.start - origin) * NANOSECOND for plan in plans]
+    ends = [*starts[1:], None][: len(starts)]
+    return tuple(
+        FollowedPlan(plan.trajectory, start, plan_ids.get(plan.start, ''), until)
+        for plan, start, until in zip(plans, starts, ends, strict=True)
+    )
+
+
+def _never_begun(topics: RecordedTopics, topic: str) -> set[int]:
+    """Return the starts [ns] of plans that ended before they began, by what a tracker told."""
+    told: dict[int, set[int]] = {}
+    if topics.types.get(topic) == STATUSES:
+        for item in topics.messages.get(topic, ()):
+            for status in item.message.status_list:
+                start = nanoseconds_of(status.goal_info.stamp)
+                told.setdefault(start, set()).add(int(status.status))
+    return {start for start, seen in told.items() if seen & _OVER and not seen & _BEGUN}
+
+
+def _by_start(topics: RecordedTopics, topic: str) -> dict[int, Any]:
+    """Messages of a topic of trajectories by the start of their motion; the last one counts."""
+    if topics.types.get(topic) != PLAN:
+        return {}
+    found: Sequence[Received] = topics.messages.get(topic, ())
+    return {nanoseconds_of(item.message.header.stamp): item.message for item in found}

@@ -16,51 +16,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from html import escape
-import itertools
-from typing import Literal
 
 from tdm_sim.report.charts import Chart
 from tdm_sim.report.comparison import Comparison
 from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.tables import events_table, parameters_table, summary_table
 
-Side = Literal[0, 1]
-
-_STAGE_HEIGHTS = {'pendulum': 440, 'arena': 640}  # px, about
-_PANEL_HEIGHT, _ROW_HEIGHT, _CARD_HEIGHT = 150, 27, 110
+_LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
-@dataclass(frozen=True)
-class Card:
-    """A section with about its height [px], on the left (0), on the right (1), or on either."""
+def columns(
+    mission: Mission, comparison: Comparison, charts: Iterable[Chart], moving: bool
+) -> str:
+    """
+    Return animation, summary and charts in two columns.
 
-    html: str
-    height: int
-    side: Side | None = None
-
-
-def cards(
-    mission: Mission, comparison: Comparison, charts: Iterable[Chart], scene: str | None
-) -> list[Card]:
-    """Return animation, summary and charts, in the order they are read in on a phone."""
-    found = [] if scene is None else [_stage(mission, scene)]
-    return [*found, _summary(mission, comparison), *map(_chart, charts)]
-
-
-def columns(found: Sequence[Card]) -> str:
-    """Return cards in two columns of about the same height, each in the order given."""
-    sides = itertools.product(*((0, 1) if c.side is None else (c.side,) for c in found))
-
-    def difference(sides: Sequence[int]) -> int:
-        return abs(sum(c.height * (1 - 2 * s) for c, s in zip(found, sides, strict=True)))
-
-    best = min(sides, key=difference)
+    On a phone they are read one after the other, in the order of their `order`.
+    """
+    cards = [(0, _stage(mission))] if moving else []
+    cards.append((1, _summary(mission, comparison)))
+    cards += [(int(chart.key not in _LEFT), _chart(chart)) for chart in charts]
     halves = ['', '']
-    for order, (card, side) in enumerate(zip(found, best, strict=True)):
-        halves[side] += card.html.replace('<section', f'<section style="order: {order}"', 1)
+    for order, (side, html) in enumerate(cards):
+        halves[side] += html.replace('<section', f'<section style="order: {order}"', 1)
     return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
 
 
@@ -93,59 +73,36 @@ def details(mission: Mission) -> str:
     return ''.join(parts)
 
 
-def _summary(mission: Mission, comparison: Comparison) -> Card:
+def _summary(mission: Mission, comparison: Comparison) -> str:
     table = summary_table(mission, comparison)
-    shown = table.partition('<details>')[0]
-    height = _CARD_HEIGHT + _ROW_HEIGHT * shown.count('<tr')
-    return Card(f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>', height, 1)
+    return f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'
 
 
-def _chart(chart: Chart) -> Card:
+def _chart(chart: Chart) -> str:
     note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
-    html = (
+    return (
         f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
         f'<div class="chart" id="chart-{chart.key}"></div></section>'
     )
-    return Card(html, _CARD_HEIGHT + _PANEL_HEIGHT * len(chart.panels))
 
 
-def _stage(mission: Mission, scene: str) -> Card:
-    html = (
+def _stage(mission: Mission) -> str:
+    return (
         '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
-        f'{_key(mission, scene)}</section>'
+        f'{_key(mission)}</section>'
     )
-    return Card(html, _STAGE_HEIGHTS[scene], 0)
 
 
-def _key(mission: Mission, scene: str) -> str:
+def _key(mission: Mission) -> str:
     """Explain the animation's lines."""
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
-    if scene == 'arena':
-        entries = {
-            'planned path': line.format('path'),
-            'travelled': line.format('trail'),
-            'thrust': '<polygon points="2,7 10,2 24,7 10,12" fill="#f0a020"></polygon>',
-            'safety circle': '<circle cx="13" cy="7" r="6" stroke="currentColor" '
-            'stroke-dasharray="3 3"></circle>',
-            'goal': '<circle cx="9" cy="7" r="5" stroke="currentColor"></circle>'
-            '<line x1="9" x2="14" y1="7" y2="7" stroke="currentColor"></line>',
-        }
-    else:
-        entries = {
-            'planned': line.format('rig planned'),
-            'measured': line.format('rig measured'),
-            'limit of the disk': line.format('limit'),
-            'torque': '<path d="M2 12 A 12 12 0 0 1 22 8 M16 4 L22 8 L16 12" '
-            'stroke="currentColor"></path>',
-        }
-    absent = set() if mission.was_carried_out else {'travelled', 'measured'}
-    if not any(vehicle.plans for vehicle in mission.vehicles):
-        absent |= {'planned', 'planned path', 'goal'}
-    if mission.number('limits.disk_angle') is None:
-        absent.add('limit of the disk')
+    planned = any(vehicle.plans for vehicle in mission.vehicles)
+    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_carried_out)]
+    ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
+    entries.append(('limit', 'limit', 'limit' in ground))
     items = ''.join(
-        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{drawing}</svg>{name}</li>'
-        for name, drawing in entries.items()
-        if name not in absent
+        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'
+        for name, style, there in entries
+        if there
     )
     return f'<ul class="key">{items}</ul>'

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tables of the report as HTML; everything from a recording is escaped."""
+"""Tables of the report as HTML, where everything from a recording is escaped, and as text."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from dataclasses import replace
 from html import escape
 
 from tdm_sim.report.comparison import Comparison, Entry, Kind
-from tdm_sim.report.criteria import criteria, verdict_criterion
-from tdm_sim.report.entries import ROUNDING
+from tdm_sim.report.margins import ROUNDING
 from tdm_sim.report.mission import Event, Mission
 
 MOST_EVENTS = 300
@@ -37,6 +36,13 @@ _HEADINGS: dict[Kind, str] = {
     'tracking': 'Tracking',
     'planner': 'Planner',
 }
+_NOTES: Mapping[Kind, str] = {
+    'duration': 'At the goal: from when on the states stay within the tolerances of the verdict, '
+    'planned and measured alike. A plan ends at rest, which is later.',
+    'landing': 'State at the planned end less the goal; planned: of the replayed plan.',
+    'planner': 'Errors count from the start of the motion on; what came before stands under '
+    'Events only.',
+}
 _NOTHING = 1e-12  # below this a figure is shown as 0
 
 
@@ -44,26 +50,45 @@ def summary_table(mission: Mission, comparison: Comparison) -> str:
     """Return planned against achieved, of several vehicles the worst; every figure folded up."""
     several = len(mission.vehicles) > 1
     entries = comparison.entries
-    worst = _worst(entries) if several else [e for e in entries if not _is_detail(e)]
-    parts = [_verdict(mission, comparison), _table(mission, worst, several, criteria(mission))]
+    worst = _summarised(mission, entries)
+    notes = _NOTES if mission.was_carried_out else {}
+    parts = [_verdict(comparison), _table(mission, worst, several, notes)]
     if len(worst) < len(entries):
         table = _table(mission, entries, several, {})
         parts.append(f'<details><summary>Every figure</summary>{table}</details>')
     return ''.join(parts)
 
 
-def _verdict(mission: Mission, comparison: Comparison) -> str:
+def _verdict(comparison: Comparison) -> str:
     verdict = comparison.verdict
     if verdict is None:
         return ''
     if verdict.reached:
-        criterion = verdict_criterion(mission)
-        asked = f'<p class="note">{escape(criterion)}</p>' if criterion else ''
+        asked = f'<p class="note">{escape(verdict.criterion)}</p>' if verdict.criterion else ''
         return f'<p class="verdict good">Goal reached and held</p>{asked}'
     if not verdict.reasons:
         return f'<p class="verdict">Not known: {escape(verdict.undecided)}</p>'
     reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in verdict.reasons)
     return f'<p class="verdict bad">Goal missed</p><ul class="reasons">{reasons}</ul>'
+
+
+def figures(mission: Mission, comparison: Comparison) -> list[tuple[str, str, str]]:
+    """Return name, planned and achieved of the summary's figures as text, for terminals."""
+
+    def text(value: float | None) -> str:
+        return '' if value is None else f'{0.0 if abs(value) < _NOTHING else value:.4g}'
+
+    return [
+        (f'{e.name} [{e.unit}]' if e.unit else e.name, text(e.planned), text(e.achieved))
+        for e in _summarised(mission, comparison.entries)
+    ]
+
+
+def _summarised(mission: Mission, entries: Sequence[Entry]) -> list[Entry]:
+    """Return the figures of the summary: of several vehicles the worst."""
+    if len(mission.vehicles) > 1:
+        return _worst(entries)
+    return [entry for entry in entries if not _is_detail(entry)]
 
 
 def _is_detail(entry: Entry) -> bool:

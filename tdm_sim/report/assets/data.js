@@ -4,11 +4,6 @@ function unpack(packed) {
   return new Float32Array(bytes.buffer);
 }
 
-function unpackColumns(columns) {
-  if (!columns) return null;
-  return Object.fromEntries(Object.entries(columns).map(([name, v]) => [name, unpack(v)]));
-}
-
 // The last index whose instant is not after t; -1 before the first.
 function indexAt(times, t) {
   let low = -1, high = times.length;

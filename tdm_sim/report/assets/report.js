@@ -6,8 +6,7 @@ function startReport() {
   connectControls(clock, format);
 
   const holder = document.getElementById('scene');
-  const makers = { pendulum: pendulumScene, arena: arenaScene };
-  const scene = report.scene && holder ? makers[report.scene.kind](report.scene, holder) : null;
+  const scene = report.scene && holder ? plantScene(report.scene, holder) : null;
   if (scene) {
     scene.resize();
     clock.listen((t) => scene.update(t));

@@ -10,7 +10,7 @@
 """
 Nodes that are ended, killed, restarted or starved, over real DDS, over and over.
 
-The figures are those of docs/reliability.md; `python -m tools.measure_faults` collects them.
+The figures are those of docs/reliability.md; with TDM_FAULT_FIGURES=FILE they are kept there.
 """
 
 from __future__ import annotations

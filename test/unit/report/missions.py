@@ -33,13 +33,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.mission import (
     Event,
+    FollowedPlan,
     Mission,
     PlanFigures,
-    PlanInForce,
     Severity,
     Signals,
     Vehicle,
@@ -73,7 +74,26 @@ ROBOT_CONTROLS = ('thrust', 'thruster_rate', 'torque')
 JOINTS = ('pendulum', 'disk')
 
 
+# Of a single robot, so that its place fits into the arena.
+ALONE = {
+    'robots': ['robot1'],
+    'robot1.start.x': 0.5,
+    'robot1.start.y': 2.0,
+    'formation.anchor': [0.0, 0.0, 0.0],
+    'formation.robot1': [1.0, 2.0, 0.0],
+}
+
+
 # Motions and missions
+
+
+def pendulum_view(**changes: Any) -> PendulumView:
+    problem = PendulumSwingUp.from_parameters({**PENDULUM_PARAMETERS, **changes})
+    return PendulumView(problem=problem)
+
+
+def robot_view(parameters: Mapping[str, Any]) -> RobotView:
+    return RobotView(problem=RobotFormation.from_parameters(parameters))
 
 
 def pendulum_states(t: Any) -> Any:
@@ -131,7 +151,9 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     fields = {
         'title': 'Swing-up',
         'problem': 'pendulum_swing_up',
-        'vehicles': (Vehicle('pendulum', 'pendulum', (PlanInForce('1', 0.0, plan),), **found),),
+        'vehicles': (
+            Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),
+        ),
         'figures': (PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
         'events': (
             Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 in force'),
@@ -149,9 +171,11 @@ def robots_mission(
     measured: bool = True,
     rate: float = 100.0,
     after: float = 1.0,
+    view: RobotView | None = None,
     **changes: Any,
 ) -> Mission:
     vehicles = []
+    view = view or robot_view({**ARENA_PARAMETERS, **ALONE})
     for number, name in enumerate(names):
         plan = robot_plan(number)
         found: dict[str, Signals] = {}
@@ -162,7 +186,7 @@ def robots_mission(
             states = Signals(at, values, ROBOT_STATES, ('m', 'm', *[''] * 5))
             applied = Signals(at, plan.sample(moving).control, ROBOT_CONTROLS, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
-        vehicles.append(Vehicle(name, 'robot', (PlanInForce('1', 0.0, plan),), **found))
+        vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0, '1'),), **found))
     fields = {
         'title': 'Formation',
         'problem': 'robot_formation',

@@ -78,6 +78,11 @@ class Page:
     def number(self, selector: str, attribute: str) -> float:
         return float(self.find(selector).get_attribute(attribute))
 
+    def points(self, selector: str) -> list[list[list[float]]]:
+        """Return the points of every line [px]."""
+        texts = self.each(selector, 'e.getAttribute("points")')
+        return [[[float(v) for v in p.split(',')] for p in text.split()] for text in texts]
+
     def logs(self) -> tuple[list[str], list[str]]:
         """Console messages, and addresses requested, since the last call."""
         entries = self.driver.get_log('browser')
@@ -167,12 +172,12 @@ class ReadableReport(Report):
 
     def test_the_slider_moves_the_animation(self, page: Page) -> None:
         page.set_time(0.0)
-        script = '["cx", "cy", "transform"].map(n => e.getAttribute(n)).join()'
-        seen = {page.each('#pendulum-side .tip, #arena .body', script)[0]}
+        moving = '.vehicle:not(.goal) .body'
+        seen = {page.each(moving, 'e.outerHTML')[0]}
         slider = page.find('#time')
         for _ in range(4):
             slider.send_keys(Keys.PAGE_UP)
-            seen.add(page.each('#pendulum-side .tip, #arena .body', script)[0])
+            seen.add(page.each(moving, 'e.outerHTML')[0])
         assert len(seen) == 5
         assert page.time() == pytest.approx(float(slider.get_attribute('value')), abs=1e-6)
         assert page.find('#instant').text == f'{page.time():.2f} s'
@@ -202,12 +207,11 @@ class TestPendulum(ReadableReport):
             page.set_time(t)
             pivot, tip = pendulum_points(*pendulum_states(t)[:2], 0.1, 0.12)
             for view, project in views.items():
-                scale = page.number(f'#pendulum-{view}', 'data-scale')
-                middle = page.number(f'#pendulum-{view}', 'width') / 2
-                rod = f'#pendulum-{view} .rig.planned .rod'
-                drawn = [page.number(rod, name) for name in ('x1', 'y1', 'x2', 'y2')]
-                expected = middle + scale * np.array([*project(pivot), *project(tip)])
-                assert drawn == pytest.approx(expected, abs=0.05), (t, view)
+                scale = page.number(f'#scene-{view}', 'data-scale')
+                rod = page.points(f'#scene-{view} .vehicle.planned .line.body')[1]
+                drawn = np.subtract(rod[1], rod[0]) / scale
+                expected = np.subtract(project(tip), project(pivot))
+                assert drawn == pytest.approx(expected, abs=2e-3), (t, view)
 
     def test_the_legend_switches_curves_in_all_charts(self, page: Page) -> None:
         assert not any(page.visible('commanded'))
@@ -284,50 +288,34 @@ class TestRobots(ReadableReport):
     def test_the_robot_heads_and_blows_where_it_should(self, page: Page) -> None:
         t = 1.5
         page.set_time(t)
-        script = """
-            const robot = `.robot.measured[data-robot="${arguments[0]}"]`;
-            const body = document.querySelector(`${robot} .body`);
-            const at = (x, y) => { const p = new DOMPoint(x, y).matrixTransform(body.getCTM());
-              return [p.x, -p.y]; };
-            const {x2, y2} = body.querySelector('.heading');
-            const far = (p) => Math.hypot(p.x, p.y);
-            const tip = [...body.querySelector('.plume').points].reduce(
-              (a, b) => (far(a) > far(b) ? a : b));
-            return [at(0, 0), at(x2.baseVal.value, y2.baseVal.value), at(tip.x, tip.y)];"""
         centres = []
         for number in range(2):
-            centre, front, jet = (np.array(point) for point in page.run(script, number))
+            robot = f'.vehicle.measured[data-vehicle="{number}"]'
+            hull = f'{robot} .disc.body'
+            centre = np.array([page.number(hull, 'cx'), -page.number(hull, 'cy')])
+            (heading,) = page.points(f'{robot} .line.body')
+            (jet,) = page.points(f'{robot} .force')
+            ahead, back = (np.diff(line, axis=0)[0] * [1, -1] for line in (heading, jet))
             yaw, alpha = 0.3 * t, 0.5 + number
-            assert np.arctan2(*(front - centre)[::-1]) == pytest.approx(yaw, abs=0.01)
-            force = centre - jet  # the jet leaves against the force
-            assert np.arctan2(*force[::-1]) == pytest.approx(yaw + alpha, abs=0.01)
+            assert np.arctan2(*ahead[::-1]) == pytest.approx(yaw, abs=0.02)
+            # the jet leaves against the force, half as long at half of the thrust
+            assert np.arctan2(*-back[::-1]) == pytest.approx(yaw + alpha, abs=0.02)
+            assert np.hypot(*back) == pytest.approx(0.8 * page.number(hull, 'r'), rel=0.05)
             centres.append(centre)
-        apart = (centres[1] - centres[0]) / page.number('#arena', 'data-scale')
+        apart = (centres[1] - centres[0]) / page.number('#scene-plane', 'data-scale')
         assert apart == pytest.approx([0.0, 1.0], abs=0.01)
 
     def test_walls_zones_goals_and_safety_circles_are_drawn(self, page: Page) -> None:
-        scale = page.number('#arena', 'data-scale')
-        for selector, attribute, size in (
-            ('.wall', 'width', 4.0),
-            ('.wall', 'height', 3.0),
-            ('.obstacle', 'r', 0.25),
-            ('.robot.measured .separation', 'r', 0.2),
-        ):
-            drawn = page.number(f'#arena {selector}', attribute)
-            assert drawn / scale == pytest.approx(size, rel=1e-3)
-        assert len(page.each('#arena g.goal', '1')) == len(page.each('#arena .path', '1')) == 2
+        scale = page.number('#scene-plane', 'data-scale')
+        walls = np.ptp(page.points('.ground.body')[0], axis=0) / scale
+        assert walls == pytest.approx([4.0, 3.0], rel=1e-2)
+        for selector, radius in (('.ground.disc.limit', 0.25), ('.measured .reach', 0.2)):
+            assert page.number(selector, 'r') / scale == pytest.approx(radius, rel=1e-3)
+        assert len(page.each('g.goal', '1')) == len(page.each('.vehicle .path', '1')) == 2
 
 
 class TestPlanOfRobots(ReadableReport):
     mission, scheme = robots_mission(measured=False), 'dark'
-
-    def test_the_plume_grows_with_the_thrust_and_ends_with_it(self, page: Page) -> None:
-        plume = '.robot.planned[data-robot="0"] .plume'
-        page.set_time(1.0)
-        assert page.find(plume).get_attribute('points')
-        page.find('[data-part=all]').click()
-        page.set_time(2.0)
-        assert page.find(plume).get_attribute('points')  # still on at the last instant
 
 
 class TestWhatARecordingSaysIsText(Report):

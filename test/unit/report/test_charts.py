@@ -12,6 +12,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any, cast
 
 from missions import (
     ARENA_PARAMETERS,
@@ -24,6 +26,8 @@ from missions import (
 )
 import numpy as np
 import pytest
+from tdm_planner.drawing import Box, Line, points_of
+from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_sim.report.animation import (
     frame_times,
     measured_frames,
@@ -31,21 +35,19 @@ from tdm_sim.report.animation import (
     planned_frames,
     scene,
 )
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json, unpacked
 from tdm_sim.report.comparison import compare
-from tdm_sim.report.comparison_charts import distance_chart, error_chart, margin_chart
-from tdm_sim.report.embedding import unpacked
 from tdm_sim.report.histories import (
     control_chart,
-    limits_of,
+    distance_chart,
+    error_chart,
+    margin_chart,
     plan_instants,
     state_chart,
     switching_instants,
 )
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import Mission, PlanInForce, Vehicle
-
-NAMES = ('theta', 'psi', 'torque')
+from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
 
 
 def pendulum() -> Vehicle:
@@ -56,7 +58,7 @@ def pendulum() -> Vehicle:
 def replanned(second: float) -> Vehicle:
     """Return a pendulum whose plan starts once more."""
     plan = pendulum_plan()
-    plans = (PlanInForce('1', 0.0, plan, until=second), PlanInForce('2', second, plan))
+    plans = (FollowedPlan(plan, 0.0, '1', until=second), FollowedPlan(plan, second, '2'))
     return replace(pendulum(), plans=plans)
 
 
@@ -67,33 +69,20 @@ def curves(panel: Panel, kind: str) -> list[Curve]:
 def test_poses_planned_and_measured() -> None:
     """Plans are held before and after, with controls off; gaps of measurements stay gaps."""
     at = np.array([-1.0, 0.0, 0.5, DURATION, 3.0])
-    frames = planned_frames(pendulum(), at, NAMES)
+    states, controls = planned_frames(pendulum(), at) or ({}, {})
     expected = pendulum_states(np.clip(at, 0.0, DURATION))
-    assert frames['theta'] == pytest.approx(expected[:, 0], abs=1e-9)
-    assert frames['psi'] == pytest.approx(expected[:, 1], abs=1e-9)
-    assert frames['torque'].tolist() == [0.0, 0.014, 0.014, -0.014, 0.0]
-    frames = planned_frames(replanned(0.9), np.array([0.8, 0.9, 1.0]), NAMES)
+    assert states['theta'] == pytest.approx(expected[:, 0], abs=1e-9)
+    assert controls['torque'].tolist() == [0.0, 0.014, 0.014, -0.014, 0.0]
+    states, _ = planned_frames(replanned(0.9), np.array([0.8, 0.9, 1.0])) or ({}, {})
     expected = pendulum_states(np.array([0.8, 0.0, 0.1]))[:, 0]
-    assert frames['theta'] == pytest.approx(expected, abs=1e-9)
-    states = pendulum().states
-    assert states is not None
-    states.values[(states.times > 0.5) & (states.times < 1.0)] = np.nan
+    assert states['theta'] == pytest.approx(expected, abs=1e-9)
+    measured = pendulum().states
+    assert measured is not None
+    measured.values[(measured.times > 0.5) & (measured.times < 1.0)] = np.nan
     at = np.array([-2.0, 0.3, 0.75, 1.3, 5.0])
-    frames = measured_frames(replace(pendulum(), states=states), at, NAMES)
-    assert np.isnan(frames['theta']).tolist() == [True, False, True, False, True]
-    assert frames['theta'][1] == pytest.approx(pendulum_states(0.3)[0] + 0.02, abs=1e-6)
-    for count in (0, 1):
-        few = replace(states, times=states.times[:count], values=states.values[:count])
-        frames = measured_frames(replace(pendulum(), states=few), np.linspace(-1, 1, 9), NAMES)
-        assert np.isnan(frames['theta']).all()
-    # measured angles run on where they were wrapped
-    (vehicle,) = robots_mission(names=('one',)).vehicles
-    states = vehicle.states
-    assert states is not None
-    turned = 8.0 * np.clip(states.times, 0.0, DURATION)
-    states.values[:, states.names.index('yaw')] = np.arctan2(np.sin(turned), np.cos(turned))
-    at = np.linspace(0.0, DURATION, 50)
-    assert measured_frames(vehicle, at, ('yaw',))['yaw'] == pytest.approx(8.0 * at, abs=1e-6)
+    states, _ = measured_frames(replace(pendulum(), states=measured), at) or ({}, {})
+    assert np.isnan(states['theta']).tolist() == [True, False, True, False, True]
+    assert states['theta'][1] == pytest.approx(pendulum_states(0.3)[0] + 0.02, abs=1e-6)
 
 
 def test_every_state_and_control_planned_and_measured_with_limits() -> None:
@@ -108,10 +97,10 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
                 for kind in ('planned', 'measured'):
                     assert len(curves(panel, kind)) == len(mission.vehicles)
     # of the robots: within walls, half the smallest distance away
-    limits = {'x': (0.2, 3.8), 'y': (0.2, 2.8), 'thrust': (0.0, 1.0), 'torque': (-0.02, 0.02)}
-    for name, expected in (limits | {'yaw': ()}).items():
-        assert limits_of(mission, 'robot', name) == pytest.approx(expected)
-    assert limits_of(replace(mission, parameters={}), 'robot', 'thrust') == ()
+    limits = {p.title: p.limits for c in (state_chart, control_chart) for p in c(mission).panels}
+    assert limits['x'] == pytest.approx((0.2, 3.8))
+    assert limits['y'] == pytest.approx((0.2, 2.8))
+    assert (limits['thrust'], limits['yaw']) == ((0.0, 1.0), ())
     (torque,) = control_chart(pendulum_mission()).panels
     assert curves(torque, 'planned')[0].held
     assert (torque.limits, torque.unit) == ((-0.02, 0.02), 'N m')
@@ -125,26 +114,53 @@ def test_every_state_and_control_planned_and_measured_with_limits() -> None:
 def test_the_scene_of_robots() -> None:
     data = scene(robots_mission())
     assert data is not None
-    assert data['kind'] == 'arena'
-    assert [robot['name'] for robot in data['robots']] == ['robot1', 'robot2']
-    assert data['obstacles'] == [[2.0, 0.6, 0.25]]
+    assert not data['space']
+    assert [robot['name'] for robot in data['vehicles']] == ['robot1', 'robot2']
+    zone = data['ground'][-1]
+    assert (zone['kind'], zone['style'], zone['radius']) == ('disc', 'limit', 0.25)
     end = robot_states(DURATION, 1)
-    assert data['robots'][1]['goal'] == pytest.approx(end[[0, 1, 4]].tolist())
+    hull, *_ = data['vehicles'][1]['goal']
+    assert unpacked(hull['points']) == pytest.approx(end[:2])
     times = unpacked(data['times'])
-    x = unpacked(data['robots'][0]['planned']['x'])
-    assert x == pytest.approx(robot_states(np.clip(times, 0, DURATION), 0)[:, 0], abs=1e-5)
-    # vehicles of another kind have histories only
-    assert scene(Mission('t', 'other', (replace(pendulum(), plant='other'),))) is None
+    hull, *_ = data['vehicles'][0]['planned']
+    way = unpacked(hull['points']).reshape(-1, 2)
+    assert way == pytest.approx(robot_states(np.clip(times, 0, DURATION), 0)[:, :2], abs=1e-5)
     assert scene(Mission('t', '', ())) is None
+
+
+class Hook(DirectProblem):
+    """A plant that is drawn in space, of which only the picture matters."""
+
+    name = 'hook'
+    state_names, state_units = ('x', 'turn'), ('m', 'rad')
+
+    def drawing(self, x: Any) -> Any:
+        box = Box((x[0], 0.0, 1.0), (0.2, 0.1, 0.4), turn=x[1])
+        return [box, Line(((x[0], 0.0, 1.0), (x[0], 0.0, 0.0)), trail=True)]
+
+
+def test_any_plant_is_shown_by_its_drawing() -> None:
+    drawn = Hook.drawing(cast(Any, None), (np.array([0.0, 2.0]), np.array([0.0, np.pi / 2])))
+    corners = points_of(drawn[0], 2)
+    assert corners.shape == (2, 16, 3)
+    edges = {frozenset((tuple(a), tuple(b))) for a, b in pairwise(corners[0].round(9).tolist())}
+    assert len({edge for edge in edges if len(edge) == 2}) == 12
+    for k, (x, low, high) in enumerate(((0.0, -0.1, 0.1), (2.0, 1.95, 2.05))):
+        assert corners[k, :, 0].min() == pytest.approx(x + low if k == 0 else low)
+        assert corners[k, :, 0].max() == pytest.approx(x + high if k == 0 else high)
+        assert corners[k, :, 2].min() == pytest.approx(0.8)
+    assert points_of(drawn[1], 2)[1].tolist() == [[2.0, 0.0, 1.0], [2.0, 0.0, 0.0]]
+    plane = points_of(Box((0.0, 0.0), (2.0, 1.0)), 1)
+    assert plane.shape == (1, 5, 2)
 
 
 def test_frames_are_bounded_and_hold_the_starts_and_ends_of_plans() -> None:
     mission = pendulum_mission()
-    times = frame_times(mission, 100.0)
+    times = frame_times(mission)
     assert {0.0, DURATION} <= set(times.tolist())
     assert (times[0], times[-1]) == mission.span
     many = robots_mission(names=[f'r{k}' for k in range(20)], after=600.0, rate=1.0)
-    assert frame_times(many, 25.0).size * 20 < MOST_POSES + 20 * 3
+    assert frame_times(many).size * 20 < MOST_POSES + 20 * 3
 
 
 def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
@@ -160,7 +176,7 @@ def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
 
 @pytest.mark.parametrize('most', [20, 200, 3000])
 def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
-    at = plan_instants(PlanInForce('1', 0.1, pendulum_plan()), most)
+    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1, '1'), most)
     assert (np.diff(at) > 0).all()
     assert at.size <= most + 2
     assert np.abs(at - 0.9).min() < 1e-9
@@ -181,8 +197,6 @@ def test_distances_of_the_closest_pairs() -> None:
 
 
 def test_margins_and_errors() -> None:
-    mission = pendulum_mission(parameters={})
-    assert margin_chart(mission, compare(mission)).panels == ()
     mission = pendulum_mission()
     margins = {p.title: p for p in margin_chart(mission, compare(mission)).panels}
     assert set(margins) == {'torque', 'disk_angle'}

@@ -23,12 +23,12 @@ from missions import Parts, pendulum_mission, robots_mission
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
+from tdm_sim.report.charts import json_for_html, packed, unpacked
 from tdm_sim.report.comparison import Comparison, Entry
-from tdm_sim.report.embedding import json_for_html, packed, unpacked
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
 from tdm_sim.report.tables import events_table, number, parameters_table, summary_table
-from tdm_sim.verdict import Verdict
+from tdm_sim.report.verdict import Verdict
 
 LARGEST = 8_000_000
 MINUS = '\N{MINUS SIGN}'
@@ -145,9 +145,9 @@ def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None
 @pytest.mark.parametrize(
     ('verdict', 'kind', 'text'),
     [
-        (Verdict((), ()), ' good', 'Goal reached and held'),
-        (Verdict(('fell <b>',), ()), ' bad', 'Goal missed</p><ul class="reasons"><li>fell &lt;b'),
-        (Verdict((), (), 'it ends at 5.2 s'), '', 'Not known: it ends at 5.2 s</p>'),
+        (Verdict(()), ' good', 'Goal reached and held'),
+        (Verdict(('fell <b>',)), ' bad', 'Goal missed</p><ul class="reasons"><li>fell &lt;b'),
+        (Verdict((), 'it ends at 5.2 s'), '', 'Not known: it ends at 5.2 s</p>'),
     ],
 )
 def test_the_verdict_is_said_first(verdict: Verdict, kind: str, text: str) -> None:

@@ -7,12 +7,11 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What demo and recorder are made of: commands, connections, speed, progress, topics, verdict."""
+"""What demo and recorder are made of: commands, connections, speed, progress, topics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-import math
+from collections.abc import Mapping
 import os
 from pathlib import Path
 import pty
@@ -20,16 +19,13 @@ import re
 import sys
 from typing import Any
 
-import numpy as np
 import pytest
 from tdm_planner.cli import _parser
 from tdm_planner.resources import config_file
-from tdm_planner.trajectory import Trajectory
 from tdm_sim.demo_speed import speed_settings
 from tdm_sim.progress import LiveProgress, make_progress
 from tdm_sim.record_command import record_command, topics_pattern
 from tdm_sim.topic_choice import TopicChoice
-from tdm_sim.verdict import held_from, judge_pendulum, MeasuredPendulum, Verdict
 
 FILE = config_file('pendulum.yaml')
 TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
@@ -38,14 +34,6 @@ TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
 SHARED = {'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'}
 OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/diagnostics_agg',
           '/hall/a/odom', '/hall/abc'}  # fmt: skip
-Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
-PLAN = Trajectory(
-    np.array([0.0, 1.0]),
-    np.array([[math.pi, 0, 0, 0], [2 * math.pi, 0.5, 0, 0]]),
-    np.array([[0.014], [-0.014]]),
-    ('theta', 'psi', 'theta_dot', 'psi_dot'),
-    ('torque',),
-)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +69,7 @@ def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(
 
 
 def test_at_another_speed_what_covers_real_time_is_longer_and_rates_are_lower() -> None:
-    for node in ('planner', 'tracker', 'pendulum_plant', 'robot_plant'):
+    for node in ('planner', 'tracker', 'pendulum_plant', 'robot_plant', 'plant'):
         assert speed_settings(node, FILE, 1.0, drives_clock=False) == {}
     assert speed_settings('planner', FILE, 4.0, drives_clock=False) == {
         'use_sim_time': True,
@@ -213,67 +201,3 @@ def test_the_installed_tdm_records_elsewhere(prefix: Path) -> None:
         words = record_command(namespace)
         folder = words[words.index('--output') + 1]
         assert re.fullmatch(rf'{name}_\d{{4}}(_\d\d){{2}}-\d\d(_\d\d){{2}}', folder)
-
-
-def judge(end: float = 7.0, **changes: Change) -> Verdict:
-    """Judge a swing-up in a second, measured until `end`; `changes` spoil what was measured."""
-    times = np.arange(0, end, 0.005)
-    columns = {
-        'theta': math.pi + math.pi * np.clip(times, 0, 1),
-        'psi': np.full_like(times, 0.1),
-        'theta_dot': np.zeros_like(times),
-        'psi_dot': np.zeros_like(times),
-        'torque': np.full_like(times, 0.01),
-    }
-    columns |= {name: change(times, columns[name]) for name, change in changes.items()}
-    return judge_pendulum(PLAN, MeasuredPendulum(times, **columns), 0.02, 2.0, 0.1)
-
-
-def test_a_swing_up_that_is_held_passes() -> None:
-    verdict = judge()
-    assert verdict.reached, verdict.reasons
-    rows = {name: (planned, achieved) for name, planned, achieved in verdict.rows}
-    assert rows['duration of the plan [s]'] == ('1.000', '')
-    planned, achieved = map(float, rows['upright within 0.05 rad from [s]'])
-    assert achieved == pytest.approx(1 - 0.05 / math.pi, abs=0.005)
-    assert planned == pytest.approx(achieved, abs=0.005)  # judged alike
-    assert rows['torque margin [N m]'] == ('0.0060', '0.0100')
-    assert rows['disk angle margin [rad]'] == ('1.500', '1.900')
-    assert rows['held for [s]'] == ('>= 5', '6.0')
-
-
-@pytest.mark.parametrize(
-    ('name', 'change', 'words'),
-    [
-        ('theta', lambda t, x: np.where(t > 3, x + 0.06, x), 'not upright'),
-        ('theta', lambda t, x: np.where(t > 6.99, x + 0.06, x), 'not upright'),
-        ('theta', lambda t, x: 0 * x + math.pi * 0.9, 'not upright'),
-        ('psi', lambda t, x: np.where(abs(t - 0.5) < 0.01, -2.01, x), 'disk'),
-        ('torque', lambda t, x: np.where(abs(t - 0.5) < 0.01, -0.021, x), 'torque'),
-        ('theta', lambda t, x: np.where(t > 3, np.nan, x), 'not upright'),
-    ],
-)
-def test_each_way_to_miss_is_named(name: str, change: Change, words: str) -> None:
-    verdict = judge(**{name: change})
-    assert not verdict.reached
-    assert words in verdict.reasons[0]
-
-
-@pytest.mark.parametrize('end', [0.5, 1.0, 3.9, 5.9])
-def test_measurements_that_end_before_the_hold_time_has_passed_decide_nothing(end: float) -> None:
-    late = judge(theta=lambda t, x: np.where(abs(t - 3) < 0.01, x - 0.06, x))
-    for verdict, at in ((judge(end), end), (late, 7.0)):
-        assert (verdict.reasons, verdict.reached) == ((), False)
-        assert verdict.undecided.startswith(f'the recording ends at {at:.1f} s')
-    missed = judge(end, torque=lambda t, x: 0 * x + 0.021)
-    assert (len(missed.reasons), missed.undecided) == (1, '')
-
-
-def test_held_from_the_last_time_outside() -> None:
-    times = np.arange(5.0)
-    for values, since in (
-        ([1, 0, 1, 0, 0.0], 3.0),
-        ([0, 0, 0, 0, 1.0], math.inf),
-        (5 * [0.0], 0.0),
-    ):
-        assert held_from(times, np.array(values), 0.5) == since

@@ -1,0 +1,378 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What demo, report and pictures know of a plant beside its joints: one class a plant.
+
+A plant says when it is at its goal, what it must keep, and what it looks like. Of a plant whose
+problem is not known nothing of this is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+import math
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.drawing import Disc, Line, Shape
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+Components = Mapping[str, Array]  # states or controls by name, (n,) each
+
+THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
+
+_ALLOWED = 0.05  # of a stated plant: share of a state's range, and of a limit
+_ARC = 60  # parts that an arc is drawn in
+_BODY = 0.62  # of the safety radius that a robot's body is drawn with
+
+
+class Tolerance(NamedTuple):
+    """States whose deviation from the goal, together, must stay below `allowed`, in their unit."""
+
+    states: tuple[str, ...]
+    allowed: float
+
+
+class PlantView:
+    """
+    A plant; of one that is not known more than its names, nothing is judged or drawn.
+
+    `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
+    by which the goal must be reached; `allowed` what a limit may be violated by, `enforced` the
+    limits that the plant keeps by itself; `near` the deviations within which the goal counts as
+    reached, where they do not depend on the plan; `place` the states that are its place in the
+    plane, where several of a kind keep a distance.
+    """
+
+    settling: ClassVar[float] = 0.0
+    allowed: ClassVar[float] = 1e-9
+    enforced: ClassVar[frozenset[str]] = frozenset()
+    place: ClassVar[tuple[str, ...]] = ()
+    near: ClassVar[tuple[Tolerance, ...]] = ()
+    labels: ClassVar[Mapping[str, str]] = {}
+    name: str = 'vehicle'
+    title: str = ''
+
+    def __init__(self, kind: PlantKind, problem: Problem | None = None) -> None:
+        self.kind, self.problem = kind, problem
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Return the units of states and controls by name."""
+        kind = self.kind
+        found = dict(zip(kind.state_names, kind.state_units, strict=False))
+        return found | dict(zip(kind.control_names, kind.control_units, strict=False))
+
+    def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
+        """Return the state (nx,) that a plan leads to, and what it may be missed by."""
+        return plan.states[-1], self.near
+
+    def is_held(self, plan: Trajectory) -> bool:
+        """Whether the goal is held after the end of the plan."""
+        return True
+
+    def end_conditions(self, time: float, state: Array) -> Array:
+        """Return what must vanish at the end beside the goal, as shares of what is allowed."""
+        return np.zeros(0)
+
+    def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
+        """Return the limits of one vehicle's motion."""
+        return () if self.problem is None else self.problem.constraints_on(plan)
+
+    @property
+    def separation(self) -> float | None:
+        """Distance [m] that several of the kind keep from each other; None where they need not."""
+        return None
+
+    def bounds(self) -> Mapping[str, tuple[float, ...]]:
+        """Return the levels that limit a state or a control, by name."""
+        return {}
+
+    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
+        """Return what the plant looks like in states `x`, under controls `u`."""
+        return ()
+
+    def surroundings(self) -> Sequence[Shape]:
+        """Return what stands still around it."""
+        return ()
+
+    def errors(self, plan: Trajectory, states: Components) -> Array:
+        """Return how far states are from a plan's goal (n,), as shares of what is allowed."""
+        goal, tolerances = self.goal(plan)
+        at = dict(zip(plan.state_names, goal.tolist(), strict=True))
+        shares = [
+            np.sqrt(sum(self.away(name, states[name] - at[name]) ** 2 for name in names)) / allowed
+            for names, allowed in tolerances
+        ]
+        count = next(iter(states.values())).size
+        return np.asarray(np.max([np.zeros(count), *shares], axis=0))
+
+    def away(self, state: str, difference: Array) -> Array:
+        """Return the difference of two values of a state, the shorter way round for angles."""
+        if state not in self.kind.angles:
+            return difference
+        return np.asarray(np.angle(np.exp(1j * difference)))
+
+
+class PendulumView(PlantView):
+    """The rotary pendulum, upright at the end."""
+
+    name = 'pendulum'
+    title = 'Swing-up of the rotary pendulum'
+    settling = 3.0
+    near = (Tolerance(('theta',), 0.05),)
+    labels: ClassVar[Mapping[str, str]] = {
+        'theta': 'pendulum from upright',
+        'psi': 'disk',
+        'theta_dot': 'pendulum rate',
+        'psi_dot': 'disk rate',
+        'torque': 'motor of the disk',
+        'disk_angle': 'end stops of the disk',
+    }
+
+    def __init__(self, kind: PlantKind = PENDULUM, problem: PendulumSwingUp | None = None) -> None:
+        super().__init__(kind, problem)
+        self._plant = RotaryPendulum() if problem is None else problem.plant
+        self._limits = None if problem is None else problem.limits
+
+    def bounds(self) -> Mapping[str, tuple[float, ...]]:
+        """Both sides of the torque and of the disk's angle."""
+        if self._limits is None:
+            return {}
+        torque, angle = self._limits.torque, self._limits.disk_angle
+        return {'torque': (-torque, torque), 'psi': (-angle, angle)}
+
+    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
+        """Arm and rod in the frame `world`; the torque as an arc from the arm onwards."""
+        arm, rod = self._sizes
+        c, s = np.cos(x['psi']), np.sin(x['psi'])
+        across, up = rod * np.sin(x['theta']), rod * np.cos(x['theta'])
+        pivot = (arm * c, arm * s, 0.0)
+        tip = (arm * c - across * s, arm * s + across * c, up)
+        shapes = [Line(((0.0, 0.0, 0.0), pivot)), Line((pivot, tip), trail=True)]
+        if 'torque' in u:
+            most = 1.0 if self._limits is None else self._limits.torque
+            turn = np.nan_to_num(u['torque']) / most * math.pi / 2
+            angles = [x['psi'] + share * turn for share in np.linspace(0.0, 1.0, 9)]
+            arc = [(0.6 * arm * np.cos(a), 0.6 * arm * np.sin(a), 0.0) for a in angles]
+            shapes.append(Line(arc, 'force'))
+        return shapes
+
+    def surroundings(self) -> Sequence[Shape]:
+        """Disk, and how far the arm may turn."""
+        arm, _ = self._sizes
+        reach = math.pi if self._limits is None else min(self._limits.disk_angle, math.pi)
+        angles = np.linspace(-reach, reach, _ARC)
+        stops = [(1.15 * arm * math.cos(a), 1.15 * arm * math.sin(a), 0.0) for a in angles]
+        round_ = np.linspace(-math.pi, math.pi, _ARC)
+        disk = [(arm * math.cos(a), arm * math.sin(a), 0.0) for a in round_]
+        return [Line(disk, 'reach'), Line(stops, 'limit')]
+
+    @property
+    def _sizes(self) -> tuple[float, float]:
+        """Length of the arm, and of the rod, twice as far as its centre of mass [m]."""
+        return self._plant.arm_length, 2.0 * self._plant.com_distance
+
+
+class RobotView(PlantView):
+    """A robot of a formation, in its place at the end."""
+
+    title = 'Formation of floating robots'
+    settling = 8.0
+    near = (Tolerance(('x', 'y'), 0.02), Tolerance(('yaw',), 0.03))
+    enforced = frozenset({THRUST, LOWER_THRUST, 'thruster_rate', 'torque'})
+    place = ('x', 'y')
+    labels: ClassVar[Mapping[str, str]] = {
+        'x': 'position',
+        'y': 'position',
+        'u': 'velocity along x',
+        'v': 'velocity along y',
+        'yaw': 'yaw',
+        'omega': 'yaw rate',
+        'alpha': 'thruster angle',
+        'thrust': 'thruster',
+        'thruster_rate': 'turning of the thruster',
+        'torque': 'reaction wheel',
+        'walls': 'and safety radius',
+        'keep_out': 'zones and safety radius',
+    }
+
+    def __init__(self, kind: PlantKind = ROBOT, problem: RobotFormation | None = None) -> None:
+        super().__init__(kind, problem)
+        self._task = None if problem is None else problem.task
+
+    def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
+        """
+        Limits of one robot, those of its thrust apart.
+
+        A robot that coasts is at the lower one all the time: together with it, the margin of the
+        upper one would never be seen.
+        """
+        most = self._most(THRUST)
+        found: list[Constraint] = []
+        for constraint in super().constraints(plan):
+            if constraint.name != THRUST:
+                found.append(constraint)
+                continue
+            upper = replace(constraint, margin=lambda t, x, u: most - u[:, 0])
+            lower = replace(constraint, name=LOWER_THRUST, margin=lambda t, x, u: u[:, 0])
+            found += [upper, lower]
+        return found
+
+    @property
+    def separation(self) -> float | None:
+        """Distance that the centres of robots keep [m]."""
+        return None if self._task is None else self._task.separation
+
+    def bounds(self) -> Mapping[str, tuple[float, ...]]:
+        """Walls less the safety radius, and the limits of the actuators."""
+        task = self._task
+        if task is None:
+            return {}
+        half = task.separation / 2
+        sides = {'x': (half, task.length - half), 'y': (half, task.width - half)}
+        names = ('thruster_rate', 'torque')
+        both = {name: (-self._most(name), self._most(name)) for name in names}
+        return {**sides, THRUST: (0.0, self._most(THRUST)), **both}
+
+    def _most(self, control: str) -> float:
+        limits: Any = getattr(self.problem, 'limits', None)
+        return 1.0 if limits is None else float(getattr(limits, control))
+
+    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
+        """Body and heading, the safety circle, and the jet against the force of the thruster."""
+        half = (self.separation or 0.3) / 2
+        body, centre = _BODY * half, (x['x'], x['y'])
+        ahead = (x['x'] + body * np.cos(x['yaw']), x['y'] + body * np.sin(x['yaw']))
+        shapes: list[Shape] = [Disc(centre, body, trail=True), Line((centre, ahead))]
+        if self.separation is not None:
+            shapes.append(Disc(centre, half, 'reach'))
+        if THRUST in u and 'alpha' in x:
+            share = np.nan_to_num(u[THRUST]) / self._most(THRUST)
+            turn = x['yaw'] + x['alpha'] + math.pi
+            far = body * (1.0 + 1.6 * share)
+            jet = [(x['x'] + r * np.cos(turn), x['y'] + r * np.sin(turn)) for r in (body, far)]
+            shapes.append(Line(jet, 'force'))
+        return shapes
+
+    def surroundings(self) -> Sequence[Shape]:
+        """Walls, what the centres keep from them, and the zones to keep out of."""
+        task = self._task
+        if task is None:
+            return ()
+        inner = task.separation / 2
+        far = task.length - inner, task.width - inner
+        walls = Line(_rectangle(0.0, 0.0, task.length, task.width))
+        zones = [Disc((x, y), r, 'limit') for x, y, r in task.obstacles.tolist()]
+        return [walls, Line(_rectangle(inner, inner, *far), 'limit'), *zones]
+
+
+def _rectangle(left: float, low: float, right: float, high: float) -> list[tuple[float, float]]:
+    return [(left, low), (right, low), (right, high), (left, high), (left, low)]
+
+
+class StatedView(PlantView):
+    """A plant of a statement: its own end conditions and limits, and its own drawing."""
+
+    settling = 1.0
+    allowed = _ALLOWED  # feedback needs room, too
+
+    def __init__(self, problem: DirectProblem) -> None:
+        super().__init__(kind_of(problem), problem)
+        self._stated = CheckedFormulation(problem)
+        self._statement = problem
+        self._known: dict[Trajectory, tuple[Array, bool]] = {}
+        self.name = self.title = problem.name
+
+    @cached_property
+    def _end(self) -> Array:
+        """What the statement says of the final state (nx,), NaN where that is free."""
+        return np.asarray(Ends.of(self._stated).states[1])
+
+    def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
+        """Return the range of every state (nx,) along a plan, and whether its end can be held."""
+        if plan not in self._known:
+            tracker = StatedTracker(self._statement, TrackerParameters())
+            held = tracker.prepare(plan).end is not None
+            self._known[plan] = tracker.ranges, held
+        return self._known[plan]
+
+    def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
+        """Every state that the statement gives the end of, within a share of its range."""
+        given = np.isfinite(self._end)
+        ranges, _ = self._tracked(plan)
+        tolerances = tuple(
+            Tolerance((name,), _ALLOWED * float(size))
+            for name, size, known in zip(plan.state_names, ranges, given, strict=True)
+            if known
+        )
+        return np.where(given, self._end, plan.states[-1]), tolerances
+
+    def is_held(self, plan: Trajectory) -> bool:
+        """Whether some control keeps the plan's end."""
+        return self._tracked(plan)[1]
+
+    def end_conditions(self, time: float, state: Array) -> Array:
+        """Return the conditions, of order one, as shares of what is allowed."""
+        found = self._stated.end_conditions(np.array([time]), state[None])
+        return np.array([float(value[0]) / _ALLOWED for value in found])
+
+    def bounds(self) -> Mapping[str, tuple[float, ...]]:
+        """Return the limits of controls that are finite."""
+        limits = self._stated.control_limits
+        return {name: tuple(v for v in both if np.isfinite(v)) for name, both in limits.items()}
+
+    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
+        """Return what the statement draws."""
+        values = [x[name] for name in self._statement.state_names]
+        try:
+            return list(self._statement.drawing(values))
+        except Exception as error:  # noqa: B902
+            raise InvalidProblem(
+                f'drawing of {type(self._statement).__name__} raises '
+                f'{type(error).__name__}: {error}'
+            ) from error
+
+
+def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
+    """Return how the plant of a problem is judged and drawn; `plan` has its names."""
+    if isinstance(problem, PendulumSwingUp):
+        return PendulumView(problem=problem)
+    if isinstance(problem, RobotFormation):
+        return RobotView(problem=problem)
+    if isinstance(problem, DirectProblem):
+        return StatedView(problem)
+    return PlantView(named_kind((), ()) if plan is None else kind_by_names(plan), problem)
+
+
+def kind_by_names(plan: Trajectory) -> PlantKind:
+    """Return a plant whose joints are named like the states and controls of a plan."""
+    units = plan.state_units, plan.control_units
+    return named_kind(plan.state_names, plan.control_names, units=units)

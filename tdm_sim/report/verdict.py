@@ -1,0 +1,256 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Was the goal reached, and held, within all limits? The one judge of demos and recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.plant_views import PlantView
+from tdm_planner.problems.base import Problem
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.report.margins import margin_history, separations, smallest
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.reader import read_mission
+
+Array = NDArray[np.float64]
+
+HOLD_TIME = 5.0  # s
+_FIRST = 0.05  # s after the start, until when the command before it may act
+_LAST = 0.1  # s by which a recording may end before the planned end
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    The judgement: `reasons` why the goal was missed.
+
+    `undecided` says why it cannot be told whether the goal would have been reached and held: what
+    was measured ends too early, all being well until then; '' if it can be told. `criterion` says
+    what was asked.
+    """
+
+    reasons: tuple[str, ...]
+    undecided: str = ''
+    criterion: str = ''
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached and held within all limits."""
+        return not self.reasons and not self.undecided
+
+
+def verdict(
+    bag: Path | str, namespace: str | None = None, problem: type[Problem] | None = None
+) -> Verdict | None:
+    """
+    Judge a recording; None where not all that takes was recorded.
+
+    `namespace` chooses among several planners, `problem` is the class of one that is not
+    installed.
+
+    Raises
+    ------
+    TdmError
+        If nothing can be read from it.
+
+    """
+    return judge(read_mission(bag, namespace, problem))
+
+
+def judge(mission: Mission) -> Verdict | None:
+    """
+    Judge a mission; None where not all that takes was recorded.
+
+    After replans the plan active at the end of the recording counts: its goal, its planned end.
+    Limits count from the start of the first plan on.
+    """
+    vehicles = [_with_begun_plans(vehicle) for vehicle in mission.vehicles]
+    if not vehicles or not all(_can_be_judged(vehicle) for vehicle in vehicles):
+        return None
+    reasons: list[str] = []
+    ends: list[float] = []
+    for vehicle in vehicles:
+        found, end = _reached(vehicle)
+        reasons += found
+        ends += [] if end is None else [end]
+        reasons += _violated(vehicle)
+    reasons += _too_close(replace(mission, vehicles=tuple(vehicles)))
+    undecided = ''
+    if ends and not reasons:
+        undecided = (
+            f'the recording ends at {min(ends):.1f} s, before the goal could be reached and held '
+            f'for {HOLD_TIME:g} s'
+        )
+    return Verdict(tuple(reasons), undecided, _criterion(vehicles))
+
+
+def held_from(times: Array, shares: Array) -> float:
+    """Return the earliest instant [s] from which `shares` (n,) stay below 1; inf if none."""
+    outside = np.flatnonzero(~(shares < 1.0))
+    if outside.size == 0:
+        return float(times[0]) if times.size else math.inf
+    last = int(outside[-1])
+    return float(times[last + 1]) if last + 1 < times.size else math.inf
+
+
+def goal_errors(view: PlantView, plan: Trajectory, states: Signals) -> tuple[Array, Array]:
+    """Return instants [s] and how far states are from a plan's goal then, as shares allowed."""
+    _, tolerances = view.goal(plan)
+    needed = [name for names, _ in tolerances for name in names]
+    if not needed or not set(needed) <= set(states.names):
+        return np.zeros(0), np.zeros(0)
+    known = np.isfinite(states.select(*needed).values).all(axis=1)
+    columns = {name: states.column(name)[known] for name in needed}
+    return states.times[known], view.errors(plan, columns)
+
+
+def arrival(vehicle: Vehicle) -> float | None:
+    """
+    Return the instant [s] from which the goal was held to the end; inf if it never was.
+
+    None where that cannot be said: nothing measured, no plan, or a goal that is not known.
+    """
+    if vehicle.plan is None or vehicle.states is None:
+        return None
+    after = vehicle.states.between(vehicle.plans[0].start, math.inf)
+    times, errors = goal_errors(vehicle.view, vehicle.plan.trajectory, after)
+    return held_from(times, errors) if times.size else None
+
+
+def _with_begun_plans(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle without the plans still pending at the end of what was measured."""
+    states = vehicle.states
+    end = -math.inf if states is None or not states.times.size else float(states.times[-1])
+    return replace(vehicle, plans=tuple(plan for plan in vehicle.plans if plan.start < end))
+
+
+def _can_be_judged(vehicle: Vehicle) -> bool:
+    """Whether goal, limits and measurements are known."""
+    if vehicle.plan is None or vehicle.view.problem is None or vehicle.controls is None:
+        return False
+    return not vehicle.view.goal(vehicle.plan.trajectory)[1] or arrival(vehicle) is not None
+
+
+def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
+    """Return why a goal was missed; or when measurements end, if that is too early to tell."""
+    view, plan, states = vehicle.view, vehicle.plan, vehicle.states
+    assert plan is not None
+    assert states is not None
+    end = float(states.times[-1])
+    late = f'{vehicle.name} was not at its goal'
+    if not view.is_held(plan.trajectory):
+        if end < plan.end - _LAST:
+            return [], end
+        at = Signals(np.array([plan.end]), _at(states, plan.end), states.names, states.units)
+        _, missed = goal_errors(view, plan.trajectory, at)
+        found = [f'{late} at the planned end{_worst(vehicle, at)}'] if (missed > 1.0).any() else []
+        return found + _conditions(vehicle, plan, at), None
+    since = arrival(vehicle)
+    since = plan.end if since is None else since
+    if since > plan.end + view.settling:
+        if end <= plan.end + view.settling:
+            return [], end
+        last = Signals(states.times[-1:], states.values[-1:], states.names, states.units)
+        when = f' within {view.settling:g} s of the planned end'
+        return [f'{late}{when}{_worst(vehicle, last)}'], None
+    if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
+        return [], end
+    last = Signals(states.times[-1:], states.values[-1:], states.names, states.units)
+    return _conditions(vehicle, plan, last), None
+
+
+def _at(states: Signals, instant: float) -> Array:
+    return states.at(np.array([min(instant, float(states.times[-1]))]))
+
+
+def _worst(vehicle: Vehicle, at: Signals) -> str:
+    """Say how far it was away at an instant, in the states that matter."""
+    assert vehicle.plan is not None
+    goal, tolerances = vehicle.view.goal(vehicle.plan.trajectory)
+    motion = vehicle.plan.trajectory
+    parts = []
+    for names, allowed in tolerances:
+        wanted = [float(goal[motion.state_names.index(name)]) for name in names]
+        away = [
+            float(vehicle.view.away(name, at.column(name)[:1] - value)[0])
+            for name, value in zip(names, wanted, strict=True)
+        ]
+        unit = vehicle.view.units.get(names[0], '')
+        if not math.hypot(*away) < allowed:
+            parts.append(f'{", ".join(names)} by {math.hypot(*away):.3g} {unit}'.rstrip())
+    return f': off in {"; ".join(parts)}' if parts else ''
+
+
+def _conditions(vehicle: Vehicle, plan: FollowedPlan, at: Signals) -> list[str]:
+    names = plan.trajectory.state_names
+    if not set(names) <= set(at.names):
+        return []
+    found = vehicle.view.end_conditions(plan.trajectory.duration, at.select(*names).values[0])
+    return [
+        f'{vehicle.name}: end condition {index} is {abs(value):.3g} times what is allowed'
+        for index, value in enumerate(found.tolist())
+        if not abs(value) < 1.0
+    ]
+
+
+def _violated(vehicle: Vehicle) -> list[str]:
+    """Return the limits that were violated from the start on, where not held to the end."""
+    assert vehicle.plan is not None
+    measured = margin_history(vehicle).measured
+    if measured is None:
+        return []
+    held = vehicle.view.is_held(vehicle.plan.trajectory)
+    start = vehicle.plans[0].start + _FIRST
+    judged = measured.between(start, math.inf if held else vehicle.plan.end)
+    return [
+        f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
+        + f' after {margin.instant:.2f} s'
+        for name, margin in smallest(judged).items()
+        if not margin.worst >= -vehicle.view.allowed and name not in vehicle.view.enforced
+    ]
+
+
+def _too_close(mission: Mission) -> list[str]:
+    least = mission.vehicles[0].view.separation
+    if least is None:
+        return []
+    return [
+        f'{pair} came within {margin.worst:.3f} m of each other, {least:g} m must be kept'
+        for pair, margin in smallest(separations(mission).measured).items()
+        if not margin.worst >= least
+    ]
+
+
+def _criterion(vehicles: list[Vehicle]) -> str:
+    """Say what it takes for the goal to count as reached and held."""
+    view, plan = vehicles[0].view, vehicles[0].plan
+    assert plan is not None
+    units = vehicles[0].view.units
+    within = [
+        f'{", ".join(names)} within {allowed:.3g} {units.get(names[0], "")}'.rstrip()
+        for names, allowed in view.goal(plan.trajectory)[1]
+    ]
+    goal = '; '.join(within) or 'no state is given'
+    if not view.is_held(plan.trajectory):
+        return f'At the planned end: {goal}; limits kept.'
+    return (
+        f'At the latest {view.settling:g} s after the planned end, for {HOLD_TIME:g} s or more: '
+        f'{goal}; limits kept.'
+    )
