@@ -7,16 +7,52 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Equations of docs/theory.md that no other test writes down a second time: cost and penalty."""
+"""Equations of docs/theory.md written down a second time: speed factor, pendulum, cost."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.plants import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_verification import penalty
 
 RNG = np.random.default_rng(7)
+S = np.linspace(0.0, 1.0, 11)
+PENDULUM = RotaryPendulum()
+
+
+def test_the_speed_factor_and_time_along_the_arc():
+    """Time is the integral of mu, which is positive where its coefficients are."""
+    b = np.array([0.5, 2.0, 1.0])
+    expected = sum(b[i] * math.comb(2, i) * S**i * (1 - S) ** (2 - i) for i in range(3))
+    assert bernstein_basis(2, S) @ b == pytest.approx(expected)
+    assert bernstein_integral(2, 1.0) @ b == pytest.approx(b.sum() / 3)
+
+
+def test_equations_of_motion_of_the_pendulum():
+    theta, psi, q, w = 0.7, 0.3, 5.0, -4.0
+    torque = 0.015
+    i, m, length = PENDULUM.inertia, PENDULUM.mass, PENDULUM.com_distance
+    ml2, mlr = m * length**2, m * length * PENDULUM.arm_length
+    a, b, c = i.z + ml2, mlr * math.cos(theta), i.x - i.y + ml2
+    turning = (i.x + ml2) * math.sin(theta) ** 2 + i.y * math.cos(theta) ** 2
+    j, mgl = i.disk + m * PENDULUM.arm_length**2 + turning, m * PENDULUM.gravity * length
+    r1 = c / 2 * w**2 * math.sin(2 * theta) + mgl * math.sin(theta)
+    r2 = torque - c * q * w * math.sin(2 * theta) + mlr * q**2 * math.sin(theta)
+    d = a * j - b**2
+    expected = [q, w, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
+    state = np.array([theta, psi, q, w])
+    assert PENDULUM.derivative(state, np.array([torque])) == pytest.approx(expected)
+    energy = a * q**2 / 2 + b * q * w + j * w**2 / 2 + mgl * math.cos(theta)
+    assert PENDULUM.energy(state) == pytest.approx(energy)
+    assert PENDULUM.natural_frequency == pytest.approx(math.sqrt(mgl / a))
+    found, theta_ddot = PENDULUM.torque_for(state, np.asarray(expected[3]))
+    assert found == pytest.approx(torque)
+    assert theta_ddot == pytest.approx((r1 - b * expected[3]) / a)
 
 
 @pytest.fixture(scope='module')
