@@ -86,27 +86,20 @@ class Transcription(NonlinearProgram):
         self.cost_scale = 1.0
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
-        middles = 0.5 * (self.nodes[1:] + self.nodes[:-1])
-        points = np.sort([*self.nodes, *middles]) if self.integrated else self.nodes
+        middles = 0.5 * (nodes[1:] + nodes[:-1])
+        points = np.sort([*nodes, *middles]) if self.integrated else nodes
         self._stride = 2 if self.integrated else 1
         duration = self._stated.duration()
         self.basis = ArcBasis(self._stated.outputs(), duration, points)
         self.trace = trace or Trace.of(self._stated)
         self._numbers = self.trace.values(formulation)
-        self._graphs = self._graphs_of_kind()
+        self._graphs = NodeGraphs.of(self.trace, self.basis.layout, self._stated)
         self._calls: dict[tuple[str, str, int | None], Call] = {}
         shortest, longest = duration.bounds
-        self.lower = np.full(self.basis.size, -1e3)
         self.upper = np.full(self.basis.size, 1e3)
+        self.lower = -self.upper
         self.lower[: self.basis.timing] = shortest / duration.guess
         self.upper[: self.basis.timing] = longest / duration.guess
-
-    def _graphs_of_kind(self) -> NodeGraphs:
-        made, layout = self.trace.functions, self.basis.layout
-        if layout not in made:
-            made[layout] = NodeGraphs(self.trace, layout, self._stated)
-        graphs: NodeGraphs = made[layout]
-        return graphs
 
     @property
     def size(self) -> int:

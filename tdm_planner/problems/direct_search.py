@@ -52,7 +52,7 @@ from tdm_planner.problems.direct_statement import (
     constraints_of,
     MARGIN_TOLERANCE,
 )
-from tdm_planner.problems.refinement import COARSE, FINE, FINEST, Refinement
+from tdm_planner.problems.refinement import COARSE, FINE, Refinement
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
@@ -205,9 +205,13 @@ class DirectSearch(Search[Candidate]):
                 bend = 0.5 if attempt not in (0, _STRAIGHT[0]) else 0.0
                 yield self._refinement.straight(COARSE, bend, self._rng)
                 continue
-            xi = minima.rough.first_guess if attempt == _PLAIN else minima.loose(attempt)
-            if xi is not None:
-                yield from self._finite(xi)
+            if attempt == _PLAIN:
+                yield from self._finite(minima.rough.first_guess)
+                continue
+            minimum = minima.loose(attempt)
+            if minimum is not None:
+                self._keep_nearest(minima.rough, minimum)
+                yield from self._finite(minimum.point.xi)
 
     def _finite(self, xi: Array) -> Iterator[Motion]:
         """Yield the direct method's motion if it is finite everywhere."""
@@ -242,7 +246,7 @@ class DirectSearch(Search[Candidate]):
     def _settled(self, motion: Motion) -> Motion:
         """Solve on more intervals, as many as J asks for."""
         intervals = FINE
-        while intervals <= FINEST and not self._late:
+        while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
                 break
@@ -273,9 +277,14 @@ class DirectSearch(Search[Candidate]):
                 motion = self._from_minimum(minimum) if self._refines else None
                 if motion is not None:
                     yield motion
-            elif minimum.point.violation < self._closest:
-                self._closest = minimum.point.violation
-                self._nearest_miss = minima.violated(minimum)
+            else:
+                self._keep_nearest(minima.program, minimum)
+
+    def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
+        """Remember what the minimum violates that is nearest to a feasible motion."""
+        if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
+            self._closest = minimum.point.violation
+            self._nearest_miss = self._minima.violated(program, minimum)
 
     def _from_minimum(self, minimum: Minimum) -> Motion | None:
         """Solve the collocation from a minimum of the direct method; None if that fails."""
