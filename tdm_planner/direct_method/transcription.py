@@ -163,17 +163,13 @@ class Transcription(NonlinearProgram):
     @property
     def has_end_conditions(self) -> bool:
         """Whether conditions remain at an end that no reference function meets by itself."""
-        return self._equality_count > 0
+        return self._parts[0].stop > 1
 
     @cached_property
     def _ended(self) -> list[tuple[int, float, float]]:
         """Integrated states with a given end: index among them, end, scale."""
         states = enumerate(self.integrated.values())
         return [(i, s.end, s.scale) for i, s in states if s.end is not None]
-
-    @property
-    def _equality_count(self) -> int:
-        return len(self._ended) + self._graphs.ends + self._graphs.starts
 
     def cost(self, xi: Array) -> float:
         """Return J of a candidate (n,)."""
@@ -379,7 +375,7 @@ class Transcription(NonlinearProgram):
     @property
     def _parts(self) -> tuple[slice, slice]:
         """Where equalities and margins stand among all values, which begin with J."""
-        first = 1 + self._equality_count
+        first = 1 + len(self._ended) + self._graphs.ends + self._graphs.starts
         return slice(1, first), slice(first, None)
 
     @cached_property

@@ -214,13 +214,7 @@ class DirectSearch(Search[Candidate]):
                 yield from self._finite(minimum.point.xi)
 
     def _finite(self, xi: Array) -> Iterator[Motion]:
-        """Yield the direct method's motion if it is finite everywhere."""
-        motion = self._motion_of(xi)
-        if motion.finite:
-            yield motion
-
-    def _motion_of(self, xi: Array) -> Motion:
-        """Return the direct method's motion on the coarse intervals, which are even in time."""
+        """Yield the direct method's motion on the coarse intervals if it is finite everywhere."""
         motion, parts = self._halves.motion(xi), self._minima.parts
         times = motion.times[::parts]
         even = np.linspace(0.0, times[-1], times.size)
@@ -228,7 +222,9 @@ class DirectSearch(Search[Candidate]):
             np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
-        return Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        found = Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        if found.finite:
+            yield found
 
     def _collocated(self, coarse: Motion) -> Iterator[Plan]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
