@@ -163,7 +163,7 @@ class Transcription(NonlinearProgram):
     @property
     def has_end_conditions(self) -> bool:
         """Whether conditions remain at an end that no reference function meets by itself."""
-        return self._parts[0].stop > 1
+        return bool(self._parts[0].stop > 1)
 
     @cached_property
     def _ended(self) -> list[tuple[int, float, float]]:
