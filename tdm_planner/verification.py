@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 
 MOST_EVALUATIONS = 500_000  # of the equations of motion in a replay, some seconds' worth
 MOST_INSTANTS = 200_000  # of a check: 200 s at intervals of 1 ms
+_FEW = 2  # intervals between samples that a step of the replay may span
 _PER_STEP = 5  # intervals of a check in a step of the integration, and between two samples
 _PARTS, _ROUNDS = 4, 12  # into which, and how often, an interval that may hide more is divided
 _BEND = 2.0  # times the last change of a margin's slope: how much it may change next
@@ -146,6 +147,8 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]
     short = trajectory.interpolation == 'linear'  # pieces, that mostly take one step
+    # Of cubics no step overlooks an interval, in which a control may jump from one sample on.
+    longest = _FEW * float(np.diff(trajectory.times).max())
     for first, last in itertools.pairwise(_smooth_pieces(trajectory)):
         ends = float(trajectory.times[first]), float(trajectory.times[last])
         result = solve_ivp(
@@ -157,6 +160,7 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
             atol=1e-11,
             dense_output=True,
             first_step=ends[1] - ends[0] if short else None,
+            max_step=longest if trajectory.interpolation == 'cubic' else np.inf,
         )
         if not result.success:
             break

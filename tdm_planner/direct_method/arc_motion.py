@@ -61,7 +61,8 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
         node, what, values = min(found, key=lambda item: item[0])
         raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
-            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s)'
+            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '
+            'number along the first guess, or near it (`first_guess` states another)'
         )
 
 

@@ -38,6 +38,7 @@ from tdm_planner.direct_method.formulation import (
     Outputs,
     stack,
 )
+from tdm_planner.direct_method.hints import raised
 from tdm_planner.exceptions import InvalidProblem, TdmError
 
 Array = NDArray[np.float64]
@@ -273,13 +274,7 @@ class CheckedFormulation:
         except TdmError:
             raise
         except Exception as error:  # noqa: B902
-            raise self._raised(function, error) from error
-
-    def _raised(self, function: str, error: Exception) -> InvalidProblem:
-        return InvalidProblem(
-            f'{function} of {type(self.formulation).__name__} raises '
-            f'{type(error).__name__}: {error}'
-        )
+            raise InvalidProblem(raised(self.formulation, function, error)) from error
 
     def _names(self, kind: str) -> tuple[str, ...]:
         found = getattr(self.formulation, f'{kind}_names', None)

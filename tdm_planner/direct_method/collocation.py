@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import threading
+import time
 from typing import Any
 
 import casadi as ca
@@ -168,9 +169,14 @@ def _inverted(stated: CheckedFormulation, y: Any, z: Any) -> Array:
 
 
 class Collocation:
-    """The program of a traced statement on n `intervals`; made once a kind, for any numbers."""
+    """
+    The program of a traced statement on n `intervals`; made once a kind, for any numbers.
+
+    `seconds` of processor time is what making it took: in proportion to the intervals.
+    """
 
     def __init__(self, trace: Trace, intervals: int, settings: Settings) -> None:
+        began = time.thread_time()
         self.trace = trace
         self.intervals = n = intervals
         self._settings = settings
@@ -253,6 +259,7 @@ class Collocation:
                 'iteration_callback': self._clock,
             },
         )
+        self.seconds = time.thread_time() - began
 
     def _rounding(self, guess: Motion, numbers: Array) -> Array:
         """Return how far the kinks of the running cost are rounded, (k,)."""
@@ -266,11 +273,7 @@ class Collocation:
     @classmethod
     def of(cls, trace: Trace, intervals: int, settings: Settings) -> Collocation:
         """Return the program of this kind, made once."""
-        key = 'collocation', intervals, settings
-        if key not in trace.functions:
-            trace.functions[key] = cls(trace, intervals, settings)
-        program: Collocation = trace.functions[key]
-        return program
+        return trace.once((cls, intervals, settings), lambda: cls(trace, intervals, settings))
 
     def solve(
         self,

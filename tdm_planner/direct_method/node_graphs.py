@@ -60,3 +60,8 @@ class NodeGraphs:
         following = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         arguments = ca.vertcat(here, middle, there, z), ca.vertcat(p, h)
         self.step = Differentiated('step', *arguments, following)
+
+    @classmethod
+    def of(cls, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> NodeGraphs:
+        """Return the graphs of this kind, made once."""
+        return trace.once(layout, lambda: cls(trace, layout, stated))

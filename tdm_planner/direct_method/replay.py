@@ -57,11 +57,7 @@ class Replay:
     @classmethod
     def of(cls, trace: Trace, intervals: int) -> Replay:
         """Return the replay of this kind, made once."""
-        key = 'replay', intervals
-        if key not in trace.functions:
-            trace.functions[key] = cls(trace, intervals)
-        replay: Replay = trace.functions[key]
-        return replay
+        return trace.once((cls, intervals), lambda: cls(trace, intervals))
 
     def __call__(self, motion: Motion, numbers: Array) -> tuple[Array, Array, Array]:
         """Return times (N,), states (N, nx) and controls (N, nu) at all substeps."""

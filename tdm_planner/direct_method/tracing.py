@@ -22,15 +22,11 @@ the graph, so that one trace serves all problems of a kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import dataclasses
-import inspect
-import linecache
-from pathlib import Path
 import threading
-import traceback
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -38,10 +34,12 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.hints import refusal, suspect
 from tdm_planner.direct_method.statement_numbers import numbers, structure, twin_of
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
+T = TypeVar('T')
 
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
@@ -49,23 +47,6 @@ _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
 _LOCK = threading.Lock()
-_HINTS = {
-    'math.': "use numpy's functions, such as np.sqrt(x)",
-    'float(': 'leave the conversion to float out',
-    'if ': 'use np.where(condition, this, that) in place of `if` on a value',
-    ' and ': 'use np.logical_and(...) in place of `and` on values',
-    ' or ': 'use np.logical_or(...) in place of `or` on values',
-    ' & ': 'use np.logical_and(...) in place of & on values',
-    ' | ': 'use np.logical_or(...) in place of | on values',
-    'min(': 'use np.minimum and np.maximum',
-    'max(': 'use np.minimum and np.maximum',
-    'np.linalg': 'write the formula by components',
-    'pline': 'use a formula in place of a spline',
-    'mean(': 'write what holds at one node: there are no sums over nodes',
-    'sum(': 'write what holds at one node: there are no sums over nodes',
-}
-_LIBRARIES = tuple(f'{Path(path).parent}/' for path in (ca.__file__, np.__file__, __file__))
-_HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -123,7 +104,7 @@ class Trace:
         self.symbolic = tuple(symbolic)
         self.fixed = {name: value for name, value in found.items() if name not in symbolic}
         self.margin_names = stated.limit_names
-        self.functions: dict[Any, Any] = {}  # what else was made of this trace
+        self._made_of_it: dict[Any, Any] = {}
         symbols = {name: ca.SX.sym(name, found[name].size) for name in symbolic}
         twin = CheckedFormulation(twin_of(stated.formulation, symbols))
         vars(twin)['control_limits'] = stated.control_limits  # which of them are finite
@@ -185,6 +166,13 @@ class Trace:
                 cls._made.clear()
             cls._made.setdefault(key, []).append(trace)
             return trace
+
+    def once(self, key: Any, make: Callable[[], T]) -> T:
+        """Return what else is made of this trace, once for every key."""
+        if key not in self._made_of_it:
+            self._made_of_it[key] = make()
+        made: T = self._made_of_it[key]
+        return made
 
     def values(self, formulation: Formulation) -> Array:
         """Return the numbers that are arguments of the traced functions, (p,)."""
@@ -256,7 +244,7 @@ def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...])
             raise
         except Exception as error:  # noqa: B902
             errors.append(error)  # whatever the user's function raises
-    raise InvalidProblem(_refusal(twin.formulation, function, errors[0])) from errors[0]
+    raise InvalidProblem(refusal(twin.formulation, function, errors[0])) from errors[0]
 
 
 def _as_it_is(value: Any) -> Any:
@@ -288,18 +276,6 @@ def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
         [ca.jacobian(row, on).nnz() > 0 for row in ca.vertsplit(values)] if values.numel() else []
     )
     return np.array(rows, dtype=bool)
-
-
-def _refusal(formulation: Any, function: str, error: Exception) -> str:
-    """Return the sentence that says which line cannot be traced, and what to write instead."""
-    where, source = '', ''
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if not frame.filename.startswith(_LIBRARIES):
-            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
-            where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
-            break
-    hint = next((hint for word, hint in _HINTS.items() if word in source), _HINT)
-    return f'{function} of {type(formulation).__name__} cannot be traced{where}: {hint}'
 
 
 def _expected(stated: CheckedFormulation, samples: Samples) -> dict[str, Array]:
@@ -348,8 +324,14 @@ def _compare(
                 f'{function} of {type(stated.formulation).__name__} gives '
                 f'{_part(stated, function, column)} = {found[node, column]:g} when it is traced, '
                 f'but {wanted[node, column]:g} with numpy: '
-                f'{_suspect(stated.formulation, function)}'
+                f'{_reason(stated, function, float(wanted[node, column]))}'
             )
+
+
+def _reason(stated: CheckedFormulation, function: str, wanted: float) -> str:
+    if not np.isfinite(wanted):
+        return 'write a formula that gives numbers there'
+    return suspect(stated.formulation, function)
 
 
 def _part(stated: CheckedFormulation, function: str, column: int) -> str:
@@ -359,17 +341,3 @@ def _part(stated: CheckedFormulation, function: str, column: int) -> str:
         'margins': stated.limit_names,
     }.get(function, ())
     return f"'{names[column]}'" if names else f'number {column}'
-
-
-def _suspect(formulation: Any, function: str) -> str:
-    """Return what may be the cause, from words in the function's source."""
-    try:
-        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
-    except (OSError, TypeError):
-        return _HINT
-    words = {w: h for w, h in _HINTS.items() if w not in ('if ', ' and ', ' or ')}
-    for number, line in enumerate(lines):
-        hint = next((hint for word, hint in words.items() if word in line), None)
-        if hint:
-            return f'line {first + number}, `{line.strip()}`: {hint}'
-    return 'it must depend on its arguments at the same node alone'

@@ -86,27 +86,20 @@ class Transcription(NonlinearProgram):
         self.cost_scale = 1.0
         self._stated = CheckedFormulation(formulation)
         self.integrated = self._stated.integrated()
-        middles = 0.5 * (self.nodes[1:] + self.nodes[:-1])
-        points = np.sort([*self.nodes, *middles]) if self.integrated else self.nodes
+        middles = 0.5 * (nodes[1:] + nodes[:-1])
+        points = np.sort([*nodes, *middles]) if self.integrated else nodes
         self._stride = 2 if self.integrated else 1
         duration = self._stated.duration()
         self.basis = ArcBasis(self._stated.outputs(), duration, points)
         self.trace = trace or Trace.of(self._stated)
         self._numbers = self.trace.values(formulation)
-        self._graphs = self._graphs_of_kind()
+        self._graphs = NodeGraphs.of(self.trace, self.basis.layout, self._stated)
         self._calls: dict[tuple[str, str, int | None], Call] = {}
         shortest, longest = duration.bounds
-        self.lower = np.full(self.basis.size, -1e3)
         self.upper = np.full(self.basis.size, 1e3)
+        self.lower = -self.upper
         self.lower[: self.basis.timing] = shortest / duration.guess
         self.upper[: self.basis.timing] = longest / duration.guess
-
-    def _graphs_of_kind(self) -> NodeGraphs:
-        made, layout = self.trace.functions, self.basis.layout
-        if layout not in made:
-            made[layout] = NodeGraphs(self.trace, layout, self._stated)
-        graphs: NodeGraphs = made[layout]
-        return graphs
 
     @property
     def size(self) -> int:
@@ -170,17 +163,13 @@ class Transcription(NonlinearProgram):
     @property
     def has_end_conditions(self) -> bool:
         """Whether conditions remain at an end that no reference function meets by itself."""
-        return self._equality_count > 0
+        return bool(self._parts[0].stop > 1)
 
     @cached_property
     def _ended(self) -> list[tuple[int, float, float]]:
         """Integrated states with a given end: index among them, end, scale."""
         states = enumerate(self.integrated.values())
         return [(i, s.end, s.scale) for i, s in states if s.end is not None]
-
-    @property
-    def _equality_count(self) -> int:
-        return len(self._ended) + self._graphs.ends + self._graphs.starts
 
     def cost(self, xi: Array) -> float:
         """Return J of a candidate (n,)."""
@@ -386,7 +375,7 @@ class Transcription(NonlinearProgram):
     @property
     def _parts(self) -> tuple[slice, slice]:
         """Where equalities and margins stand among all values, which begin with J."""
-        first = 1 + self._equality_count
+        first = 1 + len(self._ended) + self._graphs.ends + self._graphs.starts
         return slice(1, first), slice(first, None)
 
     @cached_property

@@ -120,7 +120,7 @@ class DirectMinima:
                 break
         raise refusals[0]
 
-    def loose(self, attempt: int) -> Array | None:
+    def loose(self, attempt: int) -> Minimum | None:
         """Minimise roughly from the first guess or, from `attempt` 1 on, from a change of it."""
         program = self.rough
         xi = program.first_guess
@@ -131,7 +131,7 @@ class DirectMinima:
         if minimum is not None and minimum.point.violation > _FAR:
             longer = replace(self._loose, iterations=_LONGER)
             minimum = self._minimise(program, minimum.point.xi, self._budget, longer)
-        return None if minimum is None else minimum.point.xi
+        return minimum
 
     def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         """Minimise to the end; None where nothing can be computed."""
@@ -157,12 +157,12 @@ class DirectMinima:
         tolerance = max(self._problem.solver.tolerance, _PROMISING)
         return bool(ends <= tolerance and margins <= _PROMISING)
 
-    def violated(self, minimum: Minimum) -> str:
-        """Return what a minimum violates most, and by how much."""
+    def violated(self, program: Transcription, minimum: Minimum) -> str:
+        """Return what a minimum of a program violates most, and by how much."""
         ends, margins = minimum.point.violations
         if ends > margins:
             return f'the conditions at the end by {ends:.2g}'
-        motion = self.program.motion(minimum.point.xi)
+        motion = program.motion(minimum.point.xi)
         margins = self._stated.margins(motion.times, motion.states, motion.controls)
         least = {name: float(np.min(value)) for name, value in margins.items()}
         name = min(least, key=lambda key: least[key])

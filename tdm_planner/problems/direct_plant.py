@@ -106,12 +106,14 @@ class TracedPlant(DirectPlant):
     @cached_property
     def _slopes(self) -> Any:
         """Return the Jacobians by states and controls, column by column, as a CasADi function."""
-        made, rates = self._trace.functions, self._trace.rates
-        if 'slopes' not in made:
+        rates = self._trace.rates
+
+        def make() -> Any:
             x, u, p = (ca.SX.sym(name, rates.size1_in(i)) for i, name in enumerate('xup'))
             slopes = ca.jacobian(rates(x, u, p), ca.vertcat(x, u))
-            made['slopes'] = ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
-        return made['slopes']
+            return ca.Function('slopes', [x, u, p], [ca.vec(ca.densify(slopes))])
+
+        return self._trace.once('slopes', make)
 
     @cached_property
     def _one_slope(self) -> Call:

@@ -52,7 +52,7 @@ from tdm_planner.problems.direct_statement import (
     constraints_of,
     MARGIN_TOLERANCE,
 )
-from tdm_planner.problems.refinement import COARSE, FINE, FINEST, Refinement
+from tdm_planner.problems.refinement import COARSE, FINE, Refinement
 from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
@@ -205,18 +205,16 @@ class DirectSearch(Search[Candidate]):
                 bend = 0.5 if attempt not in (0, _STRAIGHT[0]) else 0.0
                 yield self._refinement.straight(COARSE, bend, self._rng)
                 continue
-            xi = minima.rough.first_guess if attempt == _PLAIN else minima.loose(attempt)
-            if xi is not None:
-                yield from self._finite(xi)
+            if attempt == _PLAIN:
+                yield from self._finite(minima.rough.first_guess)
+                continue
+            minimum = minima.loose(attempt)
+            if minimum is not None:
+                self._keep_nearest(minima.rough, minimum)
+                yield from self._finite(minimum.point.xi)
 
     def _finite(self, xi: Array) -> Iterator[Motion]:
-        """Yield the direct method's motion if it is finite everywhere."""
-        motion = self._motion_of(xi)
-        if motion.finite:
-            yield motion
-
-    def _motion_of(self, xi: Array) -> Motion:
-        """Return the direct method's motion on the coarse intervals, which are even in time."""
+        """Yield the direct method's motion on the coarse intervals if it is finite everywhere."""
         motion, parts = self._halves.motion(xi), self._minima.parts
         times = motion.times[::parts]
         even = np.linspace(0.0, times[-1], times.size)
@@ -224,7 +222,9 @@ class DirectSearch(Search[Candidate]):
             np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
             for values in (motion.states, motion.controls)
         )
-        return Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        found = Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        if found.finite:
+            yield found
 
     def _collocated(self, coarse: Motion) -> Iterator[Plan]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
@@ -242,7 +242,7 @@ class DirectSearch(Search[Candidate]):
     def _settled(self, motion: Motion) -> Motion:
         """Solve on more intervals, as many as J asks for."""
         intervals = FINE
-        while intervals <= FINEST and not self._late:
+        while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
                 break
@@ -273,9 +273,14 @@ class DirectSearch(Search[Candidate]):
                 motion = self._from_minimum(minimum) if self._refines else None
                 if motion is not None:
                     yield motion
-            elif minimum.point.violation < self._closest:
-                self._closest = minimum.point.violation
-                self._nearest_miss = minima.violated(minimum)
+            else:
+                self._keep_nearest(minima.program, minimum)
+
+    def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
+        """Remember what the minimum violates that is nearest to a feasible motion."""
+        if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
+            self._closest = minimum.point.violation
+            self._nearest_miss = self._minima.violated(program, minimum)
 
     def _from_minimum(self, minimum: Minimum) -> Motion | None:
         """Solve the collocation from a minimum of the direct method; None if that fails."""

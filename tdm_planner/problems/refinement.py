@@ -52,6 +52,7 @@ _SHIFTS = 3
 _TOUCHED = 5e-6  # violation of a limit that needs no repair
 _COARSE = 1e-3  # share by which J may differ from that of the replay
 _CHECK_SHARE = 0.2  # of the time allowed, for the check
+_MAKING = 1.5  # times what making a program should take: it cannot be stopped
 _LONGER = 1.3  # share by which a second guess of a warm start takes longer
 _SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
 _INSTANTS = 400  # at which a plan is compared with where it was left
@@ -173,7 +174,7 @@ class Refinement:
         while found is not None:
             found, states = self._repaired(found)
             yield found, states
-            if 2 * found.intervals > FINEST or self._late:
+            if not self.affords(2 * found.intervals):
                 return
             found = self.finer(found, 2 * found.intervals)
 
@@ -196,7 +197,7 @@ class Refinement:
                 gap > _SHARE and shifts >= _SHIFTS
             ):  # too coarse to correct
                 intervals, shift, shifts = 2 * motion.intervals, 0.0 * shift, 0
-                if intervals > FINEST:
+                if not self.affords(intervals):
                     break
                 guess = self._on(motion, intervals)
             else:
@@ -212,6 +213,12 @@ class Refinement:
                 break
             motion = again
         return replace(motion, cost=cost), states[:: Replay.SUBSTEPS]
+
+    def affords(self, intervals: int) -> bool:
+        """Whether a program on so many intervals may be made and solved in time for the check."""
+        making = Collocation.of(self.trace, COARSE, WARM).seconds * intervals / COARSE
+        room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
+        return intervals <= FINEST and room > _MAKING * making
 
     @property
     def _late(self) -> bool:

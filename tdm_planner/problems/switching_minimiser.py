@@ -26,7 +26,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.dual_active_set import solve_compiled
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
 from tdm_planner.plants.compilation import compiled
@@ -40,6 +39,7 @@ from tdm_planner.problems.switching_motion import (
     first_multipliers,
     NEAR_LIMIT,
 )
+from tdm_planner.problems.switching_quadratic import solve_compiled
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method.dual_active_set import solve_compiled
 from tdm_planner.direct_method.nonlinear_program import (
     Budget,
     Linearisation,
@@ -26,6 +25,7 @@ from tdm_planner.direct_method.nonlinear_program import (
 )
 from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.problems.switching_quadratic import solve_compiled
 
 
 def solved(hessian, gradient, rows, least, lower, upper):
