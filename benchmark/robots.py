@@ -122,14 +122,14 @@ def _row(label: str, figures: Figures) -> str:
 
 def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figures:
     """Measure everything: both methods, and variants of the polynomials."""
-    smooth, arcs = {'method': 'polynomials'}, {'method': 'thrust_arcs'}
     found: Figures = {}
     for n, count in {3: scenarios, **(TEAMS if teams else {})}.items():
         seeds = range(min(count, scenarios))
-        found[f'{n} robots'] = measure(seeds, n, **smooth)
-        found[f'{n} robots, thrust arcs'] = measure(seeds, n, **arcs)
+        found[f'{n} robots'] = measure(seeds, n, method='polynomials')
+        found[f'{n} robots, thrust arcs'] = measure(seeds, n, method='thrust_arcs')
     for label, changes in VARIANTS.items() if variants else ():
-        found[label] = measure(range(min(30, scenarios)), **smooth, **changes)
+        seeds = range(min(30, scenarios))
+        found[label] = measure(seeds, method='polynomials', **changes)
     found['memory_MB'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return found
 
