@@ -45,7 +45,7 @@ Figures: TypeAlias = dict[str, Any]
 MARGIN = 0.004  # arena.tracking_margin: as much as the reference leaves out
 TEAMS = {2: 50, 5: 30, 8: 20, 12: 15, 20: 10}
 VARIANTS: dict[str, dict[str, Any]] = {
-    'order 7, ends varied (default)': {},
+    'order 7, ends varied': {},
     'order 7, ends given, yaw varied: the 21 parameters of the paper': {
         'end_accelerations': 'given',
         'yaw_order': 7,
@@ -121,14 +121,15 @@ def _row(label: str, figures: Figures) -> str:
 
 
 def run(scenarios: int = 100, teams: bool = True, variants: bool = True) -> Figures:
-    """Measure everything."""
-    found: Figures = {'3 robots': measure(range(scenarios))}
-    if teams:
-        for n, count in TEAMS.items():
-            found[f'{n} robots'] = measure(range(min(count, scenarios)), n)
-    if variants:
-        for label, changes in VARIANTS.items():
-            found[label] = measure(range(min(30, scenarios)), **changes)
+    """Measure everything: both methods, and variants of the polynomials."""
+    found: Figures = {}
+    for n, count in {3: scenarios, **(TEAMS if teams else {})}.items():
+        seeds = range(min(count, scenarios))
+        found[f'{n} robots'] = measure(seeds, n, method='polynomials')
+        found[f'{n} robots, thrust arcs'] = measure(seeds, n, method='thrust_arcs')
+    for label, changes in VARIANTS.items() if variants else ():
+        seeds = range(min(30, scenarios))
+        found[label] = measure(seeds, method='polynomials', **changes)
     found['memory_MB'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return found
 

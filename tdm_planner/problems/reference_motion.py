@@ -221,7 +221,8 @@ class ReferenceMotion:
         motion = low.unpack(z)
         raised = self.fit(motion.rates, lambda s: motion.position @ low.values(s, 2).T)
         if self.ny:
-            raised[:, self.size - self.ny :] = z[:, low.size - low.ny :]
+            own, its = self.size - self.ny, low.size - low.ny
+            raised[:, own:] = z[:, its:]
         return raised
 
     def unpack(self, z: Array) -> FormationMotion:
