@@ -18,7 +18,6 @@ from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,
     discretise,
     Regulator,
-    regulator,
     time_varying_regulator,
     TimeVaryingRegulator,
 )
@@ -49,6 +48,5 @@ __all__ = [
     'TrajectoryTracker',
     'discrete_regulator',
     'discretise',
-    'regulator',
     'time_varying_regulator',
 ]

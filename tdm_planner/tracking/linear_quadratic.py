@@ -31,7 +31,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_continuous_are, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 Array = NDArray[np.float64]
 
@@ -57,20 +57,6 @@ class TimeVaryingRegulator:
     costs_to_go: Array
 
 
-def regulator(a: Array, b: Array, q: Array, r: Array) -> Regulator:
-    """
-    Regulate x' = a x + b u at the least integral of x'q x + u'r u.
-
-    Raises
-    ------
-    ValueError
-        If (a, b) cannot be stabilised.
-
-    """
-    cost_to_go = _solved(solve_continuous_are, a, b, q, r)
-    return Regulator(np.asarray(np.linalg.solve(r, b.T @ cost_to_go)), cost_to_go)
-
-
 def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> Regulator:
     """
     Regulate x' = a x + b u, u held over steps of `step` s, by step times the sum of the cost.
@@ -83,18 +69,12 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     """
     a, b = discretise(a, b, step)
     q, r = q * step, r * step
-    cost_to_go = _solved(solve_discrete_are, a, b, q, r)
-    gain = np.linalg.solve(r + b.T @ cost_to_go @ b, b.T @ cost_to_go @ a)
-    return Regulator(np.asarray(gain), cost_to_go)
-
-
-def _solved(solve: object, a: Array, b: Array, q: Array, r: Array) -> Array:
-    assert callable(solve)
     try:
-        cost_to_go: Array = solve(a, b, q, r)
+        cost_to_go = np.asarray(solve_discrete_are(a, b, q, r), dtype=float)
     except np.linalg.LinAlgError as error:
         raise ValueError(f'the Riccati equation has no stabilising solution: {error}') from None
-    return cost_to_go
+    gain = np.linalg.solve(r + b.T @ cost_to_go @ b, b.T @ cost_to_go @ a)
+    return Regulator(np.asarray(gain), cost_to_go)
 
 
 def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:

@@ -26,7 +26,6 @@ from tdm_planner.tracking.feedforward import Feedforward
 from tdm_planner.tracking.linear_quadratic import (
     discrete_regulator,
     discretise,
-    regulator,
     time_varying_regulator,
 )
 from tdm_planner.tracking.repetition import RepetitionWatch
@@ -228,9 +227,7 @@ def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> Non
 
 @SETTINGS
 @given(seed=SEEDS)
-def test_regulators_stabilise_and_are_the_limit_of_long_horizons_and_short_steps(
-    seed: int,
-) -> None:
+def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> None:
     a, b = system(seed)
     step = 0.02
     phi, gamma = discretise(a, b, step)
@@ -243,10 +240,6 @@ def test_regulators_stabilise_and_are_the_limit_of_long_horizons_and_short_steps
     along = time_varying_regulator(np.tile(a, (n, 1, 1)), np.tile(b, (n, 1, 1)), Q, R, Q, step)
     assert np.allclose(along.costs_to_go[0], exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
     assert np.allclose(along.gains[0], steady.gain, rtol=1e-4, atol=1e-4)
-    continuous = regulator(a, b, Q, R)
-    assert np.linalg.eigvals(a - b @ continuous.gain).real.max() < 0
-    short = discrete_regulator(a, b, Q, R, 1e-5)
-    assert np.allclose(short.gain, continuous.gain, rtol=1e-2, atol=1e-2)
 
 
 def test_the_cost_to_go_is_the_cost_and_other_gains_cost_more() -> None:
@@ -274,7 +267,9 @@ def test_the_cost_to_go_is_the_cost_and_other_gains_cost_more() -> None:
 
 def test_a_system_that_cannot_be_stabilised_is_an_error() -> None:
     with pytest.raises(ValueError, match='Riccati'):
-        regulator(np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1))
+        discrete_regulator(
+            np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1), 0.01
+        )
 
 
 def plan(controls: list[float], interpolation: Interpolation) -> Trajectory:
