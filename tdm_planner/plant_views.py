@@ -361,7 +361,7 @@ class StatedView(PlantView):
             ) from error
 
 
-_VIEWS: Mapping[type[Problem], Callable[[Any], PlantView]] = {
+_VIEWS: Mapping[Any, Callable[[Any], PlantView]] = {
     PendulumSwingUp: lambda problem: PendulumView(problem=problem),
     RobotFormation: lambda problem: RobotView(problem=problem),
     DirectProblem: StatedView,
