@@ -21,7 +21,7 @@ problem is not known nothing of this is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 import math
@@ -361,14 +361,18 @@ class StatedView(PlantView):
             ) from error
 
 
+_VIEWS: Mapping[Any, Callable[[Any], PlantView]] = {
+    PendulumSwingUp: lambda problem: PendulumView(problem=problem),
+    RobotFormation: lambda problem: RobotView(problem=problem),
+    DirectProblem: StatedView,
+}
+
+
 def view_of(problem: Problem, plan: Trajectory | None = None) -> PlantView:
     """Return how the plant of a problem is judged and drawn; `plan` has its names."""
-    if isinstance(problem, PendulumSwingUp):
-        return PendulumView(problem=problem)
-    if isinstance(problem, RobotFormation):
-        return RobotView(problem=problem)
-    if isinstance(problem, DirectProblem):
-        return StatedView(problem)
+    for kind, made in _VIEWS.items():
+        if isinstance(problem, kind):
+            return made(problem)
     return PlantView(named_kind((), ()) if plan is None else kind_by_names(plan), problem)
 
 
