@@ -235,7 +235,9 @@ def penalty(task: FormationTask, states: Array, controls: Array, weights: Array)
     push = controls[..., 0] / (task.plant.mass * task.thrust)
     turn = controls[..., 1] / task.thruster_rate
     torque = controls[..., 2] / (task.plant.inertia * task.torque)
-    apart = np.linalg.norm(place[:, one] - place[:, other], axis=-1) - task.separation
+    x, y = np.ascontiguousarray(place.T)
+    way = x[one] - x[other], y[one] - y[other]
+    apart = (np.sqrt(way[0] * way[0] + way[1] * way[1]) - task.separation).min(axis=1)[None]
     margins = (
         (place - half, task.sides - place - half, *_zone_margins(task, place)),
         (np.minimum(1.0 - push, push),),

@@ -175,19 +175,21 @@ def _inverse(times: Array, duration: float, since: float) -> float:
 
 
 @inlined
-def _place(t: SeparationTables, at: Paths, i: int, time: float) -> tuple[float, float]:
+def _place(
+    at: Paths, coast: Array, velocity: Array, centres: Array, i: int, time: float
+) -> tuple[float, float]:
     """Where a robot is: coasting, on its way, or parked; or where something stands still."""
-    n = t.coast.size
+    n = coast.size
     if i >= n:
-        return t.centres[i - n, 0], t.centres[i - n, 1]
-    since = time - t.coast[i]
+        return centres[i - n, 0], centres[i - n, 1]
+    since = time - coast[i]
     s = _arc(at, i, since)
     side, u = (0, s) if s <= 0.5 else (1, s - 1.0)
     x, y = 0.0, 0.0
     for k in range(at.expansions.shape[3] - 1, -1, -1):
         x, y = x * u + at.expansions[i, side, 0, k], y * u + at.expansions[i, side, 1, k]
     early = min(since, 0.0)
-    return x + t.velocity[i, 0] * early, y + t.velocity[i, 1] * early
+    return x + velocity[i, 0] * early, y + velocity[i, 1] * early
 
 
 @compiled
@@ -221,6 +223,7 @@ def _nearest(begin_x: float, begin_y: float, end_x: float, end_y: float) -> tupl
 @compiled
 def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
     """Find the near approaches of robots to one another and to what stands still."""
+    coast, velocity, centres = t.coast, t.velocity, t.centres
     every, pairs, last = at.durations.size + len(t.centres), t.pairs.shape[0], 0.0
     for i in range(at.durations.size):
         last = max(last, at.durations[i] + t.coast[i])
@@ -233,7 +236,7 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
     found, places = 0, np.empty((every, 2, count))
     for i in range(every if pairs else 0):
         for k in range(count):
-            x, y = _place(t, at, i, k * interval)
+            x, y = _place(at, coast, velocity, centres, i, k * interval)
             places[i, 0, k], places[i, 1, k] = x, y
     for p in range(pairs):
         i, j = t.pairs[p, 0], t.pairs[p, 1]
@@ -246,7 +249,8 @@ def near_pairs(t: SeparationTables, at: Paths) -> PairApproaches:
             if not distance < within:
                 continue
             time = (k - 1 + share) * interval
-            here, there = _place(t, at, i, time), _place(t, at, j, time)
+            here = _place(at, coast, velocity, centres, i, time)
+            there = _place(at, coast, velocity, centres, j, time)
             apart_x, apart_y = here[0] - there[0], here[1] - there[1]
             distance = max(math.sqrt(apart_x * apart_x + apart_y * apart_y), 1e-9)
             pair[found], times[found] = p, time
