@@ -31,7 +31,7 @@ from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import (
-    direct_search,
+    direct_minima,
     formation_search,
     PendulumSwingUp,
     polynomial_search,
@@ -56,7 +56,7 @@ def _noisy(rng: Generator, size: float, value: Any) -> Any:
 
 def _minimisers(patch: Patch, change: Callable[..., Any]) -> None:
     """Put `change(right, program, xi, options, budget)` in the place of every minimiser."""
-    for module in (switching_search, direct_search, formation_search):
+    for module in (switching_search, direct_minima, formation_search):
 
         def minimise(
             program: Any, xi: Any, options: Any = None, budget: Any = None,
