@@ -22,6 +22,7 @@ which nodes started with `use_sim_time` false go by.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 import gc
 import importlib
 from pathlib import Path
@@ -326,9 +327,10 @@ class Stepped(Ros):
     def _serve(self) -> bool:
         """Run one callback; False if there is none."""
         worked, self._worked = self._worked, False
-        try:
+        handler = None
+        with suppress(TimeoutException):
             handler, _, _ = self._executor.wait_for_ready_callbacks(timeout_sec=0.0)
-        except TimeoutException:
+        if handler is None:
             # What was found before is done; it may have made more.
             return worked and self._serve()
         handler()
