@@ -112,7 +112,7 @@ docs: $(READY)-docs
 	  --doctree-dir docs/_build/.doctrees docs docs/_build
 	@$(BIN)/python -m tools.links docs/_build
 
-benchmark: $(READY)-benchmark
+benchmark: $(READY)-test
 	@$(BIN)/python -m benchmark --docs $(OPTIONS)
 
 # Parameter files, tables and pictures of the documentation, from the code.

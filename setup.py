@@ -110,8 +110,6 @@ setup(
             'types-PyYAML',
         ],
         'docs': ['furo', 'myst-parser', 'sphinx'],
-        # Peers that are not installed are left out of the comparison.
-        'benchmark': ['drake; platform_machine == "x86_64"', 'ruckig'],
     },
     entry_points={
         'console_scripts': [
