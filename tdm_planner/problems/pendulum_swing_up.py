@@ -68,7 +68,10 @@ class PendulumStart(Validated):
         0.0, "disk's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
     )
     torque: float | None = parameter(
-        None, 'torque from which method smooth goes on without a jump; unset: any', unit='N m'
+        None,
+        'torque from which method smooth goes on without a jump; unset: any',
+        unit='N m',
+        allowed=SIGNED,
     )
 
 
