@@ -102,7 +102,7 @@ class PlanResult:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion of the only vehicle."""
+        """Return the motion of the only vehicle."""
         (only,) = self.trajectories.values()
         return only
 

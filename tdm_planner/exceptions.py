@@ -26,7 +26,7 @@ class TdmError(Exception):
 
     @property
     def reason(self) -> str:
-        """The message."""
+        """Return the message."""
         return str(self)
 
 

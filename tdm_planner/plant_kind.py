@@ -172,5 +172,7 @@ def plan_kind(problem: Problem, trajectory: Trajectory) -> PlantKind:
     if isinstance(problem, DirectProblem):
         return kind_of(problem)
     names = trajectory.state_names, trajectory.control_names
-    known = (kind for kind in BUILT_IN.values() if (kind.state_names, kind.control_names) == names)
-    return next(known, None) or named_kind(*names)
+    for kind in BUILT_IN.values():
+        if (kind.state_names, kind.control_names) == names:
+            return kind
+    return named_kind(*names)

@@ -313,7 +313,7 @@ class StatedView(PlantView):
 
     @cached_property
     def _end(self) -> Array:
-        """What the statement says of the final state (nx,), NaN where that is free."""
+        """Return the final state (nx,) that the statement asks for, NaN where it is free."""
         return np.asarray(Ends.of(self._stated).states[1])
 
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:

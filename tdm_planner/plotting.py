@@ -113,7 +113,7 @@ def _histories(
     kept = {m.name: m.unit for found in margins.values() for m in found}
     axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
     bounds, colours = view.bounds(), _coloured(plans)
-    switches = np.concatenate([switching_instants(plan) for plan in plans.values()])
+    switches = switching_instants(*plans.values()).tolist() if len(plans) == 1 else []
     for axis, name in zip(axes, names, strict=False):
         for vehicle, plan in plans.items():
             _draw_planned(axis, plan, name, colours[vehicle])
@@ -127,11 +127,11 @@ def _histories(
         _draw_limits(axis, 0.0)
         _label(axis, f'margin of\n{name}', unit)
     for axis in axes:
-        for instant in switches if len(plans) == 1 else ():
+        for instant in switches:
             axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
     handles = {} if len(plans) == 1 else {n: Line2D([], [], color=c) for n, c in colours.items()}
     handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
-    if len(plans) == 1 and switches.size:
+    if switches:
         handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
     _legend(axes[0], handles)
     axes[-1].set_xlabel(TIME_LABEL)

@@ -31,6 +31,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from stepped_ros import Stepped
 from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
 
 SECOND = 1_000_000_000  # ns
@@ -60,7 +61,7 @@ class Relay:
     - unstamped: their stamps are zero.
     """
 
-    def __init__(self, ros: Any, source: str, target: str) -> None:
+    def __init__(self, ros: Stepped, source: str, target: str) -> None:
         self._ros = ros
         self._held: list[tuple[float, int, JointState]] = []
         self._order = itertools.count()
@@ -106,7 +107,9 @@ class Relay:
 class MisledRig(PendulumRig):
     """A rig whose planner and tracker see states as `relay` passes them on."""
 
-    def __init__(self, stepped: Any, namespace: str, **common: Any) -> None:
+    ros: Stepped
+
+    def __init__(self, stepped: Stepped, namespace: str, **common: Any) -> None:
         plant = f'/{namespace}/unspoilt'
         self.relay = Relay(stepped, plant, f'/{namespace}/joint_states')
         super().__init__(

@@ -120,8 +120,8 @@ def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
     elif spec.name == 'robots':
         found = robot_lists
     else:
-        sizes = {'min_size': spec.length, 'max_size': spec.length} if spec.length else {}
-        found = st.lists(inside(spec.range), **{'max_size': 6, **sizes})
+        least, most = spec.length or 0, spec.length or 6
+        found = st.lists(inside(spec.range), min_size=least, max_size=most)
     return st.one_of(found, st.none()) if spec.optional else found
 
 
@@ -329,8 +329,8 @@ def plans(draw: Any, kind: str, names: Any = joint_names) -> dict[str, Any]:
     plan['points'] = [dict(same) if same else draw(point) for _ in range(count)]
     if draw(st.integers(0, 4)):
         step = draw(st.sampled_from([1, 1_000_000, 50_000_000, 1_000_000_000, 10**12]))
-        for k, point in enumerate(plan['points']):
-            point['time_from_start'] = _instant(k * step)
+        for k, drawn in enumerate(plan['points']):
+            drawn['time_from_start'] = _instant(k * step)
     return plan
 
 

@@ -157,7 +157,7 @@ def statements(draw: Any) -> dict[str, Any]:
 def check_replay(problem: Stated, plan: Any) -> None:
     """Integrate the statement by other means than the package's, piece by piece."""
     motion = plan.trajectory
-    x, worst = motion.states[0], {}
+    x, worst = motion.states[0], dict[str, float]()
     for begin, end in zip(motion.times[:-1], motion.times[1:], strict=True):
 
         def rates(t: float, x: Any) -> list[float]:

@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import ctypes
@@ -92,7 +93,30 @@ def _end_with_the_tests() -> None:
     ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
 
 
-class NodeProcess:
+class Started(ABC):
+    """What a test has started."""
+
+    @property
+    @abstractmethod
+    def output(self) -> str:
+        """Return everything that was printed so far."""
+
+    @property
+    @abstractmethod
+    def running(self) -> bool: ...
+
+    @abstractmethod
+    def end(self) -> int:
+        """End it, and return the exit code."""
+
+    def end_cleanly(self) -> None:
+        """End it; the exit code must be 0 and nothing may look like a crash."""
+        code = self.end()
+        assert code == 0, f'ended with {code}:\n{self.output}'
+        assert 'Traceback' not in self.output, self.output
+
+
+class NodeProcess(Started):
     """One node in a process group of its own, started as ``python -m MODULE``."""
 
     def __init__(
@@ -137,12 +161,6 @@ class NodeProcess:
             raise AssertionError(
                 f'{self.module} did not end within {timeout} s of signal {number}:\n{self.output}'
             ) from None
-
-    def end_cleanly(self) -> None:
-        """End by SIGINT; the exit code must be 0 and nothing may look like a crash."""
-        code = self.end()
-        assert code == 0, f'{self.module} ended with {code}:\n{self.output}'
-        assert 'Traceback' not in self.output, self.output
 
 
 class Ros:
@@ -191,11 +209,9 @@ class Ros:
         *,
         namespace: str = '',
         arguments: list[str] | None = None,
-        environment: Mapping[str, str] | None = None,
-    ) -> NodeProcess:
+    ) -> Started:
         """Start a node; it is ended, and its exit checked, with the fixture if not before."""
-        words = self._arguments(module, parameters, namespace, arguments)
-        return self.run(module, words, environment)
+        return self.run(module, self._arguments(module, parameters, namespace, arguments))
 
     def run(
         self, module: str, arguments: list[str], environment: Mapping[str, str] | None = None

@@ -120,10 +120,13 @@ class Subject:
         assert not survivors(f'TDM_TEST_MARK={self.namespace}')
 
 
+def recording(ros: Ros) -> list[str]:
+    return ['record', '-o', str(ros.folder / uuid.uuid4().hex)]
+
+
 def starting(ros: Ros, name: str) -> Subject:
     """Return a process at its first import of the package."""
-    arguments = ['record', '-o', str(ros.folder / uuid.uuid4().hex)] if name == 'tdm' else {}
-    subject = Subject(ros, name, arguments)
+    subject = Subject(ros, name, recording(ros) if name == 'tdm' else {})
     return subject.wait(subject.begun)
 
 
@@ -185,10 +188,12 @@ def driven_plant(ros: Ros) -> Subject:
 
 
 def busy_recorder(ros: Ros) -> Subject:
-    subject = Subject(ros, 'tdm', ['record', '-o', str(ros.folder / uuid.uuid4().hex)])
+    subject = Subject(ros, 'tdm', recording(ros))
     subject.says('Ctrl-C ends')
     count = iter(range(100))
-    return subject.told('recorded', hanging, lambda: ros.spin_for(0.01) or next(count) > 50)
+    return subject.told(
+        'recorded', hanging, lambda: ros.spin_until(lambda: False, 0.01) or next(count) > 50
+    )
 
 
 def demo(ros: Ros, phase: str) -> Subject:

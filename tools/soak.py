@@ -89,7 +89,7 @@ def soak(duration: float, clients: int, folder: Path) -> dict[str, Any]:
             calls: list[Any] = [None] * clients
             while (now := time.monotonic()) < began + duration:
                 for k, client in enumerate(ask):
-                    if calls[k] is None or _answered(*calls[k], now, late):
+                    if calls[k] is None or _answered(calls[k], now, late):
                         calls[k] = client.call_async(Trigger.Request()), now
                 if now > flown:
                     flown = now + _FLIGHT
@@ -110,8 +110,9 @@ def soak(duration: float, clients: int, folder: Path) -> dict[str, Any]:
     }
 
 
-def _answered(future: Any, asked: float, now: float, late: dict[str, list[float]]) -> bool:
+def _answered(call: tuple[Any, float], now: float, late: dict[str, list[float]]) -> bool:
     """Take note of an answer, or of a call that has none after too long; False: wait for it."""
+    future, asked = call
     if not future.done() and now < asked + _SILENT:
         return False
     response = future.result() if future.done() else None

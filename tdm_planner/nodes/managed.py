@@ -24,7 +24,7 @@ finalized      as unconfigured, for good
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 import math
 import time
@@ -159,9 +159,12 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             publisher.on_activate(None)
         return publisher
 
-    def create_timer(self, period: float, callback: Any, *args: Any, **kwargs: Any) -> Any:
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
+    ) -> Any:
         """Create a timer that ends with the configuration."""
-        return super().create_timer(period, self._while_configured(callback), *args, **kwargs)
+        callback = self._while_configured(callback)
+        return super().create_timer(timer_period_sec, callback, *args, **kwargs)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
@@ -184,13 +187,14 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         return guarded
 
     def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
-        for items, destroy in (
+        kinds: tuple[tuple[Iterable[Any], Callable[[Any], Any]], ...] = (
             (self.timers, self.destroy_timer),
             (self.subscriptions, self.destroy_subscription),
             (self.services, self.destroy_service),
             (self.clients, self.destroy_client),
             (self.publishers, self.destroy_lifecycle_publisher),
-        ):
+        )
+        for items, destroy in kinds:
             for item in items:
                 yield item, destroy
 

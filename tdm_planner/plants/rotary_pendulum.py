@@ -205,12 +205,12 @@ class RotaryPendulum(Validated, StatedPlant):
 
     @property
     def natural_frequency(self) -> float:
-        """Angular frequency of small swings about hanging with the disk held, w0 [rad/s]."""
+        """Return the angular frequency of small swings about hanging, disk held, w0 [rad/s]."""
         return math.sqrt(self.coefficients.gravity / self.coefficients.pendulum)
 
     @property
     def determinant(self) -> float:
-        """Determinant of the mass matrix upright or hanging [kg^2 m^4], where it is least."""
+        """Return the determinant of the mass matrix upright or hanging [kg^2 m^4], its least."""
         k = self.coefficients
         return k.pendulum * (k.disk + k.disk_cosine) - k.arm**2
 

@@ -94,7 +94,7 @@ class DirectMinima:
 
     @cached_property
     def program(self) -> Transcription:
-        """The program on the nodes of the direct method's own plans."""
+        """Return the program on the nodes of the direct method's own plans."""
         outputs = self._stated.outputs().values()
         free = max(o.free if o.shapes is None else o.shapes.size for o in outputs)
         count = self.parts * max(self._problem.nodes, 3 * free + 15)

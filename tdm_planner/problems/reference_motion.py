@@ -97,7 +97,7 @@ class MotionForm(NamedTuple):
 
     @property
     def points(self) -> int:
-        """Number of nodes at which limits are kept and gas is summed."""
+        """Return the number of nodes at which limits are kept and gas is summed."""
         return self.nodes or max(21, 5 * self.order - 14)
 
     def of_order(self, order: int) -> MotionForm:

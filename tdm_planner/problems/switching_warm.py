@@ -21,9 +21,8 @@ upright it is polished at once, and the first plan that passes the check is take
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import partial
 import math
 
 import numpy as np
@@ -42,7 +41,6 @@ from tdm_planner.problems.switching_search import (
 )
 from tdm_planner.problems.switching_seeds import Arcs, FEWEST_ARCS
 
-_Refine = Callable[[Candidate, int], tuple[Candidate, float]]
 _CHANGES = (0.0, 0.03, 0.1)  # of the logarithms of the arcs' durations, tried one after the other
 _STEPS = (FINE_STEPS // 2, FINE_STEPS)  # RK4 steps an arc of the polish; more if the check fails
 _STEERED = 0.6  # share of the deadline after which no more is tried with the earlier plan
@@ -104,8 +102,10 @@ class WarmSwitchingMethod(SwitchingMethod):
         for steps in _STEPS:
             if self.budget.spent:
                 return
-            refine: _Refine = self._finely if polished else partial(corrected, task)
-            fine, violation = refine(candidate, task.steps(steps))
+            if polished:
+                fine, violation = self._finely(candidate, task.steps(steps))
+            else:
+                fine, violation = corrected(task, candidate, task.steps(steps))
             if violation > 1e-6:
                 return
             fine = without_short_arcs(task, fine)

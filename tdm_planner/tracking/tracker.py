@@ -196,7 +196,7 @@ class TrajectoryTracker(ABC):
 
     @property
     def warning(self) -> str:
-        """What is wrong with the parameters for this plant, in a sentence; else empty."""
+        """Return what is wrong with the parameters for this plant, a sentence; else empty."""
         return ''
 
     # What all have in common.

@@ -18,7 +18,7 @@ import subprocess
 import sys
 
 from planned_apart import planned_apart
-from ros_harness import Ros, SOURCE
+from ros_harness import Ros, ros_arguments, SOURCE
 from tdm_planner.plants.compilation import COMPILING
 
 PROGRAM = """
@@ -50,11 +50,8 @@ def test_kernels_are_compiled_once_and_anew_when_the_sources_change(tmp_path: Pa
 
 
 def test_a_planner_that_must_compile_says_so_once(ros: Ros, tmp_path: Path) -> None:
-    planner = ros.start(
-        'tdm_planner.nodes.planner',
-        {'problem': 'robot_formation'},
-        environment={'NUMBA_CACHE_DIR': str(tmp_path)},
-    )
+    words = ros_arguments({'problem': 'robot_formation'})
+    planner = ros.run('tdm_planner.nodes.planner', words, {'NUMBA_CACHE_DIR': str(tmp_path)})
     assert ros.spin_until(lambda: COMPILING in planner.output, 60.0), planner.output
     assert planner.end() == 0
     assert planner.output.count(COMPILING) == 1

@@ -52,8 +52,9 @@ class Manager:
         return str(self.ros.call(f'{self.node}/get_state', GetState).current_state.label)
 
     def change(self, transition: int | str) -> bool:
-        asked = {'label': transition} if isinstance(transition, str) else {'id': transition}
-        request = ChangeState.Request(transition=Transition(**asked))
+        named = isinstance(transition, str)
+        asked = Transition(label=transition) if named else Transition(id=transition)
+        request = ChangeState.Request(transition=asked)
         return bool(self.ros.call(f'{self.node}/change_state', ChangeState, request).success)
 
     def become(self, transition: int | str, state: str) -> None:

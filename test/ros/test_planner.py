@@ -275,7 +275,8 @@ def test_a_disk_in_motion_is_planned_for_sooner(
 
 def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Planner) -> None:
     before = planner.here.node.parameter_values
-    for torque, turns in ((0.08, 1), ('6e-2', -1)):  # text for what it says, as on the node
+    asked: list[tuple[float | str, int]] = [(0.08, 1), ('6e-2', -1)]
+    for torque, turns in asked:  # text for what it says, as on the node
         done, answer = planner.plan_with(limits__torque=torque, goal__turns=turns, start__delay=2)
         assert done, answer
         assert list(answer) == ANSWER

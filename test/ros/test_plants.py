@@ -54,7 +54,7 @@ class Plant:
 
     @property
     def status(self) -> DiagnosticStatus:
-        """The newest status of this node, 1 s later."""
+        """Return the newest status of this node, 1 s later."""
         self.listen(1.0)
         return self.ros.statuses[self.name]
 
@@ -78,8 +78,8 @@ def times(messages: list[Any]) -> np.ndarray:
 def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepped) -> None:
     given = {'plant.mass': -1.0, 'plant.colour': 'red', 'initial.psi': 2.0}
     rig = Plant(ros, 'pendulum_plant', 'wrong', given)
-    for names, effort in ((['arm'], [0.01]), (['disk'], [math.nan]), (['disk'], [])):
-        rig.command(names, effort)
+    for name, effort in (('arm', [0.01]), ('disk', [math.nan]), ('disk', list[float]())):
+        rig.command([name], effort)
         assert not any(rig.efforts(1))
     words = 'joint_command ignored: joint(s) disk must be named once, but the names are: arm'
     assert words in rig.process.output

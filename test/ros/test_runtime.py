@@ -230,7 +230,8 @@ def test_a_computation_under_way_does_not_hold_the_end_up(left: list[int]) -> No
 
 def test_what_was_loaded_is_not_looked_through_for_garbage(left: list[int]) -> None:
     """That takes .1 s with what a tracker loads, in which it sends no command."""
-    before, loaded, frozen = gc.get_freeze_count(), [[] for _ in range(1000)], list[int]()
+    before, frozen = gc.get_freeze_count(), list[int]()
+    loaded = [list[int]() for _ in range(1000)]
 
     def look() -> None:
         frozen.append(gc.get_freeze_count())

@@ -17,7 +17,7 @@ from typing import Any
 
 from launch_stand_ins import described, ExecuteProcess, stand_ins  # noqa: F401
 import pytest
-from ros_harness import MODULES, NodeProcess, Ros
+from ros_harness import MODULES, NodeProcess, Ros, ros_arguments
 from sensor_msgs.msg import JointState
 import yaml
 
@@ -40,9 +40,9 @@ def start(ros: Ros, folder: Path, items: list[Any]) -> dict[str, NodeProcess]:
                     file = folder / f'parameters_{len(started)}.yaml'
                     file.write_text(yaml.safe_dump(document))
                 words += ['--params-file', str(file)]
-            started[f'{item.namespace}/{item.executable}'] = ros.start(
-                MODULES[item.executable], namespace=item.namespace, arguments=words
-            )
+            words = ros_arguments({}, item.namespace) + words
+            made = ros.run(MODULES[item.executable], words)
+            started[f'{item.namespace}/{item.executable}'] = made
     return started
 
 

@@ -94,7 +94,12 @@ def wait_until(condition: Callable[[], Any], timeout: float = 60.0) -> None:
 def one(reader: DataReader, timeout: float = 60.0) -> Any:
     """Return the next message."""
     taken: list[Any] = []
-    wait_until(lambda: taken.extend(reader.take(N=1)) or taken, timeout)
+
+    def take() -> bool:
+        taken.extend(reader.take(N=1))
+        return bool(taken)
+
+    wait_until(take, timeout)
     return taken[0]
 
 

@@ -62,7 +62,7 @@ def test_manifest_depends_on_what_is_used_and_nothing_else():
     assert {name for name in by_tests if name.endswith(ROS_SUFFIXES)} <= ours
 
 
-def test_catkin_can_read_manifest_and_changelog_and_raise_the_version():
+def test_catkin_can_read_manifest_and_changelog_and_raise_the_version() -> None:
     package = pytest.importorskip('catkin_pkg.package')
     warnings: list[str] = []
     manifest = package.parse_package(str(SOURCE / 'package.xml'), warnings=warnings)

@@ -53,10 +53,10 @@ def tracker(path: Path) -> PendulumTracker:
 
 def run(path: Path, mismatch: float, noise: float, seed: int = 0) -> Loop:
     """Track the plan from .1 s on until it has been held for twelve natural periods / 2 pi."""
-    vehicle = pendulum(tracker(path), mismatch=mismatch, noise=noise, seed=seed)
-    loop = Loop(vehicle)
+    rig = tracker(path)
+    loop = Loop(pendulum(rig, mismatch=mismatch, noise=noise, seed=seed))
     loop.begin(planned(path))
-    loop.run(planned(path).duration + 24.0 / vehicle.tracker.parameters.plant.natural_frequency)
+    loop.run(planned(path).duration + 24.0 / rig.parameters.plant.natural_frequency)
     return loop
 
 

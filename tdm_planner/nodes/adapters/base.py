@@ -73,7 +73,7 @@ class Adapter(ABC):
 
     @property
     def trackers(self) -> dict[str, TrackerWatch]:
-        """What is known of the trackers, by vehicle."""
+        """Return what is known of the trackers, by vehicle."""
         return {v.name: v.tracker for v in self.vehicles.values() if v.tracker is not None}
 
     # What a kind of problem must say.

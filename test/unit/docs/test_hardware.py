@@ -58,9 +58,9 @@ def test_a_joint_trajectory_controller_takes_what_is_planned(torque: float, meth
     times = [nanoseconds_of(point.time_from_start) for point in planned.points]
     assert times == sorted({*times})
     for point in planned.points:
-        for values in (point.positions, point.velocities, point.accelerations, point.effort):
-            assert len(values) == 2
-            assert np.isfinite(values).all()
+        for given in (point.positions, point.velocities, point.accelerations, point.effort):
+            assert len(given) == 2
+            assert np.isfinite(given).all()
         assert point.effort[0] == 0.0
     last = planned.points[-1]
     assert list(last.velocities) == [0.0, 0.0]

@@ -159,14 +159,15 @@ def values(kind: Any, source: str = 'measured', delay: float = 0.4) -> dict[str,
 
 
 def plan(kind: Any, adapter: Any = None, **request: Any) -> Plan:
-    made = make_plan(kind, values(kind, **request), adapter or Adapter(), Problem.clock)
+    adapter = adapter or Adapter()
+    made = make_plan(kind, values(kind, **request), adapter, Problem.clock)
     assert Problem.clock() <= made.start
     return made
 
 
 def failure(kind: Any, adapter: Any = None, **request: Any) -> Failure:
     with pytest.raises(Exception) as raised:  # noqa: PT011
-        make_plan(kind, values(kind, **request), adapter or Adapter(), Problem.clock)
+        plan(kind, adapter, **request)
     return Failure.of(raised.value)
 
 

@@ -176,12 +176,12 @@ class Parts:
         self.now, self.states, self.ignored = NOW, 0, ['']
         callbacks: list[Any] = []
         clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
-        node: Any = SimpleNamespace(
-            get_clock=lambda: clock,
-            create_subscription=lambda *given: (
-                callbacks.append(given[2]) or SimpleNamespace(topic_name=given[1])
-            ),
-        )
+
+        def subscribe(_: Any, topic: str, callback: Any, *more: Any) -> SimpleNamespace:
+            callbacks.append(callback)
+            return SimpleNamespace(topic_name=topic)
+
+        node: Any = SimpleNamespace(get_clock=lambda: clock, create_subscription=subscribe)
         MeasuredState(node, ROBOT, '', self.observe, self.ignored.append, lambda: TIMEOUT)
         self.take_joints, self.take_odometry = callbacks
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -154,7 +154,7 @@ def test_a_mistake_is_one_sentence(change, words):
         assert word in message
 
 
-LIMITED: ClassVar = {'margins': DirectProblem.margins}
+LIMITED = {'margins': DirectProblem.margins}
 
 
 def by_float(self, t, x, u):

@@ -155,12 +155,16 @@ def fails(self, *arguments):
     return [][1]
 
 
+def in_words(self):
+    return {'x': Output(free='3')}
+
+
 @pytest.mark.parametrize(
     ('change', 'words'),
     [
         ({'running_cost': fails}, 'running_cost of Changed raises IndexError'),
         ({'duration': lambda self: 1 // 0}, 'duration of Changed raises ZeroDivisionError'),
-        ({'outputs': lambda self: {'x': Output(free='3')}}, "free = '3' is not allowed"),
+        ({'outputs': in_words}, "free = '3' is not allowed"),
         ({'state_names': 'xv'}, "state_names = 'xv' must be a tuple of names"),
         ({'control_names': (), 'control_units': ()}, 'control_names = () must be a tuple'),
         ({'running_cost': lambda self, t, x, u: np.sum(u[0] ** 2)}, 'no sums over nodes'),

@@ -195,29 +195,31 @@ def test_starts_where_the_thruster_stands_and_turns_during_a_coast():
     assert not speed.any()
 
 
+FORMATION = RobotFormation()
 AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
 @pytest.fixture(scope='module')
 def crossing() -> PlanInForce:
-    problem = RobotFormation()
-    return PlanInForce(problem, problem.solve(deadline=60.0), start=0.0)
+    return PlanInForce(FORMATION, FORMATION.solve(deadline=60.0), start=0.0)
 
 
 def late(plan: PlanInForce) -> float:
     """Return an instant at which the first robot is on its last leg."""
-    rate = plan.problem.limits.thruster_rate
+    rate = FORMATION.limits.thruster_rate
     return plan.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
 
 
-def asked_at(plan: PlanInForce, at: float, asked=None, **away: np.ndarray) -> RobotFormation:
-    """Return the problem `asked`, or that of the plan, from where the robots are seen then."""
+def asked_at(
+    plan: PlanInForce, at: float, asked: RobotFormation = FORMATION, **away: np.ndarray
+) -> RobotFormation:
+    """Return the problem `asked` from where the robots are seen then."""
     seen = {
         name: Observation(motion.sample(at).state + away.get(name, 0.0), at, Mode.FOLLOWING)
         for name, motion in plan.solution.trajectories.items()
     }
-    execution = FormationExecution(plan.problem)
-    return execution.problem_from(asked or plan.problem, execution.foresee(plan, seen, at))
+    execution = FormationExecution(FORMATION)
+    return execution.problem_from(asked, execution.foresee(plan, seen, at))
 
 
 def test_a_robot_about_to_arrive_keeps_its_motion(crossing: PlanInForce) -> None:
@@ -241,10 +243,10 @@ def test_a_robot_about_to_arrive_keeps_its_motion(crossing: PlanInForce) -> None
 @pytest.mark.parametrize('push', [0.0, 0.1])
 @pytest.mark.parametrize('elsewhere', [0.0, 0.1])
 def test_no_motion_is_kept_of_a_robot_pushed_or_led_elsewhere(crossing, push, elsewhere) -> None:
-    at, formation = late(crossing), crossing.problem.formation
+    at, formation = late(crossing), FORMATION.formation
     x, y, turn = formation.anchor
     moved = replace(formation, anchor=[x + elsewhere, y, turn])
-    asked = replace(crossing.problem, formation=moved)
+    asked = replace(FORMATION, formation=moved)
     away = AWAY + push * np.eye(7)[2]
     planned = crossing.solution.trajectories['robot1'].sample(at).state[:2]
     task = asked_at(crossing, at, asked, robot1=away).task

@@ -25,6 +25,7 @@ starts at `START`. `Parts` takes a report's page to pieces.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
 import json
@@ -148,22 +149,20 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
             'applied': applied,
             'tracking_error': Signals(at, errors, plan.state_names, ANGLE_UNITS),
         }
-    fields = {
-        'title': 'Swing-up',
-        'problem': 'pendulum_swing_up',
-        'vehicles': (
-            Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),
-        ),
-        'figures': (PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
-        'events': (
+    plain = Mission(
+        'Swing-up',
+        'pendulum_swing_up',
+        (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),),
+        figures=(PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
+        events=(
             Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 in force'),
             Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
         ),
-        'parameters': PENDULUM_PARAMETERS,
-        'source': '/bags/one',
-        'recorded_at': 1.7e9,
-    }
-    return Mission(**(fields | changes))
+        parameters=PENDULUM_PARAMETERS,
+        source='/bags/one',
+        recorded_at=1.7e9,
+    )
+    return replace(plain, **changes)
 
 
 def robots_mission(
@@ -187,13 +186,8 @@ def robots_mission(
             applied = Signals(at, plan.sample(moving).control, ROBOT_CONTROLS, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
         vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0, '1'),), **found))
-    fields = {
-        'title': 'Formation',
-        'problem': 'robot_formation',
-        'vehicles': tuple(vehicles),
-        'parameters': ARENA_PARAMETERS,
-    }
-    return Mission(**(fields | changes))
+    plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
+    return replace(plain, **changes)
 
 
 # Messages

@@ -205,7 +205,8 @@ class TestPendulum(ReadableReport):
         views = {'side': lambda p: (p[1], -p[2]), 'top': lambda p: (p[1], p[0])}
         for t in (0.0, 0.37, 1.1, 2.0):
             page.set_time(t)
-            pivot, tip = pendulum_points(*pendulum_states(t)[:2], 0.1, 0.12)
+            theta, psi = pendulum_states(t)[:2]
+            pivot, tip = pendulum_points(theta, psi, 0.1, 0.12)
             for view, project in views.items():
                 scale = page.number(f'#scene-{view}', 'data-scale')
                 rod = page.points(f'#scene-{view} .vehicle.planned .line.body')[1]

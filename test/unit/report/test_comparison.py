@@ -69,8 +69,12 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
         states=Signals(at, measured, NAMES, ANGLE_UNITS),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
-    said = {'margins': {'torque': Margin(0.006, 0.25, 'N m')}, 'terminal_error': {'theta': 2e-5}}
-    figures = PlanFigures('1', 0.0, DURATION, DURATION, solve_time=0.2, **said)
+    figures = PlanFigures(
+        *('1', 0.0, DURATION, DURATION),
+        solve_time=0.2,
+        margins={'torque': Margin(0.006, 0.25, 'N m')},
+        terminal_error={'theta': 2e-5},
+    )
     parameters = PendulumSwingUp().to_parameters()
     return Mission('Swing-up', 'pendulum_swing_up', (vehicle,), (figures,), parameters=parameters)
 

@@ -61,7 +61,8 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: 
 
 
 def test_a_plan_is_followed_until_the_next_one_starts() -> None:
-    motion = Trajectory([0.0, 2.0], [[0.0], [4.0]], [[0.0], [2.0]], ('x',), ('u',), 'linear')
+    t = np.array([0.0, 2.0])
+    motion = Trajectory(t, 2.0 * t[:, None], t[:, None], ('x',), ('u',), 'linear')
     plan = FollowedPlan(motion, 1.0, '1')
     assert (plan.end, plan.carried_out_until) == (3.0, 3.0)
     assert replace(plan, until=2.5).carried_out_until == 2.5

@@ -93,7 +93,7 @@ def test_json_can_stand_in_html(text: str) -> None:
 
 def test_numbers_are_packed_in_single_precision_with_gaps() -> None:
     values = [0.0, -1.5, np.nan, 1e-20, 3.14159265]
-    assert unpacked(packed(values)) == pytest.approx(np.float32(values), nan_ok=True)
+    assert unpacked(packed(values)) == pytest.approx(np.array(values, np.float32), nan_ok=True)
 
 
 @pytest.mark.parametrize(
@@ -135,8 +135,8 @@ def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None
     )
     table = events_table(replace(pendulum_mission(), events=events))
     assert re.findall('<tr class="(.*?)"', table) == ['ERROR early', 'WARN']
-    events = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
-    table = events_table(pendulum_mission(events=events))
+    many = tuple(Event(0.1 * k, Severity.OK, 'n', f'event {k}') for k in range(1000))
+    table = events_table(pendulum_mission(events=many))
     assert 'event 299<' in table
     assert 'event 300<' not in table
     assert 'and 700 more' in table

@@ -83,10 +83,8 @@ def plan(end: float) -> Trajectory:
     t = np.linspace(0.0, LENGTH, 81)
     b, a = 3 / LENGTH**2 - end / LENGTH, end / LENGTH**2 - 2 / LENGTH**3
     states = np.stack([b * t**2 + a * t**3, 2 * b * t + 3 * a * t**2], axis=1)
-    units = {'state_units': ('m', 'm/s'), 'control_units': ('m/s^2',)}
-    return Trajectory(
-        t, states, (2 * b + 6 * a * t)[:, None], ('x', 'v'), ('a',), 'linear', **units
-    )
+    controls, units = (2 * b + 6 * a * t)[:, None], ('m', 'm/s')
+    return Trajectory(t, states, controls, ('x', 'v'), ('a',), 'linear', units, ('m/s^2',))
 
 
 def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float) -> Mission:

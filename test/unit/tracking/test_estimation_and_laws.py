@@ -110,7 +110,7 @@ def test_noise_is_filtered_and_old_samples_are_left_out(estimator: StateEstimato
     state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
     raw, filtered = [], []
     for k in range(200):
-        seen = state + NOISE.measurement * rng.standard_normal(4)
+        seen: np.ndarray = state + NOISE.measurement * rng.standard_normal(4)
         estimator.observe(seen, TICK * k)
         estimator.observe(seen + 1.0, TICK * k - 0.001)
         raw.append(seen - state)

@@ -148,8 +148,9 @@ def test_commands_are_computed_for_when_they_act(plan: Trajectory) -> None:
 @pytest.mark.parametrize(('wraps', 'turns'), [(True, 0), (False, 3), (True, -2)])
 def test_theta_may_be_wrapped_or_turns_away(plan: Trajectory, wraps: bool, turns: int) -> None:
     start = moved(HANGING, math.tau * turns, 0.0, 0.0, 0.0)
-    seen_as = {'seen_as': lambda x: np.array([wrapped(x[0]), *x[1:]])} if wraps else {}
-    loop = Loop(pendulum(pendulum_tracker(), start, noise=1.0), **seen_as)
+    loop = Loop(pendulum(pendulum_tracker(), start, noise=1.0))
+    if wraps:
+        loop.seen_as = lambda x: np.array([wrapped(x[0]), *x[1:]])
     loop.begin(plan)
     loop.run(1.4)
     assert held(loop, 0.5)
