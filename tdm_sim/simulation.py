@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.base import Plant
+from tdm_planner.plants.integrator import integrate, LARGEST_STEP
 from tdm_sim.disturbances import Disturbances
-from tdm_sim.integrator import integrate, LARGEST_STEP
 
 Array = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ class SimulatedPlant:
 
     @property
     def commanded(self) -> bool:
-        """Whether a command is in force."""
+        """Whether a command acts."""
         return self.time < self._expiry
 
     @property

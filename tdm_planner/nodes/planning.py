@@ -61,13 +61,15 @@ class Plan:
     """
     A verified solution; its motion starts at the instant `start` [ns] of the node's clock.
 
-    `own` are the parameters that were given for this plan alone, by name (`plan_with`).
+    `own` are the parameters that were given for this plan alone, by name (`plan_with`); `whole` is
+    the cost of the whole way where it was made on the way, see `ActivePlan`.
     """
 
     problem: Problem
     solution: Solution
     start: int
     own: Mapping[str, Any] = field(default_factory=dict)
+    whole: float | None = None
 
 
 @dataclass(frozen=True)
@@ -285,7 +287,7 @@ def _joints(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, str
 
 
 def plan_figures(plan: Plan, now: int) -> dict[str, Any]:
-    """Return what the diagnostics show of the plan in force."""
+    """Return what the diagnostics show of the active plan."""
     solution = plan.solution
     check = solution.verification
     figures: dict[str, Any] = {

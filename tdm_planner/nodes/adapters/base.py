@@ -47,7 +47,7 @@ class PlanRequest(Protocol):
         Plan with `changes`, parameters by name; they are set if there is a plan.
 
         `purpose` names the request in the log. `done` is called with '' when the plan is
-        published, or with the reason why there is none; parameters and plan in force then stay
+        published, or with the reason why there is none; parameters and active plan then stay
         as they are.
         """
 
@@ -223,7 +223,7 @@ class Adapter(ABC):
         """
         Take note that instants of the node's clock are `step` [ns] more than they were.
 
-        The plans in force go on. With None simulated time began anew: trackers have given them up.
+        The active plans go on. With None simulated time began anew: trackers have given them up.
         """
         for vehicle in self.vehicles.values():
             vehicle.plans.clock_was_set(step)
