@@ -53,7 +53,7 @@ from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.pendulum_swing_up import PendulumStart
-from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanInForce
+from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ _LONGEST = 120.0  # s without an answer
 
 @dataclass(frozen=True)
 class Case:
-    """A problem to be solved on the way, and the rest of the plan in force."""
+    """A problem to be solved on the way, and the rest of the active plan."""
 
     problem: Problem
     rest: Solution | None
@@ -82,7 +82,7 @@ def pendulum_cases(torque: float, warm: bool) -> Cases:
     """Cases along one swing-up from hanging, up to 70 % of the way."""
     problem = build(PendulumSwingUp, {'limits.torque': torque})
     problem.prepare()
-    plan = PlanInForce(problem, problem.solve(deadline=2.0), 0.0)
+    plan = ActivePlan(problem, problem.solve(deadline=2.0), 0.0)
     motion = plan.solution.trajectory
 
     def case(seed: int) -> Case:
@@ -100,7 +100,7 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
     plans, executions = [], []
     for seed in range(crossings):
         problem = RobotFormation.from_parameters(crossing(seed).parameters())
-        plans.append(PlanInForce(problem, problem.solve(deadline=2.0), 0.0))
+        plans.append(ActivePlan(problem, problem.solve(deadline=2.0), 0.0))
         executions.append(FormationExecution(problem))
         executions[-1].adopt(plans[-1])
 

@@ -62,8 +62,8 @@ from tdm_planner.problems.base import Solution
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import (
+    ActivePlan,
     FormationExecution,
-    PlanInForce,
     Replanner,
     SwingUpExecution,
 )
@@ -123,7 +123,7 @@ def pendulum_loop(
         PENDULUM_INTERVAL,
         replanner if replanning else None,
     )
-    loop.begin(PlanInForce(problem, solution, 0.0))
+    loop.begin(ActivePlan(problem, solution, 0.0))
     return loop
 
 
@@ -245,7 +245,7 @@ def formation(
     }
     replanner = Replanner(FormationExecution(problem), ReplanParameters(rate=RATE))
     loop = RecedingHorizon(vehicles, problem, ROBOT_INTERVAL, replanner if replanning else None)
-    loop.begin(PlanInForce(problem, solution, 0.0))
+    loop.begin(ActivePlan(problem, solution, 0.0))
     rng = np.random.default_rng([seed, 7])
     places, half_way = [], 0.5 * solution.duration
     while loop.time < loop.plans[-1].end + SETTLING and loop.time < problem.solver.longest:

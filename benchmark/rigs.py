@@ -38,7 +38,7 @@ from tdm_planner.exceptions import TdmError
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
 from tdm_planner.problems.base import Solution
-from tdm_planner.replanning import PlanInForce
+from tdm_planner.replanning import ActivePlan
 
 DEADLINE = 1.0  # s
 DRIVES = (0.0, 0.012, 0.1, 0.3, math.inf)
@@ -87,7 +87,7 @@ def half_way(problem: PendulumSwingUp, plan: Solution, seed: int) -> dict[str, A
     state = state + noise * np.random.default_rng(seed).normal(size=4)
     state[1] = np.clip(state[1], -problem.limits.disk_angle, problem.limits.disk_angle)
     moved = replace(problem, start=PendulumStart(*state.tolist()))
-    return solved(moved, PlanInForce(problem, plan, 0.0).remainder(elapsed))
+    return solved(moved, ActivePlan(problem, plan, 0.0).remainder(elapsed))
 
 
 def summary(results: list[dict[str, Any]]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ Planner and tracker of the rotary pendulum, and a simulated plant unless a real 
 ros2 launch tdm_planner pendulum.launch.py rviz:=true
 ros2 service call /pendulum/plan std_srvs/srv/Trigger
 
-Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the plan in force where
+Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the active plan where
 the plant is on it, and holds otherwise. The planner is not, which would forget the parameters that
 were set meanwhile; nor is the simulated plant, which would jump back to its initial state: when
 one of them dies, the launch ends. With a real plant the tracker goes on to hold it.

@@ -22,7 +22,7 @@ The robots are those that the parameter file's section `planner` names in `robot
 ones stand at its `<robot>.start` to begin with. ``number_of_robots:=2`` takes the first two of
 them, a larger number adds more, with places of their own.
 
-Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the plan in force where
+Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the active plan where
 the robot is on it, and holds otherwise. The planner is not, which would forget the parameters that
 were set meanwhile; nor are simulated plants, which would jump back to their initial states: when
 one of them dies, the launch ends. With real robots the trackers go on to hold them.

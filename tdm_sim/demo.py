@@ -102,7 +102,8 @@ def run_demo(
         mission = read_mission(output / 'bag', scene.namespace, type(scene.problem))
         comparison = compare(mission)
         progress.phase(f'writing {output}/plan.json and {output}/report.html')
-        save_plan(_plan_file(mission), output / 'plan.json')
+        if mission.document and all(vehicle.plan for vehicle in mission.vehicles):
+            save_plan(_plan_file(mission), output / 'plan.json')
         write_report(mission, output / 'report.html', comparison)
     judged = comparison.verdict
     Console(quiet=quiet, highlight=False).print(_table(mission, comparison))

@@ -242,6 +242,11 @@ class PlantNode(ParameterNode):
             return
         self._accepted += 1
 
+    def release(self) -> None:
+        """Let a plant that is held go, from now on."""
+        self.advance()
+        self.simulation.release()
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
         self.simulation.reset()

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
-from tdm_planner.replanning import Mode, Observation, PlanInForce, Replanner, Review
+from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Phase, TrajectoryRefused, TrajectoryTracker
 from tdm_sim.simulation import SimulatedPlant
 
@@ -49,7 +49,7 @@ class RecedingHorizon:
     """
     Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
 
-    `plans` are those that were put in force, `reviews` what the replanner made of it (at most once
+    `plans` are those that became active, `reviews` what the replanner made of it (at most once
     an interval of 1 / replan.rate), `refusals` what the trackers did not accept. Without a
     replanner the first plan is all there is.
     """
@@ -58,18 +58,18 @@ class RecedingHorizon:
     problem: Problem
     interval: float
     replanner: Replanner | None = None
-    plans: list[PlanInForce] = field(default_factory=list)
+    plans: list[ActivePlan] = field(default_factory=list)
     reviews: list[Review] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
     time: float = 0.0
-    _coming: tuple[float, PlanInForce] | None = None
+    _coming: tuple[float, ActivePlan] | None = None
     _next_review: float = 0.0
 
-    def begin(self, plan: PlanInForce) -> None:
+    def begin(self, plan: ActivePlan) -> None:
         """Have a plan carried out that starts now."""
         for vehicle in self.vehicles.values():
             vehicle.tracker.observe(vehicle.plant.measure(), self.time - self.interval)
-        self._put_in_force(plan, self.time - self.interval)
+        self._activate(plan, self.time - self.interval)
 
     def tick(self) -> None:
         """Measure, command, review if it is time to, move."""
@@ -78,7 +78,7 @@ class RecedingHorizon:
         for name, vehicle in self.vehicles.items():
             vehicle.tracker.observe(measured[name], now)
         if self._coming is not None and now >= self._coming[0]:
-            self._put_in_force(self._coming[1], now)
+            self._activate(self._coming[1], now)
             self._coming = None
         commands = {name: v.tracker.command(now) for name, v in self.vehicles.items()}
         seen = {
@@ -113,7 +113,7 @@ class RecedingHorizon:
         if review.plan is not None:
             self._coming = now + _ARRIVAL * replanner.parameters.delay, review.plan
 
-    def _put_in_force(self, plan: PlanInForce, now: float) -> None:
+    def _activate(self, plan: ActivePlan, now: float) -> None:
         for name, vehicle in self.vehicles.items():
             try:
                 vehicle.tracker.accept(plan.solution.trajectories[name], plan.start, now)

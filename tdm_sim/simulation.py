@@ -28,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.base import Plant
+from tdm_planner.plants.integrator import integrate, LARGEST_STEP
 from tdm_sim.disturbances import Disturbances
-from tdm_sim.integrator import integrate, LARGEST_STEP
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,8 @@ class PlantSetup:
     multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are
     zero; `command_loss` is the probability that a command gets lost. `noise` holds the standard
     deviations of measured states. `contact`, where given, replaces the state after every step. A
-    plant that is `held` stays in its initial state until the first command that is not zero.
+    plant that is `held` stays in its initial state until its `release`, or until the first command
+    that is not zero.
     """
 
     plant: Plant
@@ -108,7 +109,7 @@ class SimulatedPlant:
 
     @property
     def commanded(self) -> bool:
-        """Whether a command is in force."""
+        """Whether a command acts."""
         return self.time < self._expiry
 
     @property
@@ -129,6 +130,10 @@ class SimulatedPlant:
         self._command = values
         self._released = self._released or bool(values.any())
         self._expiry = self.time + self.setup.command_timeout
+
+    def release(self) -> None:
+        """Let a plant that is held go."""
+        self._released = True
 
     def step(self, duration: float) -> None:
         """Advance by `duration` s."""

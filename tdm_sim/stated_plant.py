@@ -23,11 +23,14 @@ import sys
 from types import MappingProxyType
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.nodes.drawn_markers import DrawnPicture, has_drawing
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.stated_plants import stated_problem, with_parameters_of
+from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import (
     group,
     NON_NEGATIVE,
@@ -80,7 +83,9 @@ class StatedPlantParameters(SimulationParameters):
         0.0, 'standard deviation of every measured state, in its unit', allowed=NON_NEGATIVE
     )
     held: bool = parameter(
-        True, 'stay in the initial state until the first command that is not zero'
+        True,
+        'stay in the initial state until a tracker executes a plan (tracker_status), or until the '
+        'first command that is not zero',
     )
     disturbance: StatedDisturbance = group(StatedDisturbance)
     markers: MarkerParameters = group(MarkerParameters)
@@ -93,10 +98,16 @@ class StatedModel(PlantModel):
     Its joints are those of the problem, see `tdm_planner.plant_kind`.
     """
 
-    def __init__(self, problem: type[DirectProblem]) -> None:
-        self._problem = problem
+    def __init__(self, problem: type[DirectProblem], node: PlantNode) -> None:
+        self._problem, self._node = problem, node
         self.kind = kind_of(problem())
         self.parameters = with_parameters_of(StatedPlantParameters, problem, besides=('solver',))
+        node.create_subscription(GoalStatusArray, TOPIC, self._on_tracker_status, LATCHED)
+
+    def _on_tracker_status(self, message: GoalStatusArray) -> None:
+        """Let the plant go where a plan has begun, even one that begins with controls of zero."""
+        if any(goal.status == GoalStatus.STATUS_EXECUTING for goal in message.status_list):
+            self._node.release()
 
     def _with(self, parameters: Any) -> DirectProblem:
         kind: Any = self._problem
@@ -155,7 +166,7 @@ def _model_of(node: PlantNode) -> PlantModel:
     name = str(node.parameter_values[PROBLEM.name])
     if name in _BUILT_IN:
         return _BUILT_IN[name](node)
-    return StatedModel(stated_problem(name))
+    return StatedModel(stated_problem(name), node)
 
 
 StatedPlant = partial(PlantNode, 'plant', _model_of, MappingProxyType({PROBLEM.name: PROBLEM}))

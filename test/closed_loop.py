@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.replanning import PlanInForce
+from tdm_planner.replanning import ActivePlan
 from tdm_planner.tracking import (
     Command,
     PendulumTracker,
@@ -50,9 +50,9 @@ FORMATION = RobotFormation()
 
 
 @functools.cache
-def swing_up() -> PlanInForce:
+def swing_up() -> ActivePlan:
     """Return the swing-up by a weak motor, from 0 s on."""
-    return PlanInForce(SWING, SWING.solve(deadline=10.0), start=0.0)
+    return ActivePlan(SWING, SWING.solve(deadline=10.0), start=0.0)
 
 
 @functools.cache
@@ -62,16 +62,16 @@ def strong_swing_up() -> Trajectory:
 
 
 @functools.cache
-def smooth_swing_up() -> PlanInForce:
+def smooth_swing_up() -> ActivePlan:
     """Return a strong motor's swing-up by a torque without jumps, from 0 s on."""
     problem = build(PendulumSwingUp, {'limits.torque': STRONG, 'method': 'smooth'})
-    return PlanInForce(problem, problem.solve(deadline=60.0), start=0.0)
+    return ActivePlan(problem, problem.solve(deadline=60.0), start=0.0)
 
 
 @functools.cache
-def crossing() -> PlanInForce:
+def crossing() -> ActivePlan:
     """Return a plan of three robots, from 0 s on."""
-    return PlanInForce(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
+    return ActivePlan(FORMATION, FORMATION.solve(deadline=10.0), start=0.0)
 
 
 def moved(state: np.ndarray, *change: float) -> np.ndarray:

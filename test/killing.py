@@ -75,7 +75,7 @@ def tracker_killed(rig: PendulumRig) -> dict[str, float]:
 
 
 def planner_killed(rig: PendulumRig) -> dict[str, float]:
-    """While it plans: all goes on, and the plan in force comes back as it was."""
+    """While it plans: all goes on, and the active plan comes back as it was."""
     ros, space = rig.ros, f'/{rig.namespace}'
     rig.fall()
     rig.wait(lambda: rig.says('tracker', 'tracking') or rig.says('tracker', 'waiting'))

@@ -81,7 +81,7 @@ class PendulumRig:
         self.states = self._hear('joint_states', JointState)
         self.commands = self._hear('joint_command', JointState)
         self.plans = self._hear('trajectory', JointTrajectory, LATCHED)
-        self.followed = self._hear('trajectory_in_force', JointTrajectory, LATCHED)
+        self.followed = self._hear('active_trajectory', JointTrajectory, LATCHED)
         self._diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, _QUEUE)
         self.processes: dict[str, Any] = {}
         for role in PARAMETERS:

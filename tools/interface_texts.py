@@ -34,8 +34,8 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ('planner', '<robot>/tracker_status'): "the same of a robot's tracker",
         ('planner', '<robot>/joint_states'): 'joints `thruster`, `reaction_wheel` of a robot',
         ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
-        ('planner', 'trajectory_in_force'): 'what the tracker follows, for a planner restarted',
-        ('planner', '<robot>/trajectory_in_force'): "what a robot's tracker follows",
+        ('planner', 'active_trajectory'): 'what the tracker follows, for a planner restarted',
+        ('planner', '<robot>/active_trajectory'): "what a robot's tracker follows",
         ('planner', '<robot>/goal_pose'): (
             "moves the robot's place in the formation and asks for a plan"
         ),
@@ -64,7 +64,7 @@ TOPICS: Mapping[tuple[str, str], str] = MappingProxyType(
         ),
         ('tracker', 'tracking_error'): 'measured less planned',
         ('tracker', 'tracker_status'): 'the status of every plan, `goal_info.stamp` its start',
-        ('tracker', 'trajectory_in_force'): (
+        ('tracker', 'active_trajectory'): (
             'the plan accepted last, as it came; without points when it is given up'
         ),
         ('tracker', '/diagnostics'): 'what it is doing, errors, ages',

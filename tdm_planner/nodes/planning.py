@@ -51,6 +51,7 @@ CODES = (
 
 _RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
 _SHORTEST = 0.01  # s; in less nothing is found
+_PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
@@ -61,13 +62,15 @@ class Plan:
     """
     A verified solution; its motion starts at the instant `start` [ns] of the node's clock.
 
-    `own` are the parameters that were given for this plan alone, by name (`plan_with`).
+    `own` are the parameters that were given for this plan alone, by name (`plan_with`); `whole` is
+    the cost of the whole way where it was made on the way, see `ActivePlan`.
     """
 
     problem: Problem
     solution: Solution
     start: int
     own: Mapping[str, Any] = field(default_factory=dict)
+    whole: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,8 @@ def make_plan(
         return _plan_from_measured(problem_class, values, adapter, clock)
     problem = problem_class.from_parameters(values)
     solution = _verified(problem.solve())
-    return Plan(problem, solution, now + round(values['start.delay'] / NANOSECOND))
+    delay = values['start.delay']
+    return Plan(problem, solution, _in_time(now + round(delay / NANOSECOND), delay, clock))
 
 
 def _plan_from_measured(
@@ -150,13 +154,21 @@ def _plan_from_measured(
                 allowed = min(allowed, _time_until(start, sooner, clock()))
                 if allowed < _SHORTEST:
                     break
-            return Plan(problem, _verified(problem.solve(deadline=allowed)), start)
+            solution = _verified(problem.solve(deadline=allowed))
+            if adapter.rests(now):
+                start = _in_time(start, delay, clock)
+            return Plan(problem, solution, start)
         except (InvalidProblem, Infeasible) as error:
             if failure is None and isinstance(error, (DeadlineExceeded, VerificationFailed)):
                 raise
             failure = failure or _of_the_future(error, delay)
     assert failure is not None
     raise failure
+
+
+def _in_time(start: int, delay: float, clock: Callable[[], int]) -> int:
+    """Put a start [ns] off that solving has left too little of the `delay` [s] for."""
+    return max(start, clock() + round(_PREPARING * delay / NANOSECOND))
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: Callable[[], int]) -> None:
@@ -285,7 +297,7 @@ def _joints(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, str
 
 
 def plan_figures(plan: Plan, now: int) -> dict[str, Any]:
-    """Return what the diagnostics show of the plan in force."""
+    """Return what the diagnostics show of the active plan."""
     solution = plan.solution
     check = solution.verification
     figures: dict[str, Any] = {

@@ -30,7 +30,7 @@ from tdm_planner.nodes.planning import Failure, Plan
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.replanning import PlanInForce, Replanner, Review
+from tdm_planner.replanning import ActivePlan, Replanner, Review
 from tdm_planner.trajectory import NANOSECOND
 
 LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
@@ -58,7 +58,6 @@ class Replanning:
         self._replanner: Replanner | None = None
         self._reviewed: Plan | None = None
         self._trackers: Mapping[str, Any] = {}
-        self._made: PlanInForce | None = None  # by the last review that found a new plan
         self._asked: tuple[Mapping[str, Any], Plan, Problem] | None = None
         self._reviews = self._replans = 0
         self._last = ''
@@ -131,10 +130,8 @@ class Replanning:
             earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
             replanner = self._replanner = Replanner(execution, parameters)
-            made = self._made
-            if made is None or made.solution is not plan.solution:
-                made = PlanInForce(plan.problem, plan.solution, self._seconds(plan.start))
-            replanner.adopt(made, earlier)
+            start = self._seconds(plan.start)
+            replanner.adopt(ActivePlan(plan.problem, plan.solution, start, plan.whole), earlier)
             self._reviewed, self._trackers = plan, trackers
         elif trackers != self._trackers:
             replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
@@ -173,7 +170,7 @@ class Replanning:
                 f'the active plan fails, no other was found: {outcome.reason}', **_SELDOM
             )
 
-    def _take_over(self, made: PlanInForce) -> None:
+    def _take_over(self, made: ActivePlan) -> None:
         start = self._origin + round(made.start / NANOSECOND)
         late = (int(self._node.get_clock().now().nanoseconds) - start) * NANOSECOND
         if late > 0.0:
@@ -181,7 +178,6 @@ class Replanning:
             self._node.get_logger().warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
             return
         self._replans += 1
-        self._made = made
         self._node.get_logger().info(f'new plan: {self._last}')
         own = {} if self._plan is None else self._plan.own
-        self._publish(Plan(made.problem, made.solution, start, own))
+        self._publish(Plan(made.problem, made.solution, start, own, made.whole))

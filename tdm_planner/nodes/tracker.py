@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Node `tracker`: keeps a plant on the trajectory in force and holds it at the goal.
+Node `tracker`: keeps a plant on the active trajectory and holds it at the goal.
 
 The phases and rules are those of `tdm_planner.tracking.tracker`; here they meet topics, a clock,
 the planner's service and the diagnostics.
@@ -185,7 +185,7 @@ class TrackerNode(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Switch the actuators off by a last command; the plan in force is given up."""
+        """Switch the actuators off by a last command; the active plan is given up."""
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
@@ -208,13 +208,13 @@ class TrackerNode(ManagedNode):
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Refuse values that do not make a tracker together, or none for the plan in force."""
+        """Refuse values that do not make a tracker together, or none for the active plan."""
         made = self._make_tracker(values)
         if self.configured:
             try:
                 made.adopt(self.tracker)
             except TrajectoryRefused as error:
-                raise InvalidProblem(f'the plan in force could not be followed: {error}') from None
+                raise InvalidProblem(f'the active plan could not be followed: {error}') from None
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Go on with the changed parameters, without a jump of phase or trajectory."""
@@ -256,7 +256,7 @@ class TrackerNode(ManagedNode):
 
     def _on_trajectory(self, data: bytes) -> None:
         """
-        Put a trajectory in force, or refuse it with a reason; the old one then stays.
+        Make a trajectory the active one, or refuse it with a reason; the old one then stays.
 
         The newest one waits while the node is not active, does not know the simulated time, or
         has been offered more than it can look at beside its commands.
@@ -294,7 +294,7 @@ class TrackerNode(ManagedNode):
         return _WORTH_IN_LEAD if 0.0 < wait < self.tracker.lead else 0.0
 
     def _look_at(self, offered: _Offer) -> None:
-        """Accept or refuse; one in force already, as a restarted planner repeats it, stays."""
+        """Accept or refuse; one active already, as a restarted planner repeats it, stays."""
         began = time.perf_counter()
         begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
         try:
@@ -338,7 +338,7 @@ class TrackerNode(ManagedNode):
         newest = self.tracker.newest
         if newest is not None and start < newest.start and self._planners.look() > 1:
             raise TrajectoryRefused(
-                f'it starts {newest.start - start:.3g} s before the one in force; of '
+                f'it starts {newest.start - start:.3g} s before the active one; of '
                 f"{self._planners.count} planners' plans the one that starts last is followed"
             )
 

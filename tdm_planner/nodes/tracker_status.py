@@ -63,7 +63,7 @@ class TrackerStatus:
     """
     Publishes the status of every plan on `tracker_status`, whenever one changes.
 
-    And on `trajectory_in_force` the plan that is followed, or is to take over, as it came; empty
+    And on `active_trajectory` the plan that is followed, or is to take over, as it came; empty
     when it is given up. Both are latched for whoever joins: viewers, planners that were restarted.
 
     ACCEPTED   to be executed from its start on
@@ -78,7 +78,7 @@ class TrackerStatus:
 
     def __init__(self, node: Node) -> None:
         self._publisher = node.create_publisher(GoalStatusArray, TOPIC, LATCHED)
-        self._followed = node.create_publisher(JointTrajectory, 'trajectory_in_force', LATCHED)
+        self._followed = node.create_publisher(JointTrajectory, 'active_trajectory', LATCHED)
         self._announced: Trajectory | None = None
         self._plans: list[_Plan] = []
         self._changed = False

@@ -66,7 +66,7 @@ class ReplanParameters(Validated):
 
     rate: float = parameter(
         0.0,
-        'replans per second while a plan is in force; 0 switches it off',
+        'replans per second while a plan is active; 0 switches it off',
         unit='Hz',
         allowed=Range(0.0, 100.0),
     )
@@ -84,8 +84,9 @@ class ReplanParameters(Validated):
     )
     deviation: float = parameter(
         0.05,
-        'of problems other than the pendulum and the robots: how far a state may be from the plan '
-        'in force, as a share of the range of its states of that unit, until another is necessary',
+        'of problems other than the pendulum and the robots: how far a state may be from the '
+        'active plan, as a share of the range of its states of that unit, until another is '
+        'necessary',
         allowed=POSITIVE,
     )
 

@@ -28,7 +28,7 @@ LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept 
 @dataclass(frozen=True)
 class Outlook:
     """
-    What becomes of the plan in force if it is carried on, as foreseen.
+    What becomes of the active plan if it is carried on, as foreseen.
 
     `cost` is the performance index J still to come; `trouble` a sentence where the feedback will
     not keep the plant on it, or a limit is endangered, else empty; `settled` says that the
@@ -60,9 +60,9 @@ def worth_improving(outlook: Outlook, whole: float, improvement: float) -> bool:
 
 def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: float) -> Decision:
     """
-    Keep the plan in force unless a verified one is necessary, or cheaper by a margin.
+    Keep the active plan unless a verified one is necessary, or cheaper by a margin.
 
-    `changed` says that another goal or other limits are asked for than those of the plan in force;
+    `changed` says that another goal or other limits are asked for than those of the active plan;
     `new` is the verified plan found, if any; `improvement` the share of the cost still to come
     that it must save where the old plan would do.
     """
@@ -77,4 +77,4 @@ def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: f
     saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
     if saved > improvement:
         return Decision(True, f'it saves {saved:.0%} of the cost still to come')
-    return Decision(False, 'the plan in force does')
+    return Decision(False, 'the active plan does')

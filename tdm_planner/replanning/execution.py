@@ -25,8 +25,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
+from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ _SAME_START = 1e-6  # s; instants are told in nanoseconds
 class Mode(str, Enum):
     """What a tracker does with its plant."""
 
-    FOLLOWING = 'following'  # the plan in force, or holding its goal
+    FOLLOWING = 'following'  # the active plan, or holding its goal
     RECOVERING = 'recovering'  # the plan was given up, the plant is brought to rest
     IDLE = 'idle'  # nothing is commanded
 
@@ -60,7 +60,7 @@ class Observation:
 @dataclass(frozen=True, eq=False)
 class Foreseen:
     """
-    State (nx,) of a vehicle at a later instant, and the controls (nu,) in force there.
+    State (nx,) of a vehicle at a later instant, and the controls (nu,) that act there.
 
     `arrived` is the time [s] since the plan's arrival at its goal, 0 on the way; `planned` what
     the plan has there, given where the vehicle is to be taken to be on it.
@@ -77,28 +77,28 @@ class Execution(ABC):
     """
     What the trackers of one kind of problem make of a plan, by the same laws as theirs.
 
-    `holds_goal` says that the goal is held after a plan's end, so that it is in force until the
+    `holds_goal` says that the goal is held after a plan's end, so that it is active until the
     next.
     """
 
     holds_goal: ClassVar[bool] = True
 
     @abstractmethod
-    def adopt(self, plan: PlanInForce) -> None:
+    def adopt(self, plan: ActivePlan) -> None:
         """Do what can be done before a plan is carried out (its gains)."""
 
     @abstractmethod
     def foresee(
-        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Foreseen]:
         """States at the instant `at` [s], by vehicle: measured, then moved under the feedback."""
 
     @abstractmethod
-    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
-        """Return what becomes of the plan in force if it is carried on from the instant `at`."""
+    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+        """Return what becomes of the active plan if it is carried on from the instant `at`."""
 
     def keeping(
-        self, earlier: PlanInForce, newer: PlanInForce, observations: Mapping[str, Observation]
+        self, earlier: ActivePlan, newer: ActivePlan, observations: Mapping[str, Observation]
     ) -> list[str]:
         """
         Return the vehicles whose trackers tell that they follow `earlier`, and not `newer`.

@@ -30,10 +30,12 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.plants.integrator import integrate
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.problems.warm_start import LATE, turning_time
+from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
@@ -41,8 +43,7 @@ from tdm_planner.replanning.execution import (
     Mode,
     Observation,
 )
-from tdm_planner.replanning.plan_in_force import PlanInForce
-from tdm_planner.tracking.estimator import flow
+from tdm_planner.tracking.estimator import LARGEST_STEP
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import Motion
@@ -82,9 +83,9 @@ class FormationExecution(Execution):
             for name in problem.task.names
         }
         self._motions: dict[str, tuple[RobotTracker, Motion]] = {}
-        self._adopted: PlanInForce | None = None
+        self._adopted: ActivePlan | None = None
 
-    def adopt(self, plan: PlanInForce) -> None:
+    def adopt(self, plan: ActivePlan) -> None:
         """Prepare every robot's feedback along its motion."""
         self._motions = {}
         for name, trajectory in plan.solution.trajectories.items():
@@ -95,7 +96,7 @@ class FormationExecution(Execution):
         self._adopted = plan
 
     def foresee(
-        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Foreseen]:
         """Step every robot under its feedback from the measured state to the instant `at`."""
         if self._adopted is not plan:
@@ -110,7 +111,7 @@ class FormationExecution(Execution):
             found[name] = replace(robot, planned=self._planned(plan, name, robot, at))
         return found
 
-    def _planned(self, plan: PlanInForce, name: str, robot: Foreseen, at: float) -> Sample | None:
+    def _planned(self, plan: ActivePlan, name: str, robot: Foreseen, at: float) -> Sample | None:
         """
         Return what the plan has for a robot late on its way and well on it, else None.
 
@@ -135,16 +136,16 @@ class FormationExecution(Execution):
                 control = act(motion, time, state).control
             elif seen.mode is Mode.RECOVERING:
                 control = tracker.recover(state)
-            state[:7] = flow(self._plant, state[:7], control, step)
+            state[:7] = integrate(self._plant, state[:7], control, step, LARGEST_STEP)
             time += step
         return Foreseen(state[:7], control, seen.mode)
 
-    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
         """Carry the deviations on and look at the distances they leave."""
         problem = self._problem(plan)
         lost = [name for name, robot in foreseen.items() if robot.mode is not Mode.FOLLOWING]
         if lost:
-            return Outlook(trouble=f"'{lost[0]}' does not follow the plan in force any more")
+            return Outlook(trouble=f"'{lost[0]}' does not follow the active plan any more")
         end = max(plan.end, at + _GRID)
         times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
         places = {}
@@ -152,7 +153,7 @@ class FormationExecution(Execution):
             away = self._deviation(plan, name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
             if peak > _TRACKED * self._parameters[name].tolerance.path:
-                return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the plan in force")
+                return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the active plan")
             places[name] = plan.motion(name).sample(times).state[:, :2] + away
         trouble = self._nearness(problem, places)
         settled = not trouble and all(
@@ -162,7 +163,7 @@ class FormationExecution(Execution):
         return Outlook(self._cost(plan, foreseen, at), trouble, settled)
 
     def _deviation(
-        self, plan: PlanInForce, name: str, robot: Foreseen, at: float, since: Array
+        self, plan: ActivePlan, name: str, robot: Foreseen, at: float, since: Array
     ) -> Array:
         """Deviations (n, 2) m from the plan, `since` (n,) s after the instant `at`."""
         reference = plan.motion(name).reference(at)
@@ -194,7 +195,7 @@ class FormationExecution(Execution):
                 return f"'{one}' and '{other}' would come within {apart.min():.3g} m"
         return ''
 
-    def _cost(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> float:
+    def _cost(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> float:
         """J of what is left of the plan, and the gas that taking the deviations away costs."""
         rest = plan.remainder(at)
         if rest is None:
@@ -210,7 +211,7 @@ class FormationExecution(Execution):
             gas.append((used if left > 0.0 else 0.0) + float(np.hypot(*drift)))
         return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
 
-    def _problem(self, plan: PlanInForce) -> RobotFormation:
+    def _problem(self, plan: ActivePlan) -> RobotFormation:
         assert isinstance(plan.problem, RobotFormation)
         return plan.problem
 
@@ -250,7 +251,7 @@ class FormationExecution(Execution):
         return replace(problem, starts=other.starts, solver=other.solver) == other
 
     def _leads_to(self, name: str, goal: Array) -> bool:
-        """Whether the plan in force takes a robot to a goal (7,)."""
+        """Whether the active plan takes a robot to a goal (7,)."""
         assert self._adopted is not None
         return self._at_goal(goal, self._adopted.solution.trajectories[name].states[-1])
 

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import Execution, Foreseen, Observation
-from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 
@@ -53,11 +53,11 @@ class GenericExecution(Execution):
         self._names = tuple(names)
         self.tolerance = tolerance
 
-    def adopt(self, plan: PlanInForce) -> None:
+    def adopt(self, plan: ActivePlan) -> None:
         """Nothing to be done."""
 
     def foresee(
-        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Foreseen]:
         """Fly on under the planned controls, or carry the deviation from the plan along."""
         seen = observations[VEHICLE]
@@ -71,7 +71,7 @@ class GenericExecution(Execution):
         control = motion.sample(plan.elapsed(at)).control
         return {VEHICLE: Foreseen(flown, control, seen.mode)}
 
-    def _flown(self, plan: PlanInForce, seen: Observation, at: float) -> Array | None:
+    def _flown(self, plan: ActivePlan, seen: Observation, at: float) -> Array | None:
         """Measured numbers at the instant `at` by the equations of motion, where all are known."""
         motion, problem = plan.solution.trajectory, plan.problem
         since, wait = plan.elapsed(seen.stamp), at - seen.stamp
@@ -89,7 +89,7 @@ class GenericExecution(Execution):
         found[order] = replay(DirectPlant(problem), flight, np.array([wait]))[-1]
         return found if np.isfinite(found).all() else None
 
-    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
         """Compare the state with the plan; its cost to go is the problem's to say."""
         motion, now = plan.solution.trajectory, foreseen[VEHICLE]
         elapsed = plan.elapsed(at)
@@ -103,7 +103,7 @@ class GenericExecution(Execution):
                 unit = motion.units.get(motion.state_names[state], '')
                 size = f'{abs(away):.3g} {unit}'.rstrip()
                 name = motion.state_names[state]
-                return replace(outlook, trouble=f"'{name}' is {size} away from the plan in force")
+                return replace(outlook, trouble=f"'{name}' is {size} away from the active plan")
         return outlook
 
     def _compared(self, motion: Trajectory) -> list[tuple[int, int]]:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Receding horizon: look at the plan in force, plan anew from where it leads, decide.
+Receding horizon: look at the active plan, plan anew from where it leads, decide.
 
 A review at the instant t plans from the state foreseen for t + `delay`, when a new plan would take
 over: until then the old one is carried on. Solving has that much time, less what publishing and
@@ -30,13 +30,13 @@ import time
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import decide, Outlook, worth_improving
 from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
-from tdm_planner.replanning.plan_in_force import PlanInForce
 
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
-_OPTIONAL = 0.5  # of that, where the plan in force would do
+_OPTIONAL = 0.5  # of that, where the active plan would do
 _TAKEN_OVER = 0.1  # s after a plan's start until its trackers must have told that they follow it
 _REMEMBERED = 3  # earlier plans that trackers may have kept
 
@@ -51,7 +51,7 @@ class Review:
     kept the plan before the newest.
     """
 
-    plan: PlanInForce | None
+    plan: ActivePlan | None
     reason: str
     outlook: Outlook
     necessary: bool = False
@@ -60,27 +60,27 @@ class Review:
 
 
 class Replanner:
-    """Reviews the plan in force again and again; `adopt` every plan that is published."""
+    """Reviews the active plan again and again; `adopt` every plan that is published."""
 
     def __init__(self, execution: Execution, parameters: ReplanParameters) -> None:
         self.execution = execution
         self.parameters = parameters
-        self.plan: PlanInForce | None = None
-        self._earlier: tuple[PlanInForce, ...] = ()
+        self.plan: ActivePlan | None = None
+        self._earlier: tuple[ActivePlan, ...] = ()
         self._reviews = 0
         self._improved_at = -math.inf
 
     @property
-    def history(self) -> tuple[PlanInForce, ...]:
-        """Return the last plans adopted, the one in force at the end."""
+    def history(self) -> tuple[ActivePlan, ...]:
+        """Return the last plans adopted, the active one at the end."""
         return self._earlier if self.plan is None else (*self._earlier, self.plan)
 
-    def adopt(self, plan: PlanInForce, earlier: Sequence[PlanInForce] | None = None) -> None:
+    def adopt(self, plan: ActivePlan, earlier: Sequence[ActivePlan] | None = None) -> None:
         """
-        Take note of the plan that is now in force, from its start on.
+        Take note of the plan that is active from now on, or from its start on.
 
         It takes over from those before it (`earlier`, where they were adopted elsewhere). By what
-        the trackers tell, one of these may be found to be in force still: a plan that begins too
+        the trackers tell, one of these may be found to be active still: a plan that begins too
         far from the plant is refused.
         """
         before = self.history if earlier is None else earlier
@@ -91,7 +91,7 @@ class Replanner:
         self, problem: Problem, observations: Mapping[str, Observation], now: float
     ) -> Review:
         """
-        Review the plan in force at the instant `now` [s] for the `problem` asked at present.
+        Review the active plan at the instant `now` [s] for the `problem` asked at present.
 
         Only the start of the problem is replaced. A plan returned is verified; its motion starts
         `delay` after `now`.
@@ -107,15 +107,15 @@ class Replanner:
             return Review(None, 'the plan has come to its end', Outlook(settled=True))
         trouble = ''
         if refused and plan is newest:
-            trouble = f"'{refused[0]}' has kept the plan before the one in force"
+            trouble = f"'{refused[0]}' has kept the plan before the active one"
         review = self._reviewed(plan, problem, observations, now, trouble)
         return replace(review, refused=tuple(refused))
 
-    def _kept(self, newest: PlanInForce, observations: Mapping[str, Observation]) -> bool:
+    def _kept(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> bool:
         return any(self.execution.keeping(plan, newest, observations) for plan in self._earlier)
 
-    def _refused(self, newest: PlanInForce, observations: Mapping[str, Observation]) -> list[str]:
-        """Vehicles whose trackers keep an earlier plan; where all do, it is in force again."""
+    def _refused(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
+        """Vehicles whose trackers keep an earlier plan; where all do, it is active again."""
         for count, earlier in reversed(list(enumerate(self._earlier))):
             refused = self.execution.keeping(earlier, newest, observations)
             if refused and len(refused) == len(observations):
@@ -127,7 +127,7 @@ class Replanner:
 
     def _reviewed(
         self,
-        plan: PlanInForce,
+        plan: ActivePlan,
         problem: Problem,
         observations: Mapping[str, Observation],
         now: float,
@@ -143,7 +143,7 @@ class Replanner:
         changed = not self.execution.same_question(problem, plan.problem)
         necessary = changed or bool(outlook.trouble)
         if not (necessary or self._may_improve(plan, outlook, now)):
-            return Review(None, 'the plan in force does', outlook)
+            return Review(None, 'the active plan does', outlook)
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
         allowed -= time.perf_counter() - began
         try:
@@ -156,10 +156,10 @@ class Replanner:
         if decision.take_over:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
-            taking_over = PlanInForce(new_problem, new, at, whole)
+            taking_over = ActivePlan(new_problem, new, at, whole)
         return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
 
-    def _may_improve(self, plan: PlanInForce, outlook: Outlook, now: float) -> bool:
+    def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:
         """Whether to look for a better plan though the old one does: not often, it costs time."""
         if not worth_improving(outlook, plan.whole_cost, self.parameters.improvement):
             return False
@@ -171,7 +171,7 @@ class Replanner:
     def _solve(
         self,
         problem: Problem,
-        plan: PlanInForce,
+        plan: ActivePlan,
         foreseen: Mapping[str, Foreseen],
         at: float,
         allowed: float,

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
@@ -32,7 +33,6 @@ from tdm_planner.replanning.execution import (
     Mode,
     Observation,
 )
-from tdm_planner.replanning.plan_in_force import PlanInForce
 from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
@@ -44,7 +44,7 @@ _DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    plan: PlanInForce
+    plan: ActivePlan
     law: PlanLaw
 
 
@@ -68,12 +68,12 @@ class SwingUpExecution(Execution):
         self._tracker.prepare_hold()
         self._law: _Law | None = None
 
-    def adopt(self, plan: PlanInForce) -> None:
+    def adopt(self, plan: ActivePlan) -> None:
         """Compute the gains along the plan."""
         self._law = _Law(plan, self._tracker.prepare(plan.solution.trajectory))
 
     def foresee(
-        self, plan: PlanInForce, observations: Mapping[str, Observation], at: float
+        self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
     ) -> dict[str, Foreseen]:
         """Roll the feedback law from the measured state to the instant `at`."""
         seen = observations[VEHICLE]
@@ -86,11 +86,11 @@ class SwingUpExecution(Execution):
             control = plan.solution.trajectory.sample(plan.elapsed(at)).control
         return {VEHICLE: Foreseen(state, control, seen.mode)}
 
-    def outlook(self, plan: PlanInForce, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
         plant, now = self._plant, foreseen[VEHICLE]
         if now.mode is not Mode.FOLLOWING:
-            return Outlook(trouble='the plan in force is not followed any more')
+            return Outlook(trouble='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
         goal = plan.solution.trajectory.states[-1]
         if self._tracker.level(now.state, goal) < 1.0:
@@ -98,7 +98,7 @@ class SwingUpExecution(Execution):
         until = at + left + _SETTLING / plant.natural_frequency
         states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
         if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
-            return Outlook(left, trouble='the feedback cannot bring it back to the plan in force')
+            return Outlook(left, trouble='the feedback cannot bring it back to the active plan')
         assert isinstance(plan.problem, PendulumSwingUp)
         limit = _DISK_SLACK * plan.problem.limits.disk_angle
         furthest = float(np.abs(states[:, 1]).max())
@@ -119,7 +119,7 @@ class SwingUpExecution(Execution):
         """Whether two swing-ups differ in nothing but start and solver."""
         return replace(problem, start=other.start, solver=other.solver) == other
 
-    def _table(self, plan: PlanInForce, mode: Mode, start: float, end: float) -> FeedbackTable:
+    def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
         step = (end - start) / count

@@ -25,10 +25,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import Plant
+from tdm_planner.plants.integrator import integrate
 
 Array = NDArray[np.float64]
 
-_LONGEST_STEP = 5e-3  # s, of the Runge-Kutta prediction, unless a plant needs shorter ones
+LARGEST_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 
@@ -116,7 +117,7 @@ class StateEstimator:
         angles: NDArray[np.bool_],
         history: CommandHistory,
         longest_gap: float,
-        longest_step: float = _LONGEST_STEP,
+        longest_step: float = LARGEST_STEP,
     ) -> None:
         self._plant = plant
         self.noise = noise
@@ -155,7 +156,7 @@ class StateEstimator:
 
     def move(self, state: Array, control: Array, duration: float) -> Array:
         """State (nx,) after `duration` s under a held control (nu,), as the model has it."""
-        return flow(self._plant, state, control, duration, self._longest_step)
+        return integrate(self._plant, state, control, duration, self._longest_step)
 
     def _propagate(self, until: float) -> None:
         assert self.stamp is not None
@@ -184,22 +185,3 @@ class StateEstimator:
         self._state = self._state + gain @ innovation
         covariance = self._covariance - gain @ self._covariance
         self._covariance = 0.5 * (covariance + covariance.T)
-
-
-def flow(
-    plant: Plant, state: Array, control: Array, duration: float, longest: float = _LONGEST_STEP
-) -> Array:
-    """
-    State (nx,) after `duration` s under a held control (nu,), by classical Runge-Kutta.
-
-    No step is longer than `longest` s.
-    """
-    steps = max(1, math.ceil(duration / longest * (1.0 - 1e-9)))
-    h = duration / steps
-    for _ in range(steps):
-        k1 = plant.derivative(state, control)
-        k2 = plant.derivative(state + 0.5 * h * k1, control)
-        k3 = plant.derivative(state + 0.5 * h * k2, control)
-        k4 = plant.derivative(state + h * k3, control)
-        state = state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    return state

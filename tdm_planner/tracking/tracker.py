@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-What every tracker does, whatever the plant: which trajectory is in force, and what phase it is.
+What every tracker does, whatever the plant: which trajectory is active, and what phase it is.
 
     idle        no trajectory yet: nothing is commanded
     waiting     a trajectory is accepted, its start lies ahead: nothing is commanded
@@ -58,7 +58,7 @@ _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 
 
 class TrajectoryRefused(TdmError):
-    """A trajectory cannot be tracked; the one in force stays. The message is one sentence."""
+    """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
 
     code: ClassVar[str] = 'TRAJECTORY_REFUSED'
 
@@ -223,11 +223,11 @@ class TrajectoryTracker(ABC):
 
     @property
     def newest(self) -> Motion | None:
-        """Return the motion in force that was accepted last."""
+        """Return the active motion that was accepted last."""
         return self.following or self.current
 
     def follows(self, trajectory: Trajectory, start: float) -> bool:
-        """Whether the very trajectory, from the instant `start` [s] on, is in force already."""
+        """Whether the very trajectory, from the instant `start` [s] on, is active already."""
         return any(
             motion is not None
             and motion.start == start
@@ -240,7 +240,7 @@ class TrajectoryTracker(ABC):
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """
-        Put a trajectory in force whose motion begins at the instant `start` [s].
+        Make a trajectory the active one whose motion begins at the instant `start` [s].
 
         One already under way is joined midway. The gains are computed here.
 
@@ -455,7 +455,7 @@ class TrajectoryTracker(ABC):
             if waiting:
                 self.give_up(str(refusal))
             else:
-                self.reason = f'kept the trajectory in force: {refusal}'
+                self.reason = f'kept the active trajectory: {refusal}'
             return
         self.current, self.phase, self.reason = motion, Phase.TRACKING, ''
 
@@ -466,7 +466,7 @@ class TrajectoryTracker(ABC):
         Raises
         ------
         TrajectoryRefused
-            If there are none for a trajectory in force.
+            If there are none for an active trajectory.
 
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time

@@ -77,5 +77,5 @@ class TrackerParameters(Validated):
 
     @property
     def interval(self) -> float:
-        """Time for which a command is in force [s]."""
+        """Time for which a command acts [s]."""
         return 1.0 / self.rate

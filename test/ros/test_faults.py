@@ -45,9 +45,7 @@ def test_two_planners_run_by_mistake(ros: Any) -> None:
     earlier = copy.deepcopy(followed)
     earlier.header.stamp = to_stamp(nanoseconds_of(followed.header.stamp) - 100_000_000)
     third.publish(earlier)
-    rig.wait(
-        lambda: rig.said('tracker', "it starts 0.1 s before the one in force; of 3 planners'")
-    )
+    rig.wait(lambda: rig.said('tracker', "it starts 0.1 s before the active one; of 3 planners'"))
     assert rig.followed[-1] == followed
     ros.node.destroy_publisher(third)
     other.end()

@@ -121,7 +121,7 @@ def test_a_planner_waits_for_its_manager_and_goes_through_the_cycle_twice(
         assert ros.trigger('/twice/plan')[1]['code'] == 'INACTIVE'
         assert silent(ros, plans)
         late = ros.subscribe('/twice/trajectory', JointTrajectory, LATCHED)
-        assert ros.meet(partial(bool, late))  # the plan stays in force
+        assert ros.meet(partial(bool, late))  # the plan stays active
         manager.become(Transition.TRANSITION_CLEANUP, 'unconfigured')
         assert ros.meet(lambda: not ros.node.count_publishers('/twice/trajectory'))
     assert not ros.node.count_services('/twice/plan')

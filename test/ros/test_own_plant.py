@@ -46,10 +46,10 @@ def _gallery(monkeypatch: pytest.MonkeyPatch) -> None:
 class Loop:
     """The three nodes of a stated problem in a namespace, and the end of its plan."""
 
-    def __init__(self, ros: Stepped, problem: str) -> None:
+    def __init__(self, ros: Stepped, problem: str, **planner: float) -> None:
         self.ros = ros
         own = {'problem': problem, 'mismatch': 0.02}
-        asked = {'problem': problem, 'start.source': 'parameters'}
+        asked = {'problem': problem, 'start.source': 'parameters', **planner}
         self.nodes = [
             ros.start('tdm_sim.stated_plant', own, namespace='own'),
             ros.start('tdm_planner.nodes.tracker', {'kind': problem}, namespace='own'),
@@ -85,6 +85,15 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str
         assert ros.call('/own/push', Trigger).success
         loop.away(ros.now + 5 * 10**9)
         assert np.abs(loop.states[-1].position).max() < 0.1
+    for node in loop.nodes:
+        node.end_cleanly()
+
+
+def test_a_plant_falls_freely_where_its_plan_does(ros: Stepped) -> None:
+    # joined late, the lander is above its plan: planned control and feedback are zero
+    loop = Loop(ros, 'moon_lander:MoonLander', **{'start.delay': 0.0})
+    assert loop.away(loop.end) < 5 * ALLOWED
+    assert loop.away(loop.end + 5 * 10**9) < ALLOWED
     for node in loop.nodes:
         node.end_cleanly()
 

@@ -249,7 +249,7 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
     adapter = FormationAdapter(ros.node, {**values, **places, 'robots': list(pair)})
     adapter.watch_plans_followed(lambda plans, start: found.append((plans, start)))
     publishers = {
-        robot: ros.publisher(f'{robot}/trajectory_in_force', JointTrajectory, LATCHED)
+        robot: ros.publisher(f'{robot}/active_trajectory', JointTrajectory, LATCHED)
         for robot in pair
     }
 

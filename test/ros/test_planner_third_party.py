@@ -227,7 +227,7 @@ def test_wrong_values_at_the_start_are_said_until_they_are_corrected(
     assert planners.plan(space)[0]
 
 
-def test_replanning_while_a_plan_is_in_force(ros: Stepped, planners: Planners) -> None:
+def test_replanning_while_a_plan_is_active(ros: Stepped, planners: Planners) -> None:
     """For a pendulum that hangs on, whatever is planned; nobody is heard to track it."""
     parameters = {'replan.rate': 5, 'replan.delay': 0.4, 'start.delay': 0.2, **STRONG}
     planners.start('replan', parameters)

@@ -195,9 +195,7 @@ def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Stepped, rig: Ri
     ros.spin_for(0.5)
 
 
-def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_in_force(
-    ros: Stepped, rig: Rig
-) -> None:
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped, rig: Rig) -> None:
     """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
     assert rig.stands_up()
     assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']

@@ -63,7 +63,7 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ste
     given = {'rate': 100.0}
     tracker = ros.start('tdm_planner.nodes.tracker', given, namespace='early', arguments=OWN)
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
-    in_force = ros.subscribe('/early/trajectory_in_force', JointTrajectory, LATCHED)
+    followed = ros.subscribe('/early/active_trajectory', JointTrajectory, LATCHED)
     commands = ros.subscribe('/early/joint_command', JointState, 50)
     plan = PendulumSwingUp.from_parameters({'limits.torque': 0.02}).solve().trajectory
     message = plan_message(PENDULUM, plan, Time(nanoseconds=BEGIN + 200_000_000).to_msg())
@@ -71,12 +71,12 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ste
     assert ros.spin_until(
         lambda: any('/clock' in text for text in texts(diagnostics, '/early/tracker'))
     )
-    assert not in_force
+    assert not followed
 
     simulation = Simulation(ros, 'early')
     for k in range(60):
         simulation.at(0.01 * k)
-    assert any(one.points for one in in_force), tracker.output
+    assert any(one.points for one in followed), tracker.output
     assert any(any(command.effort) for command in commands)
     assert 'refused' not in tracker.output
     diagnostics.clear()

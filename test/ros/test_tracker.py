@@ -218,7 +218,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
     other.publish(message(ros, plan, 0.39))
     ros.settle()
-    told = "it starts 0.1 s before the one in force; of 2 planners' plans the one that starts last"
+    told = "it starts 0.1 s before the active one; of 2 planners' plans the one that starts last"
     assert told in idle.status.message
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
@@ -251,7 +251,7 @@ def test_of_a_flood_of_plans_the_newest_is_followed(
     bench.tracker.end_cleanly()
     bench.tracker = bench.start()
     plans = bench.publisher('trajectory', JointTrajectory)
-    followed = ros.subscribe('/scripted/trajectory_in_force', JointTrajectory, LATCHED)
+    followed = ros.subscribe('/scripted/active_trajectory', JointTrajectory, LATCHED)
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)

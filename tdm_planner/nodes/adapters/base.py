@@ -31,7 +31,7 @@ from tdm_planner.nodes.adapters.vehicle import Vehicle
 from tdm_planner.nodes.messages import plan_message, to_stamp
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.replanning import Execution, Mode, Observation
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.trajectory import NANOSECOND, TimedTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
@@ -47,7 +47,7 @@ class PlanRequest(Protocol):
         Plan with `changes`, parameters by name; they are set if there is a plan.
 
         `purpose` names the request in the log. `done` is called with '' when the plan is
-        published, or with the reason why there is none; parameters and plan in force then stay
+        published, or with the reason why there is none; parameters and active plan then stay
         as they are.
         """
 
@@ -162,9 +162,7 @@ class Adapter(ABC):
         self, vehicle: Vehicle, values: Mapping[str, Any], now: int, start: int
     ) -> Array:
         state, measured = vehicle.measured.fresh(now, values['start.max_age'])
-        plan = vehicle.plans.at(now)
-        if vehicle.mode(now) is not Mode.FOLLOWING:
-            plan = None
+        plan = self._followed(vehicle, now)
         return predicted_start(
             plan,
             state,
@@ -175,6 +173,16 @@ class Adapter(ABC):
             free=lambda state, duration: self.free(values, state, duration),
             carried=self.carried,
         )
+
+    def _followed(self, vehicle: Vehicle, now: int) -> TimedTrajectory | None:
+        """Return the plan that a plant follows, its instants [s] from `now`; None without one."""
+        following = vehicle.mode(now) is Mode.FOLLOWING
+        return vehicle.plans.at(now) if following else None
+
+    def rests(self, now: int) -> bool:
+        """Whether `measured_start` says the same for every start: a late one can be put off."""
+        del now
+        return False
 
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
         """Return the answers of all vehicles; NoState names all that are missing."""
@@ -223,7 +231,7 @@ class Adapter(ABC):
         """
         Take note that instants of the node's clock are `step` [ns] more than they were.
 
-        The plans in force go on. With None simulated time began anew: trackers have given them up.
+        The active plans go on. With None simulated time began anew: trackers have given them up.
         """
         for vehicle in self.vehicles.values():
             vehicle.plans.clock_was_set(step)

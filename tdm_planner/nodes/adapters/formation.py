@@ -72,7 +72,7 @@ class FormationAdapter(Adapter):
         self.values_changed(values)
 
     def values_changed(self, values: Mapping[str, Any]) -> None:
-        """Draw the set-up as the parameters have it; a plan in force is drawn as it was made."""
+        """Draw the set-up as the parameters have it; an active plan is drawn as it was made."""
         self._values = dict(values)
         separation, thrust = values['arena.minimum_separation'], values['limits.thrust']
         for name, picture in self._pictures.items():

@@ -99,6 +99,11 @@ class GenericAdapter(Adapter):
         """Return the state as it is: until a plan begins its tracker holds it where it can."""
         return state
 
+    def rests(self, now: int) -> bool:
+        """Whether no plan is under way; the state then counts as staying as it is."""
+        plans = [self._followed(vehicle, now) for vehicle in self.vehicles.values()]
+        return all(plan is None or plan.end <= 0.0 for plan in plans)
+
     def carried(self, away: Array, duration: float) -> Array:
         """Return a deviation as it is: how well it is taken away is not known."""
         return away

@@ -95,7 +95,7 @@ class Vehicle:
                 trajectory = read_plan(self.kind, message)
             found(trajectory, nanoseconds_of(message.header.stamp))
 
-        topic = f'{self.prefix}trajectory_in_force'
+        topic = f'{self.prefix}active_trajectory'
         self._node.create_subscription(JointTrajectory, topic, on_message, LATCHED)
 
     def _observe(self, state: Array, instant: int) -> None:

@@ -24,7 +24,7 @@ from tdm_planner.nodes.planning import Plan
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.replanning import Outlook, PlanInForce, Review
+from tdm_planner.replanning import ActivePlan, Outlook, Review
 
 SILENT = SimpleNamespace(info=lambda *_, **__: None, warning=lambda *_, **__: None)
 
@@ -153,7 +153,7 @@ class Reviewed:
         self.done = done
 
     def finish(self) -> None:
-        made = PlanInForce('problem', 'solution', 0.5)  # type: ignore[arg-type]
+        made = ActivePlan('problem', 'solution', 0.5)  # type: ignore[arg-type]
         self.done(Review(made, 'the problem has changed', Outlook(), True))
 
 

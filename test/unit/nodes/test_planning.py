@@ -62,12 +62,16 @@ class Adapter:
 
     measures = True
 
-    def __init__(self, begins: float = -1.0, comes: float = 0.0) -> None:
+    def __init__(self, begins: float = -1.0, comes: float = 0.0, rests: bool = False) -> None:
+        self._rests = rests
         self.comes, self.begins = comes, BEGIN + round(begins * SECOND)
         self.asked: list[float] = []
 
     def next_start(self, now: int) -> int | None:
         return self.begins if self.begins > now else None
+
+    def rests(self, now: int) -> bool:
+        return self._rests
 
     def missing(self) -> list[str]:
         there = Problem.clock.passed >= self.comes
@@ -151,6 +155,14 @@ class Lost(Late):
     def solve(self, deadline: float | None = None) -> Any:
         super().solve(deadline)
         raise DeadlineExceeded('nothing was found')
+
+
+class Slow(Problem):
+    """Takes longer than the start is ahead."""
+
+    def solve(self, deadline: float | None = None) -> Any:
+        self.clock.sleep(2.0)
+        return solution()
 
 
 def values(kind: Any, source: str = 'measured', delay: float = 0.4) -> dict[str, Any]:
@@ -239,6 +251,17 @@ def test_what_begins_sooner_is_not_begun_too_late() -> None:
     assert 'predicted from the measured state for 0.4 s later' in made.reason
     Problem.clock.passed = 0.0
     plan(Distant, delay=0.56)
+
+
+@pytest.mark.parametrize('source', ['measured', 'parameters'])
+def test_a_start_that_can_be_put_off_is_not_in_the_past(source: str) -> None:
+    made = plan(Slow, Adapter(rests=True), source=source)
+    assert (made.start - BEGIN) / SECOND == pytest.approx(2.0 + 0.5 * 0.4)
+
+
+def test_a_start_of_a_plant_in_motion_is_not_put_off() -> None:
+    made = make_plan(Slow, values(Slow), Adapter(), Problem.clock)  # type: ignore[arg-type]
+    assert (made.start - BEGIN) / SECOND == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize('error', [Infeasible, DeadlineExceeded])

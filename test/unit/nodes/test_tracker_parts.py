@@ -46,7 +46,7 @@ class Bench:
     def __init__(self) -> None:
         self.told: list[dict[int, str]] = []
         self.followed: list[Any] = []
-        told = {'tracker_status': self.publish, 'trajectory_in_force': self.followed.append}
+        told = {'tracker_status': self.publish, 'active_trajectory': self.followed.append}
         node: Any = SimpleNamespace(
             create_publisher=lambda _, topic, *__: SimpleNamespace(publish=told[topic])
         )

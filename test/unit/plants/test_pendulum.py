@@ -23,6 +23,7 @@ from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
+from tdm_planner.plants.integrator import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
     FeedbackTable,
@@ -39,7 +40,6 @@ from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_pump import laws
 from tdm_planner.tracking.tracker import wrapped
 from tdm_planner.verification import dense_times
-from tdm_sim.integrator import integrate
 
 PLANT = RotaryPendulum()
 

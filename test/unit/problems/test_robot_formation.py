@@ -234,7 +234,7 @@ def test_weights_do_what_they_say():
     assert gas[1] < 0.7 * gas[0]
 
 
-def test_warm_start_from_a_plan_in_force(default):
+def test_warm_start_from_a_active_plan(default):
     problem, plan = formation(), default
     now = 0.4 * plan.trajectories['robot1'].duration
     names = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')

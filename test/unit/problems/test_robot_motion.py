@@ -23,7 +23,7 @@ from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.reference_motion import end_derivatives, MotionForm, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
 from tdm_planner.problems.warm_start import kept_motions, LATE, turning_time
-from tdm_planner.replanning import FormationExecution, Mode, Observation, PlanInForce
+from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
 
 TASK = RobotFormation().task
 
@@ -200,18 +200,18 @@ AWAY = np.array([0.008, -0.008, 0.005, 0.005, 0.01, 0.01, 0.0])
 
 
 @pytest.fixture(scope='module')
-def crossing() -> PlanInForce:
-    return PlanInForce(FORMATION, FORMATION.solve(deadline=60.0), start=0.0)
+def crossing() -> ActivePlan:
+    return ActivePlan(FORMATION, FORMATION.solve(deadline=60.0), start=0.0)
 
 
-def late(plan: PlanInForce) -> float:
+def late(plan: ActivePlan) -> float:
     """Return an instant at which the first robot is on its last leg."""
     rate = FORMATION.limits.thruster_rate
     return plan.solution.trajectories['robot1'].duration - 0.8 * turning_time(rate)
 
 
 def asked_at(
-    plan: PlanInForce, at: float, asked: RobotFormation = FORMATION, **away: np.ndarray
+    plan: ActivePlan, at: float, asked: RobotFormation = FORMATION, **away: np.ndarray
 ) -> RobotFormation:
     """Return the problem `asked` from where the robots are seen then."""
     seen = {
@@ -222,7 +222,7 @@ def asked_at(
     return execution.problem_from(asked, execution.foresee(plan, seen, at))
 
 
-def test_a_robot_about_to_arrive_keeps_its_motion(crossing: PlanInForce) -> None:
+def test_a_robot_about_to_arrive_keeps_its_motion(crossing: ActivePlan) -> None:
     at = late(crossing)
     problem = asked_at(crossing, at, robot1=AWAY, robot3=2 * AWAY)
     new = problem.solve(deadline=60.0, warm_start=crossing.remainder(at))

@@ -35,10 +35,10 @@ from tdm_planner.problems.pendulum_swing_up import PendulumStart
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.problems.switching_seeds import arcs_of
 from tdm_planner.replanning import (
+    ActivePlan,
     FormationExecution,
     Mode,
     Observation,
-    PlanInForce,
     SwingUpExecution,
 )
 from tdm_planner.replanning.decision import Outlook
@@ -51,31 +51,29 @@ TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05
 
 
 @pytest.fixture(scope='module')
-def swing() -> PlanInForce:
+def swing() -> ActivePlan:
     return swing_up()
 
 
 @pytest.fixture(scope='module')
-def flight() -> PlanInForce:
+def flight() -> ActivePlan:
     return crossing()
 
 
 def outlook(
-    execution: Execution, plan: PlanInForce, at: float, states: Mapping[str, np.ndarray]
+    execution: Execution, plan: ActivePlan, at: float, states: Mapping[str, np.ndarray]
 ) -> Outlook:
     seen = {name: Observation(state, at, Mode.FOLLOWING) for name, state in states.items()}
     return execution.outlook(plan, execution.foresee(plan, seen, at), at)
 
 
-def seen_on(
-    plan: PlanInForce, at: float, away: float | np.ndarray = 0.0
-) -> dict[str, Observation]:
+def seen_on(plan: ActivePlan, at: float, away: float | np.ndarray = 0.0) -> dict[str, Observation]:
     """Return what is seen of vehicles that follow a plan, so far away from it."""
     states = states_at(plan, at)
     return {name: Observation(state + away, at, Mode.FOLLOWING) for name, state in states.items()}
 
 
-def states_at(plan: PlanInForce, at: float) -> dict[str, np.ndarray]:
+def states_at(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
     return {name: part.sample(at).state for name, part in plan.solution.trajectories.items()}
 
 
@@ -88,7 +86,7 @@ def states_at(plan: PlanInForce, at: float) -> dict[str, np.ndarray]:
     ],
 )
 def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
-    swing: PlanInForce, mode: Mode, tuned: bool, known: bool
+    swing: ActivePlan, mode: Mode, tuned: bool, known: bool
 ) -> None:
     """With the defaults in place of a tuned tracker's weights it is foreseen elsewhere."""
     tracker = pendulum_tracker(1.2 * WEAK, **TUNED) if tuned else pendulum_tracker(WEAK)
@@ -114,7 +112,7 @@ def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
-def test_robots_are_foreseen_where_their_trackers_take_them(flight: PlanInForce) -> None:
+def test_robots_are_foreseen_where_their_trackers_take_them(flight: ActivePlan) -> None:
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
     vehicles = {
         name: robot(part.states[0] + away) for name, part in flight.solution.trajectories.items()
@@ -135,7 +133,7 @@ def test_robots_are_foreseen_where_their_trackers_take_them(flight: PlanInForce)
         assert (missed < [2e-3, 2e-3, 5e-3, 5e-3, 2e-2, 2e-2]).all(), missed
 
 
-def test_a_tuned_robot_is_foreseen_with_its_own_gains(flight: PlanInForce) -> None:
+def test_a_tuned_robot_is_foreseen_with_its_own_gains(flight: ActivePlan) -> None:
     at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
     seen = seen_on(flight, at, 0.05 * np.eye(7)[4])
     usual = FormationExecution(FORMATION).foresee(flight, seen, at + 0.5)
@@ -152,7 +150,7 @@ def test_a_tuned_robot_is_foreseen_with_its_own_gains(flight: PlanInForce) -> No
     ],
 )
 def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_seen(
-    swing: PlanInForce, share: float, away: list[float], trouble: str
+    swing: ActivePlan, share: float, away: list[float], trouble: str
 ) -> None:
     at = share * swing.solution.duration
     state = states_at(swing, at)[VEHICLE] + away
@@ -162,7 +160,7 @@ def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_se
     assert seen.cost == pytest.approx(swing.solution.duration - at)
 
 
-def test_upright_and_held_all_is_settled_and_a_fall_is_seen(swing: PlanInForce) -> None:
+def test_upright_and_held_all_is_settled_and_a_fall_is_seen(swing: ActivePlan) -> None:
     execution, at = SwingUpExecution(SWING), swing.end + 3.0
     goal = swing.solution.trajectory.states[-1]
     for away, settled in (([0.01, 0.05, 0.1, 0.1], True), ([1.5, 0.0, 8.0, 0.0], False)):
@@ -171,7 +169,7 @@ def test_upright_and_held_all_is_settled_and_a_fall_is_seen(swing: PlanInForce) 
         assert bool(seen.trouble) != settled
 
 
-def test_a_push_towards_another_robot_is_seen(flight: PlanInForce) -> None:
+def test_a_push_towards_another_robot_is_seen(flight: ActivePlan) -> None:
     plans = flight.solution.trajectories
     times = np.arange(0.0, flight.solution.duration, 0.1)
     places = [plans[name].sample(times).state[:, :2] for name in ('robot1', 'robot2')]
@@ -188,7 +186,7 @@ def test_a_push_towards_another_robot_is_seen(flight: PlanInForce) -> None:
 @pytest.mark.parametrize(('name', 'axis'), [('robot2', 0), ('robot3', 1)])
 @pytest.mark.parametrize('away', [0.0, 0.1])
 def test_what_leads_near_a_wall_is_seen(
-    flight: PlanInForce, name: str, axis: int, away: float
+    flight: ActivePlan, name: str, axis: int, away: float
 ) -> None:
     narrow = replace(FORMATION, arena=replace(FORMATION.arena, length=3.61, width=3.61))
     states = states_at(flight, 0.0)
@@ -198,7 +196,7 @@ def test_what_leads_near_a_wall_is_seen(
     assert ('near a wall' in seen.trouble) == (away > 0.0)
 
 
-def test_robots_held_at_their_goals_stay_there(flight: PlanInForce) -> None:
+def test_robots_held_at_their_goals_stay_there(flight: ActivePlan) -> None:
     execution, at = FormationExecution(FORMATION), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
     foreseen = execution.foresee(flight, seen_on(flight, at, away), at)
@@ -210,7 +208,7 @@ def test_robots_held_at_their_goals_stay_there(flight: PlanInForce) -> None:
 
 @pytest.mark.parametrize('ends', ['varied', 'given'])
 def test_plans_of_robots_begin_with_the_thruster_where_it_is(
-    flight: PlanInForce, ends: str
+    flight: ActivePlan, ends: str
 ) -> None:
     asked = replace(FORMATION, end_accelerations=ends)
     execution, at = FormationExecution(FORMATION), 4.0
@@ -256,7 +254,7 @@ def test_the_rest_of_a_plan_is_the_same_motion_later(
             assert fewer.durations.sum() == pytest.approx(left.duration, abs=1e-6)
 
 
-def test_there_is_no_rest_before_the_start_or_after_the_end(swing: PlanInForce) -> None:
+def test_there_is_no_rest_before_the_start_or_after_the_end(swing: ActivePlan) -> None:
     assert swing.remainder(swing.start - 0.1) is None
     assert swing.remainder(swing.end) is None
     with pytest.raises(InvalidProblem, match='nothing is left'):
@@ -265,7 +263,7 @@ def test_there_is_no_rest_before_the_start_or_after_the_end(swing: PlanInForce) 
 
 @pytest.mark.parametrize('share', [0.0, 0.3, 0.7])
 def test_from_where_the_plan_leads_the_new_plan_is_its_rest_at_few_evaluations(
-    swing: PlanInForce, share: float
+    swing: ActivePlan, share: float
 ) -> None:
     elapsed = share * swing.solution.duration
     state = states_at(swing, elapsed)[VEHICLE]

@@ -22,7 +22,7 @@ import pytest
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectSolverParameters
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.replanning import GenericExecution, Mode, Observation, PlanInForce, Replanner
+from tdm_planner.replanning import ActivePlan, GenericExecution, Mode, Observation, Replanner
 from tdm_planner.replanning.generic_execution import VEHICLE
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'docs/plants'))
@@ -50,23 +50,23 @@ FAR = Cart(start=CartStart(x=-1600.0))  # so that a busy machine does not decide
 
 
 @pytest.fixture(scope='module')
-def plan() -> PlanInForce:
-    return PlanInForce(CART, CART.solve(deadline=10.0), start=10.0)
+def plan() -> ActivePlan:
+    return ActivePlan(CART, CART.solve(deadline=10.0), start=10.0)
 
 
-def seen(plan: PlanInForce, at: float, away: Sequence[float] = (0.0, 0.0)) -> Any:
+def seen(plan: ActivePlan, at: float, away: Sequence[float] = (0.0, 0.0)) -> Any:
     """Return what is measured at an instant: velocity first, to show that names decide."""
     x, v = (plan.solution.trajectory.sample(plan.elapsed(at)).state + np.array(away)).tolist()
     return {VEHICLE: Observation(np.array([v, x]), at, Mode.FOLLOWING)}
 
 
-def replanner(plan: PlanInForce, names: Sequence[str] = ('v', 'x')) -> Replanner:
+def replanner(plan: ActivePlan, names: Sequence[str] = ('v', 'x')) -> Replanner:
     made = Replanner(GenericExecution(names, PARAMETERS.deviation), PARAMETERS)
     made.adopt(plan)
     return made
 
 
-def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: PlanInForce) -> None:
+def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: ActivePlan) -> None:
     problem, solution = plan.problem, plan.solution
     assert problem.cost_to_go(solution, 0.0) == pytest.approx(solution.cost, rel=1e-3)
     assert problem.cost_to_go(solution, solution.duration) == 0.0
@@ -78,26 +78,26 @@ def test_the_cost_of_the_rest_is_that_of_the_whole_less_what_is_done(plan: PlanI
     assert problem.cost_to_go(solution, half) == pytest.approx(half + used, rel=1e-6)
 
 
-def test_a_plan_that_is_followed_is_kept(plan: PlanInForce) -> None:
+def test_a_plan_that_is_followed_is_kept(plan: ActivePlan) -> None:
     made = replanner(plan)
     for share in (0.1, 0.6, 0.9):
         at = plan.start + share * plan.solution.duration
         review = made.review(plan.problem, seen(plan, at, (0.01, 0.01)), at)
         assert (review.plan, review.necessary) == (None, False)
-    # after its end it is not in force
+    # after its end it is not active
     at = plan.end + 0.1
     review = made.review(replace(CART, limit=2.0), seen(plan, at, (1.0, 0.0)), at)
     assert (review.plan, review.necessary) == (None, False)
 
 
 def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
-    plan = PlanInForce(FAR, FAR.solve(deadline=10.0), start=10.0)
+    plan = ActivePlan(FAR, FAR.solve(deadline=10.0), start=10.0)
     made, delay = replanner(plan), 10.0
     made.parameters = replace(PARAMETERS, delay=delay)
     at = plan.start + 10.0
     review = made.review(FAR, seen(plan, at, (-200.0, 0.0)), at)
     assert review.necessary
-    assert "'x' is 200 m away from the plan in force" in review.outlook.trouble
+    assert "'x' is 200 m away from the active plan" in review.outlook.trouble
     assert review.plan is not None, review.reason
     assert review.plan.start == pytest.approx(at + delay)
     assert review.plan.solution.verification.ok
@@ -107,7 +107,7 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     np.testing.assert_allclose(first, ahead + np.array([-200.0, 0.0]), atol=2.0)
 
 
-def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: PlanInForce) -> None:
+def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePlan) -> None:
     execution, at = GenericExecution(('x',), 0.05), plan.start + 0.4
     x = float(plan.solution.trajectory.sample(0.4).state[0])
     observed = {VEHICLE: Observation(np.array([x + 0.1]), at, Mode.FOLLOWING)}
@@ -119,7 +119,7 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: PlanInFo
 
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     # The plan of a weaker cart, taken for this one's: half of the time would do.
-    lazy = PlanInForce(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
+    lazy = ActivePlan(FAR, replace(FAR, limit=0.3).solve(deadline=10.0), start=0.0)
     made, at = replanner(lazy), 0.1
     made.parameters = replace(PARAMETERS, delay=10.0)
     review = made.review(FAR, seen(lazy, at), at)
@@ -132,7 +132,7 @@ def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:
     assert review.reason == 'the problem has changed'
 
 
-def test_another_start_or_solver_is_not_another_question(plan: PlanInForce) -> None:
+def test_another_start_or_solver_is_not_another_question(plan: ActivePlan) -> None:
     execution = GenericExecution(('x', 'v'), 0.05)
     other = replace(
         CART, start=CartStart(x=3.0), solver=DirectSolverParameters(deadline=1.0, seed=3)
@@ -142,7 +142,7 @@ def test_another_start_or_solver_is_not_another_question(plan: PlanInForce) -> N
 
 
 def test_where_the_cost_to_go_is_not_known_only_necessary_plans_are_made(
-    plan: PlanInForce, monkeypatch: pytest.MonkeyPatch
+    plan: ActivePlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Cart, 'cost_to_go', lambda *_: None)
     made, at = replanner(plan), plan.start + 0.1

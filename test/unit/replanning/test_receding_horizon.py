@@ -34,7 +34,7 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.pendulum_swing_up import PendulumStart
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
-from tdm_planner.replanning import FormationExecution, PlanInForce, Replanner, SwingUpExecution
+from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_sim.disturbances import pendulum_push
 from tdm_sim.receding import RecedingHorizon
@@ -45,12 +45,12 @@ PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
 
 @pytest.fixture(scope='module')
-def plan() -> PlanInForce:
+def plan() -> ActivePlan:
     return swing_up()
 
 
 def closed_loop(
-    plan: PlanInForce,
+    plan: ActivePlan,
     seed: int = 1,
     replanning: bool = True,
     mismatch: float = 0.05,
@@ -83,7 +83,7 @@ def upright(loop: RecedingHorizon) -> bool:
     return tracker.phase is Phase.HOLDING and abs(angle) < 0.05
 
 
-def test_undisturbed_the_plan_is_kept_and_no_chatter_near_the_goal(plan: PlanInForce) -> None:
+def test_undisturbed_the_plan_is_kept_and_no_chatter_near_the_goal(plan: ActivePlan) -> None:
     loop = closed_loop(plan)
     run(loop, plan.end + 1.5)
     assert upright(loop)
@@ -94,7 +94,7 @@ def test_undisturbed_the_plan_is_kept_and_no_chatter_near_the_goal(plan: PlanInF
 
 @pytest.mark.parametrize(('seed', 'replanning'), [(3, True), (5, True), (3, False)])
 def test_a_push_that_the_feedback_cannot_mend_is_planned_for(
-    plan: PlanInForce, seed: int, replanning: bool
+    plan: ActivePlan, seed: int, replanning: bool
 ) -> None:
     loop = closed_loop(plan, seed, replanning)
     push(loop)
@@ -110,7 +110,7 @@ def test_a_push_that_the_feedback_cannot_mend_is_planned_for(
     assert (np.diff(starts) > PARAMETERS.delay - 1e-9).all()
 
 
-def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
+def test_the_state_goes_on_where_a_plan_takes_over(plan: ActivePlan) -> None:
     # A plant as modelled and measured well, and feedback that does not give up meanwhile.
     loop = closed_loop(plan, seed=5, mismatch=0.0, noise=0.01, tolerance__path=3.0)
     push(loop)
@@ -125,7 +125,7 @@ def test_the_state_goes_on_where_a_plan_takes_over(plan: PlanInForce) -> None:
         assert (np.abs(away) < [0.03, 0.05, 0.5, 0.8]).all()
 
 
-def test_the_next_review_but_one_mends_a_refusal(plan: PlanInForce) -> None:
+def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
     loop = closed_loop(plan, mismatch=0.0, noise=0.0, replan__on_deviation=False)
     tracker, plant = loop.vehicles[VEHICLE]
     usual = tracker.parameters

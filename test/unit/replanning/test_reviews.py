@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""When the plan in force is replaced: decisions, single reviews, plans that trackers refuse."""
+"""When the active plan is replaced: decisions, single reviews, plans that trackers refuse."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tdm_planner.problems.base import Solution
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import (
+    ActivePlan,
     FormationExecution,
     Mode,
     Observation,
-    PlanInForce,
     Replanner,
     SwingUpExecution,
 )
@@ -74,24 +74,24 @@ def test_near_the_goal_nothing_better_is_looked_for(
 
 
 @pytest.fixture(scope='module')
-def swing() -> PlanInForce:
+def swing() -> ActivePlan:
     return swing_up()
 
 
 @pytest.fixture
-def replanner(swing: PlanInForce) -> Replanner:
+def replanner(swing: ActivePlan) -> Replanner:
     made = Replanner(SwingUpExecution(SWING), PARAMETERS)
     made.adopt(swing)
     return made
 
 
-def following(plan: PlanInForce, at: float) -> dict[str, Observation]:
+def following(plan: ActivePlan, at: float) -> dict[str, Observation]:
     """Return what is seen of a pendulum whose tracker says that it follows `plan`."""
     reference = plan.solution.trajectory.sample(plan.elapsed(at)).state
     return {VEHICLE: Observation(reference, at, Mode.FOLLOWING, plan.start)}
 
 
-def test_another_question_is_answered_at_once(swing: PlanInForce, replanner: Replanner) -> None:
+def test_another_question_is_answered_at_once(swing: ActivePlan, replanner: Replanner) -> None:
     at = 0.1
     assert replanner.review(SWING, following(swing, at), at).plan is None
     wanted = 1 - round(swing.solution.trajectory.states[-1, 0] / math.tau)
@@ -104,7 +104,7 @@ def test_another_question_is_answered_at_once(swing: PlanInForce, replanner: Rep
     assert last[0] == pytest.approx(math.tau * wanted, abs=1e-3)
 
 
-def test_a_plan_that_has_not_begun_is_left_alone(swing: PlanInForce) -> None:
+def test_a_plan_that_has_not_begun_is_left_alone(swing: ActivePlan) -> None:
     replanner = Replanner(SwingUpExecution(SWING), PARAMETERS)
     seen = {VEHICLE: Observation(np.zeros(4), 0.0, Mode.IDLE)}
     assert replanner.review(SWING, seen, 0.0).plan is None
@@ -122,7 +122,7 @@ def test_a_state_beyond_the_limits_keeps_the_plan_and_says_why(replanner: Replan
 
 @pytest.mark.parametrize('mode', [Mode.FOLLOWING, Mode.RECOVERING])
 def test_where_the_plan_is_followed_its_rest_is_the_first_guess(
-    swing: PlanInForce, replanner: Replanner, monkeypatch: pytest.MonkeyPatch, mode: Mode
+    swing: ActivePlan, replanner: Replanner, monkeypatch: pytest.MonkeyPatch, mode: Mode
 ) -> None:
     guesses = []
     solve = PendulumSwingUp.solve
@@ -146,7 +146,7 @@ def test_where_the_plan_is_followed_its_rest_is_the_first_guess(
         np.testing.assert_array_equal(left.states, rest.trajectory.states)
 
 
-def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: PlanInForce) -> None:
+def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: ActivePlan) -> None:
     execution, later = SwingUpExecution(SWING), replace(swing, start=0.5)
     silent = {VEHICLE: replace(following(swing, 0.9)[VEHICLE], followed=None)}
     assert execution.keeping(swing, later, following(swing, 0.9)) == [VEHICLE]
@@ -155,7 +155,7 @@ def test_the_plan_that_is_followed_is_the_one_that_the_tracker_names(swing: Plan
 
 
 def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(
-    swing: PlanInForce, replanner: Replanner
+    swing: ActivePlan, replanner: Replanner
 ) -> None:
     later = replace(swing, start=0.5)
     replanner.adopt(later)

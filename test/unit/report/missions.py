@@ -155,7 +155,7 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),),
         figures=(PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
         events=(
-            Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 in force'),
+            Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
             Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
         ),
         parameters=PENDULUM_PARAMETERS,

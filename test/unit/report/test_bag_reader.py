@@ -403,14 +403,14 @@ def test_events_are_told_once_and_in_order(read: Read) -> None:
             said(-0.9, 0, 'planning'),
             said(-0.8, 1, 'NO_STATE: none'),
             said(-0.7, 1, 'NO_STATE: none'),
-            said(-0.5, 0, 'plan 1 in force'),
+            said(-0.5, 0, 'plan 1 active'),
             said(0.6, 0, 'a stranger is well', '/camera'),
             said(0.7, 2, 'a stranger is ill', '/camera'),
         ]
     )
     assert [(round(e.time, 3), e.level, e.text) for e in mission.events] == [
         (-0.8, Severity.WARN, 'NO_STATE: none'),
-        (-0.5, Severity.OK, 'plan 1 in force'),
+        (-0.5, Severity.OK, 'plan 1 active'),
         (0.5, Severity.ERROR, 'an error'),
         (0.7, Severity.ERROR, 'a stranger is ill'),
     ]

@@ -24,9 +24,9 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.base import Plant
 from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.integrator import integrate, runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
-from tdm_sim.integrator import integrate, runge_kutta_step
 from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot

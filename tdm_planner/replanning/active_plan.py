@@ -29,7 +29,7 @@ _SHORTEST = 1e-3  # s; of less nothing is left that a first guess could be made 
 
 
 @dataclass(frozen=True, eq=False)
-class PlanInForce:
+class ActivePlan:
     """
     A verified plan and the problem it solves; its motion starts at the instant `start` [s].
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The classical Runge-Kutta method with held controls, the clockwork of the simulated plants."""
+"""The classical Runge-Kutta method with held controls: for simulated plants and predictions."""
 
 from __future__ import annotations
 
