@@ -30,6 +30,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
+from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
@@ -96,17 +97,6 @@ class SelfReplaying(Protocol):
         """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
 
 
-class Piece(Protocol):
-    """A part of an integrated motion, between the instants `ts` (m,) [s], as `OdeSolution` is."""
-
-    ts: Array
-    t_min: float
-    t_max: float
-
-    def __call__(self, times: Array, /) -> Array:
-        """States at `times` (n,), (nx, n)."""
-
-
 @runtime_checkable
 class SelfFlying(Protocol):
     """A plant whose equations of motion are compiled, and integrated to the same tolerances."""
@@ -134,7 +124,7 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
 class Flight:
     """A motion as it was integrated: `pieces` between jumps of the controls, of `size` states."""
 
-    pieces: Sequence[Piece]
+    pieces: Sequence[OdeSolution | Flown]
     size: int
 
     @property

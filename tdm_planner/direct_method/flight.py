@@ -22,13 +22,13 @@ the steps. It is the replay of `tdm_planner.verification`, a tenth of the time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
@@ -39,39 +39,6 @@ TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
-
-
-@dataclass(frozen=True, eq=False)
-class Flown:
-    """
-    A motion as it was integrated: polynomials between the instants `ts` (m + 1,).
-
-    `begins` (m, nx) are the states there, `coefficients` (m, 7, nx) those of the dense output.
-    """
-
-    ts: Array
-    begins: Array
-    coefficients: Array
-
-    @property
-    def t_min(self) -> float:
-        """First instant [s]."""
-        return float(self.ts[0])
-
-    @property
-    def t_max(self) -> float:
-        """Last instant [s]."""
-        return float(self.ts[-1])
-
-    def __call__(self, times: Array) -> Array:
-        """States at `times` (n,), (nx, n)."""
-        step = np.clip(np.searchsorted(self.ts, times, side='right') - 1, 0, len(self.begins) - 1)
-        share = ((times - self.ts[step]) / np.diff(self.ts)[step])[:, None]
-        rows = self.coefficients[step]
-        value = np.zeros_like(rows[:, 0])
-        for index in range(rows.shape[1]):
-            value = (value + rows[:, -1 - index]) * ((1.0 - share) if index % 2 else share)
-        return np.asarray((value + self.begins[step]).T)
 
 
 class Integrator:
