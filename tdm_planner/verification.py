@@ -15,7 +15,7 @@
 """
 Nothing leaves the planner unverified: replay through the true dynamics, then a dense check.
 
-The replay integrates the plant with DOP853 (scipy), independently of the solver's own integration,
+The replay integrates the plant with DOP853, independently of the solver's own integration,
 from the first state, under the controls read between samples as `Trajectory.interpolation` says.
 """
 
@@ -30,6 +30,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
+from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
@@ -96,6 +97,14 @@ class SelfReplaying(Protocol):
         """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
 
 
+@runtime_checkable
+class SelfFlying(Protocol):
+    """A plant whose equations of motion are compiled, and integrated to the same tolerances."""
+
+    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flight | None:
+        """Integrate along the controls of `trajectory`; None: cannot."""
+
+
 def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
     """
     Integrate the plant along the trajectory's controls; states at `times`, (n, nx).
@@ -115,7 +124,7 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
 class Flight:
     """A motion as it was integrated: `pieces` between jumps of the controls, of `size` states."""
 
-    pieces: Sequence[OdeSolution]
+    pieces: Sequence[OdeSolution | Flown]
     size: int
 
     @property
@@ -143,6 +152,10 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
         If the time allowed by `until` passes meanwhile.
 
     """
+    if isinstance(plant, SelfFlying):
+        flight = plant.fly(trajectory, until)
+        if flight is not None:
+            return flight
     pieces: list[OdeSolution] = []
     left = itertools.repeat(None, MOST_EVALUATIONS)
     current = trajectory.states[0]

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
 from tdm_planner.direct_method.formulation import Duration, Output
-from tdm_planner.direct_method.graphs import Differentiated
-from tdm_planner.direct_method.output_basis import output_basis
+from tdm_planner.direct_method.graphs import Call, Differentiated
+from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
 from tdm_planner.direct_method.virtual_domain import (
     arc_derivatives,
     reciprocal,
@@ -157,8 +157,9 @@ class ArcBasis:
             nb, na = len(basis.start) + len(basis.end), basis.size
             last_b, last_a = b + nb, a + na
             for order in range(output.derivatives + 1):
-                table[:, row + order, b:last_b] = basis.given(points, order)
-                table[:, row + order, a:last_a] = self.scales[name] * basis.varied(points, order)
+                given, varied = _sampled(basis, points.tobytes(), order)
+                table[:, row + order, b:last_b] = given
+                table[:, row + order, a:last_a] = self.scales[name] * varied
             row, b, a = row + output.derivatives + 1, last_b, last_a
         return table
 
@@ -167,9 +168,21 @@ class ArcBasis:
         """Return the part of the table that belongs to b, (P, nw, nb)."""
         return np.split(self.table, [self.nc, self.nc + self.nb], axis=2)[1]
 
+    @cached_property
+    def boundary_call(self) -> Call:
+        """Return the boundary values b (c; boundary values by time), (nb,)."""
+        return Call(self.boundary.value)
+
     def coefficients(self, xi: Array) -> Array:
         """Return c (nc,), the coefficients of mu [s]."""
         return self.duration.guess * (xi[: self.timing] if self.timing else np.ones(1))
+
+
+@lru_cache(maxsize=256)
+def _sampled(basis: OrthonormalBasis, points: bytes, order: int) -> tuple[Array, Array]:
+    """Return the shapes of the given conditions and the free ones: nodes are mostly the same."""
+    s = np.frombuffer(points)
+    return basis.given(s, order), basis.varied(s, order)
 
 
 def _scale(output: Output, duration: Duration) -> float:

@@ -50,6 +50,11 @@ _IPOPT: dict[str, Any] = {
     'constr_viol_tol': 1e-7,
     'acceptable_iter': 0,
     'mu_strategy': 'monotone',
+    'barrier_tol_factor': 30.0,  # how roughly the first barrier problems are solved
+    # The program is scaled; for its size a plain ordering is the quickest.
+    'mumps_scaling': 0,
+    'mumps_permuting_scaling': 0,
+    'mumps_pivot_order': 0,
 }
 
 

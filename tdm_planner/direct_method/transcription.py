@@ -345,7 +345,7 @@ class Transcription(NonlinearProgram):
     def _w(basis: ArcBasis, xi: Array) -> Array:
         """Return w at the points of a basis (P, nw)."""
         c = basis.coefficients(xi)
-        b = Call(basis.boundary.value)(c, basis.given)[0] if basis.nb else np.zeros(0)
+        b = basis.boundary_call(c, basis.given)[0] if basis.nb else np.zeros(0)
         free = np.split(xi, [basis.timing])[1]
         return np.asarray(basis.table @ np.concatenate([c, b, free]))
 

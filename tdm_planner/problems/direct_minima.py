@@ -50,8 +50,6 @@ _TIGHT = TrustRegionOptions(
 _LOOSE = replace(
     _TIGHT, iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
 )
-_LONGER = 32  # iterations of the loose minimiser from
-_FAR = 0.3  # a violation beyond this
 _CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with conditions at the ends
 _CHANGES = 10  # of a first guess that is not finite everywhere
 _FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
@@ -127,11 +125,7 @@ class DirectMinima:
         if attempt:
             size = _CHANGE[program.has_end_conditions] * attempt
             xi = self._change(program, min(size, 1.0))
-        minimum = self._minimise(program, xi, self._budget, self._loose)
-        if minimum is not None and minimum.point.violation > _FAR:
-            longer = replace(self._loose, iterations=_LONGER)
-            minimum = self._minimise(program, minimum.point.xi, self._budget, longer)
-        return minimum
+        return self._minimise(program, xi, self._budget, self._loose)
 
     def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
         """Minimise to the end; None where nothing can be computed."""

@@ -24,10 +24,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Flight
 
 Array = NDArray[np.float64]
 
@@ -125,6 +129,14 @@ class TracedPlant(DirectPlant):
             return super().derivative(state, control)
         rates: Array = self._one(state, control, self._numbers)[0].copy()
         return rates if np.isfinite(rates).all() else super().derivative(state, control)
+
+    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flight | None:
+        """Integrate along linear controls; None: with others, or where it cannot go on."""
+        if trajectory.interpolation != 'linear':
+            return None
+        given = trajectory.times, trajectory.controls, trajectory.states[0]
+        flown = Integrator.of(self._trace)(*given, self._numbers, until)
+        return None if flown is None else Flight([flown], trajectory.states.shape[1])
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""

@@ -46,13 +46,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
+from tdm_planner.direct_method.arc_basis import ArcLayout
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.node_graphs import NodeGraphs
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.replay import cost_along
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.drawing import Shape
 from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution
@@ -141,7 +141,7 @@ class DirectProblem(Formulation, Problem):
         """Trace the statement and make the programs, so that the first plan does not wait."""
         stated = CheckedFormulation(self)
         trace = Trace.of(stated)
-        Transcription(self, chebyshev_nodes(self.nodes), trace=trace)
+        NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)
         if self.refined:
             prepare_refinement(trace)
 

@@ -181,8 +181,8 @@ class DirectSearch(Search[Candidate]):
                 continue
             solved.append(motion)
             self._found = True
-            if len(solved) == 1 and _HURRY * self.budget.elapsed > self.budget.remaining:
-                self._hurried = True
+            if len(solved) == 1:  # a plan to fall back on, and mostly the plan
+                self._hurried = _HURRY * self.budget.elapsed > self.budget.remaining
                 yield motion
                 self._hurried = False
             best = min(found.cost for found in solved)
@@ -190,7 +190,7 @@ class DirectSearch(Search[Candidate]):
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if again >= _AGREED or len(solved) >= _ENOUGH or late:
                 break
-        yield from sorted(solved, key=lambda found: found.cost)
+        yield from sorted(solved[1:], key=lambda found: found.cost)
 
     def _guesses(self) -> Iterator[Motion]:
         """Yield first guesses on the coarse intervals, mostly minima of the direct method."""

@@ -36,6 +36,7 @@ from tdm_planner.direct_method.collocation import (
     Settings,
     WARM,
 )
+from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.replay import cost_along, Replay
@@ -239,6 +240,7 @@ class Refinement:
 
 def prepare_refinement(trace: Trace) -> None:
     """Make the programs that most plans need."""
+    Integrator.of(trace)
     for intervals, settings in ((COARSE, COLD), (COARSE, WARM), (FINE, WARM)):
         Collocation.of(trace, intervals, settings)
         Replay.of(trace, intervals)
