@@ -15,9 +15,10 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-A loose minimum of the direct method is the first guess of a collocation on few intervals; the
-cheapest of a few such solutions is solved again on more. It is replayed and repaired: by a shifted
-end, a reserve at a limit that the replay violates, or more intervals. Where nothing comes of that
+A loose minimum of the direct method is the first guess of a collocation on few intervals. The
+first such solution is solved again on more, then the cheapest of a few others if it is cheaper. It
+is replayed and repaired: by a shifted end, a reserve at a limit that the replay violates, or more
+intervals. Where nothing comes of that
 the direct method's own motion, minimised to the end, is the plan.
 """
 
@@ -102,7 +103,7 @@ class DirectSearch(Search[Candidate]):
         check_limits(trace)
         check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
-        self._found = self._warm = self._hurried = False
+        self._found = self._warm = self._as_it_is = False
         self._closest = np.inf
         self._nearest_miss = ''
 
@@ -172,6 +173,7 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._warm = False
         solved: list[Motion] = []
+        hurried = False
         until = self.budget.part(self._latest - self.budget.elapsed)
         for guess in self._guesses():
             if until.spent:
@@ -182,15 +184,20 @@ class DirectSearch(Search[Candidate]):
             solved.append(motion)
             self._found = True
             if len(solved) == 1:  # a plan to fall back on, and mostly the plan
-                self._hurried = _HURRY * self.budget.elapsed > self.budget.remaining
+                hurried = _HURRY * self.budget.elapsed > self.budget.remaining
+                self._as_it_is = hurried
                 yield motion
-                self._hurried = False
+                self._as_it_is = False
             best = min(found.cost for found in solved)
             again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if again >= _AGREED or len(solved) >= _ENOUGH or late:
                 break
         yield from sorted(solved[1:], key=lambda found: found.cost)
+        if hurried:  # there was time after all
+            self._as_it_is = True
+            yield self._settled(solved[0])
+            self._as_it_is = False
 
     def _guesses(self) -> Iterator[Motion]:
         """Yield first guesses on the coarse intervals, mostly minima of the direct method."""
@@ -228,9 +235,7 @@ class DirectSearch(Search[Candidate]):
 
     def _collocated(self, coarse: Motion) -> Iterator[Plan]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
-        motion, quick = coarse, self._warm or self._hurried
-        if not quick:
-            motion = self._settled(coarse)
+        motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
         for found, states in self._refinement.refined(motion):
             times = np.linspace(0.0, found.duration, found.intervals + 1)
             parameters = np.concatenate([[found.duration], found.controls.ravel()])

@@ -23,6 +23,7 @@ from tdm_planner.tracking.estimator import StateEstimator
 Array = NDArray[np.float64]
 
 _UNMISTAKABLE = 20.0  # standard deviations of the measurement
+_ON_ITS_WAY = 0.25  # of a window that a command and the state after it may take
 _LONGEST = 4  # windows without a change that are looked at together
 
 
@@ -32,8 +33,9 @@ class RepetitionWatch:
 
     Samples that stay the same to the last bit for `window` s, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
-    the noise, the sensor is `stuck`, until it shows another number or the plant should rest. What
-    happens in gaps of more than `window` s between samples is not judged.
+    the noise, the sensor is `stuck`, until it shows another number or the plant should rest. The
+    last commands may be on their way still: they are left out. What happens in gaps of more than
+    `window` s between samples is not judged.
     """
 
     def __init__(self, estimator: StateEstimator, window: float) -> None:
@@ -67,7 +69,8 @@ class RepetitionWatch:
         """Compare with what the model makes of the commands sent while nothing changed."""
         estimator = self._estimator
         state, driven = sample, False
-        for duration, control in estimator.history.between(self._since, stamp):
+        seen = stamp - _ON_ITS_WAY * self._window
+        for duration, control in estimator.history.between(self._since, seen):
             state = estimator.move(state, control, duration)
             driven = driven or bool(control.any())
         far = _UNMISTAKABLE * estimator.noise.measurement

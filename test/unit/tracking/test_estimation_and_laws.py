@@ -186,6 +186,20 @@ def test_a_plant_that_moves_or_rests_is_not() -> None:
         assert not sensor.show(state, 0.01)
 
 
+@pytest.mark.parametrize('wait', range(20, 100))
+def test_a_plant_that_a_command_has_not_reached_yet_is_not_stuck(wait: int) -> None:
+    """Messages take their time, of commands and of states."""
+    sensor = Sensor()
+    for _ in range(wait):
+        assert not sensor.show(HANGING, 0.0)
+    state = HANGING
+    for _ in range(3):
+        assert not sensor.show(state, 1.0)
+    for _ in range(20):
+        state = sensor.move(state, np.array([1.0]), TICK)
+        assert not sensor.show(state, 1.0)
+
+
 def test_it_stays_stuck_until_it_shows_another_number_or_the_plant_should_rest() -> None:
     sensor = Sensor()
     state = np.array([0.005, 0.0, 0.0, 0.0])
