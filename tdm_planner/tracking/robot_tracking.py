@@ -79,7 +79,8 @@ class RobotLaw:
     """
     What is prepared before the start: `lower` and `upper` hold the reach every `step` s.
 
-    `burns` (n, 2) are the starts and ends [s] of the burns of a plan that burns and coasts.
+    `burns` (n, 3) are the burns of a plan that burns and coasts: start and end [s], and the
+    thruster's angle at the start.
     """
 
     feedforward: Feedforward
@@ -93,20 +94,23 @@ class RobotLaw:
         k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
         return Reach(float(self.lower[k]), float(self.upper[k]))
 
-    def ahead(self, start: float, end: float) -> tuple[float, float]:
+    def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
         """
-        Return what is left of the burn that goes on within [start, end], and the coast's end [s].
+        Return what is left of the burn that goes on within [start, end], and how its coast ends.
 
-        Both count from `start`. Nothing is left while coasting; the end is that of the coast in
-        course or next to come, infinite where no burn follows.
+        That is the time until the coast ends that goes on or comes next, infinite where no burn
+        follows, and the thruster's angle then. Times [s] count from `start`; nothing is left of a
+        burn while coasting.
         """
         assert self.burns is not None
-        begins, ends = self.burns.T
+        begins, ends, angles = self.burns.T
         k = int(np.searchsorted(ends, start, side='right'))
         burning = k < len(ends) and begins[k] < end
         left = float(ends[k] - start) if burning else 0.0
         k += burning
-        return left, float(begins[k] - start) if k < len(begins) else math.inf
+        if k == len(begins):
+            return left, math.inf, None
+        return left, float(begins[k] - start), float(angles[k])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +120,8 @@ class Wish:
 
     `acceleration` (2,) m/s^2 and `torque` N m are wanted of a perfect robot; `alpha` is where the
     thruster rests when no more than `quiet` m/s^2 is wanted, `reach` where it may be. There is no
-    thrust while the thruster is off by more than `aligned` rad.
+    thrust while the thruster is off by more than `aligned` rad. It turns the way round that brings
+    it to the angle `onward` soonest after, where that is given.
     """
 
     acceleration: Array
@@ -125,6 +130,7 @@ class Wish:
     reach: Reach
     quiet: float
     aligned: float
+    onward: float | None = None
 
 
 class RobotTracker(TrajectoryTracker):
@@ -226,10 +232,11 @@ class RobotTracker(TrajectoryTracker):
             reach=Reach(reach.lower + near, reach.upper + near),
         )
         if law.burns is not None:
-            left, horizon = law.ahead(elapsed, elapsed + interval)
+            left, horizon, onward = law.ahead(elapsed, elapsed + interval)
             horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
             if left == 0.0:
-                wish = self._coasting(wish, error, horizon)
+                onward = None if onward is None else onward + near
+                wish = replace(self._coasting(wish, error, horizon), onward=onward)
             else:
                 self._correcting = False
                 wanted = -self._off(error, horizon) / max(left, _PULSE * interval)
@@ -305,7 +312,12 @@ class RobotTracker(TrajectoryTracker):
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
         off = math.atan2(wish.acceleration[1], wish.acceleration[0]) - heading
         off = float(wrapped(np.asarray(off)))
-        target = wish.alpha if wanted <= wish.quiet else alpha + off
+        turn = off
+        if wish.onward is not None:
+            onward, other = wish.onward - alpha, off - math.copysign(math.tau, off)
+            if abs(other) + abs(onward - other) < abs(off) + abs(onward - off):
+                turn = other
+        target = wish.alpha if wanted <= wish.quiet else alpha + turn
         if wish.reach.lower <= wish.reach.upper:
             target = min(max(target, wish.reach.lower), wish.reach.upper)
         rate = self._servo(target - alpha)
@@ -326,7 +338,8 @@ class RobotTracker(TrajectoryTracker):
 
 
 def _burns(trajectory: Trajectory) -> Array:
-    """Return starts and ends (n, 2) [s] of a trajectory's burns, counted from its start."""
+    """Return a trajectory's burns (n, 3): start, end [s] and the thruster's angle at the start."""
     on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])
-    edges = np.flatnonzero(np.diff(on))
-    return np.asarray(trajectory.times[edges] - trajectory.times[0]).reshape(-1, 2)
+    begins, ends = np.flatnonzero(np.diff(on)).reshape(-1, 2).T
+    times = trajectory.times - trajectory.times[0]
+    return np.stack([times[begins], times[ends], trajectory.states[begins, _ALPHA]], axis=1)
