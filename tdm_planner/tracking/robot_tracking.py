@@ -228,7 +228,7 @@ class RobotTracker(TrajectoryTracker):
         wish = self._wish(
             acceleration=-self._stiffness * error[:2] - self._damping * error[2:4],
             torque=torque + self._yaw_feedback(error),
-            alpha=float(middle[_ALPHA]) + near,
+            alpha=float(motion.trajectory.sample(at + interval).state[_ALPHA]) + near,
             reach=Reach(reach.lower + near, reach.upper + near),
         )
         if law.burns is not None:
