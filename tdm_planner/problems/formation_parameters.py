@@ -190,10 +190,10 @@ class FormationParameters(Validated):
     )
     weights: FormationWeights = group(FormationWeights)
     method: str = parameter(
-        'polynomials',
-        'form of the motions: polynomials, whose thrust runs smoothly, or thrust_arcs, which burn '
-        'at full thrust and coast between, as least gas wants it',
-        choices=('polynomials', 'thrust_arcs'),
+        'thrust_arcs',
+        'form of the motions: thrust_arcs, which burn at full thrust and coast between, as least '
+        'gas wants it, or polynomials, whose thrust runs smoothly',
+        choices=('thrust_arcs', 'polynomials'),
     )
     thrust_reserve: float = parameter(
         0.1,

@@ -57,14 +57,16 @@ class RobotFeedback(Validated):
     )
     deadband: float = parameter(
         0.03,
-        'share of limits.thrust below which the thruster is not turned for the feedback, and when '
-        'keeping station not fired',
+        'share of limits.thrust below which the thruster is not turned for the feedback, '
+        'corrections of a coast apart',
         allowed=Range(0.0, 0.5),
     )
     coasting: float = parameter(
-        0.05,
-        'share of limits.thrust below which a plan that burns and coasts is left to coast',
-        allowed=Range(0.0, 1.0),
+        0.004,
+        'distance by which a coast may miss the next burn, or station-keeping the goal, before it '
+        'is corrected',
+        unit='m',
+        allowed=POSITIVE,
     )
     misalignment: float = parameter(
         1.0,

@@ -18,9 +18,12 @@ Tracking of a floating robot whose one thruster turns slowly, and station-keepin
 The acceleration wanted is the plan's plus linear-quadratic feedback on position and velocity. The
 thruster turns towards it as far as it can still be where the plan will need it; the thrust is the
 projection of the wanted acceleration on the direction held, and none while that direction is off
-by more than a set angle. The yaw is independent: planned torque plus feedback. Along a plan that
-burns and coasts the thruster is aligned when a burn begins, and a coast is left alone as long as
-little thrust would correct it.
+by more than a set angle. The yaw is independent: planned torque plus feedback.
+
+A plan that burns and coasts is followed otherwise. In a burn the feedback takes away the velocity
+that would lead astray by the end of the coast that follows. A coast is corrected by one short burn
+where it would miss the plan at its end by more than is allowed, and else left alone. Keeping
+station is a coast as well.
 
 How well the thruster and the wheel work (true over assumed acceleration) is estimated on the way,
 and the commands are divided by it.
@@ -28,9 +31,9 @@ and the commands are divided by it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +58,9 @@ _LATERAL = 0.3  # share of the largest thrust that may be wrong sideways for a d
 _BURN_LATERAL = 0.05  # the same at a burn of a plan that burns and coasts
 _ANY_DIRECTION = 50.0  # rad
 _CALM_SPEED, _CALM_TURN = 0.01, 0.05  # m/s, rad/s at which a new plan can be asked for
+_PULSE = 10  # ticks in which a correction takes an error of the velocity away, at the least
+_SETTLED = 0.25  # share of the miss left alone at which a correction ends
+_ALIGNED = 0.3  # rad off at which a correction begins to fire
 _REACH_STEP = 0.02  # s between the tabulated ranges of the thruster's angle
 
 
@@ -65,19 +71,46 @@ class Reach(NamedTuple):
     upper: float
 
 
+_FREE = Reach(-math.inf, math.inf)
+
+
 @dataclass(frozen=True, eq=False)
 class RobotLaw:
-    """What is prepared before the start: `lower` and `upper` hold the reach every `step` s."""
+    """
+    What is prepared before the start: `lower` and `upper` hold the reach every `step` s.
+
+    `burns` (n, 3) are the burns of a plan that burns and coasts: start and end [s], and the
+    thruster's angle at the start.
+    """
 
     feedforward: Feedforward
     lower: Array = field(repr=False)
     upper: Array = field(repr=False)
+    burns: Array | None = field(repr=False)
     step: float = _REACH_STEP
 
     def reach(self, elapsed: float) -> Reach:
         """Return the range of the thruster's angle at `elapsed` s after the start."""
         k = min(max(math.ceil(elapsed / self.step), 0), len(self.lower) - 1)
         return Reach(float(self.lower[k]), float(self.upper[k]))
+
+    def ahead(self, start: float, end: float) -> tuple[float, float, float | None]:
+        """
+        Return what is left of the burn that goes on within [start, end], and how its coast ends.
+
+        That is the time until the coast ends that goes on or comes next, infinite where no burn
+        follows, and the thruster's angle then. Times [s] count from `start`; nothing is left of a
+        burn while coasting.
+        """
+        assert self.burns is not None
+        begins, ends, angles = self.burns.T
+        k = int(np.searchsorted(ends, start, side='right'))
+        burning = k < len(ends) and begins[k] < end
+        left = float(ends[k] - start) if burning else 0.0
+        k += burning
+        if k == len(begins):
+            return left, math.inf, None
+        return left, float(begins[k] - start), float(angles[k])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +119,18 @@ class Wish:
     What the robot should do now, from plan and feedback.
 
     `acceleration` (2,) m/s^2 and `torque` N m are wanted of a perfect robot; `alpha` is where the
-    thruster rests when nothing much is wanted, `reach` where it may be.
+    thruster rests when no more than `quiet` m/s^2 is wanted, `reach` where it may be. There is no
+    thrust while the thruster is off by more than `aligned` rad. It turns the way round that brings
+    it to the angle `onward` soonest after, where that is given.
     """
 
     acceleration: Array
     torque: float
     alpha: float
     reach: Reach
+    quiet: float
+    aligned: float
+    onward: float | None = None
 
 
 class RobotTracker(TrajectoryTracker):
@@ -103,7 +141,6 @@ class RobotTracker(TrajectoryTracker):
     """
 
     parameters: RobotTrackerParameters
-    _FREE: ClassVar[Reach] = Reach(-math.inf, math.inf)
 
     def __init__(
         self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
@@ -112,16 +149,15 @@ class RobotTracker(TrajectoryTracker):
         super().__init__(parameters, robot_estimator(parameters, history), history)
         plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
         self._largest = limits.thrust / plant.mass
-        self._firing = False
+        self._correcting = False
         self._servo_share = servo_share
         # The double integrator's regulator for weights 1 / error^2 and 1 / acceleration^2.
         self._stiffness = self._largest / feedback.position
         self._damping = math.sqrt(2.0 * self._stiffness)
-        # When keeping station the thruster must turn half round to brake: approach so slowly
-        # that there is time for it.
-        self._station_stiffness = min(
-            self._stiffness, self._damping * limits.thruster_rate / (2.0 * math.pi)
-        )
+        # An error of the position is taken away in this time or more. When keeping station the
+        # thruster must turn half round to brake: there is time for it.
+        self._shortest = self._damping / self._stiffness
+        self._station = max(self._shortest, 2.0 * math.pi / limits.thruster_rate)
         spin = limits.torque / plant.inertia
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
@@ -146,13 +182,14 @@ class RobotTracker(TrajectoryTracker):
         t = _REACH_STEP * np.arange(steps + 1)
         sample = trajectory.sample(trajectory.times[0] + t)
         alpha, thrust = sample.state[:, _ALPHA], sample.control[:, 0]
-        share = _BURN_LATERAL if trajectory.interpolation == 'zero_order_hold' else _LATERAL
+        burns = _burns(trajectory) if trajectory.interpolation == 'zero_order_hold' else None
+        share = _LATERAL if burns is None else _BURN_LATERAL
         lateral = share * self.parameters.limits.thrust
         allowed = np.minimum(lateral / np.maximum(thrust, 1e-9), _ANY_DIRECTION)
         turned = self.parameters.limits.thruster_rate * t
         upper = np.minimum.accumulate((alpha + allowed + turned)[::-1])[::-1] - turned
         lower = np.maximum.accumulate((alpha - allowed - turned)[::-1])[::-1] + turned
-        return RobotLaw(Feedforward(trajectory), lower, upper)
+        return RobotLaw(Feedforward(trajectory), lower, upper, burns)
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (7,); angles the shorter way round."""
@@ -186,18 +223,25 @@ class RobotTracker(TrajectoryTracker):
         middle = motion.trajectory.sample(at + 0.5 * interval).state
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
-        feedback = -self._stiffness * error[:2] - self._damping * error[2:4]
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         reach = law.reach(elapsed + interval)
-        wish = Wish(
-            acceleration=driven[2:4] + feedback,
+        wish = self._wish(
+            acceleration=-self._stiffness * error[:2] - self._damping * error[2:4],
             torque=torque + self._yaw_feedback(error),
-            alpha=float(middle[_ALPHA]) + near,
+            alpha=float(motion.trajectory.sample(at + interval).state[_ALPHA]) + near,
             reach=Reach(reach.lower + near, reach.upper + near),
         )
-        coasting = motion.trajectory.interpolation == 'zero_order_hold' and thrust == 0.0
-        deadband = self.parameters.feedback.coasting if coasting else 0.0
-        control = self._drive(state, wish, deadband)
+        if law.burns is not None:
+            left, horizon, onward = law.ahead(elapsed, elapsed + interval)
+            horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
+            if left == 0.0:
+                onward = None if onward is None else onward + near
+                wish = replace(self._coasting(wish, error, horizon), onward=onward)
+            else:
+                self._correcting = False
+                wanted = -self._off(error, horizon) / max(left, _PULSE * interval)
+                wish = replace(wish, acceleration=wanted)
+        control = self._drive(state, replace(wish, acceleration=driven[2:4] + wish.acceleration))
         return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
@@ -206,31 +250,51 @@ class RobotTracker(TrajectoryTracker):
         goal[[2, 3, _OMEGA]] = 0.0
         goal[_ALPHA] = state[_ALPHA]
         error = self.error(state, goal)
-        wish = Wish(
-            acceleration=-self._station_stiffness * error[:2] - self._damping * error[2:4],
-            torque=self._yaw_feedback(error),
-            alpha=float(state[_ALPHA]),
-            reach=self._FREE,
-        )
-        control = self._drive(state, wish, deadband=self.parameters.feedback.deadband)
+        wish = self._wish(np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE)
+        control = self._drive(state, self._coasting(wish, error, self._station))
         return self._action(control, np.zeros(3), error, goal)
 
     def recover(self, state: Array) -> Array:
         """Brake."""
         still = np.zeros(7)
         still[[0, 1, _YAW, _ALPHA]] = state[[0, 1, _YAW, _ALPHA]]
-        wish = Wish(
+        wish = self._wish(
             acceleration=-self._damping * state[2:4],
             torque=self._yaw_feedback(self.error(state, still)),
             alpha=float(state[_ALPHA]),
-            reach=self._FREE,
+            reach=_FREE,
         )
-        return self._drive(state, wish, deadband=0.0)
+        return self._drive(state, wish)
 
     def calm(self, state: Array, slack: float) -> bool:
         """Whether the robot drifts and turns slowly."""
         speed, turn = math.hypot(state[2], state[3]), abs(state[_OMEGA])
         return speed < slack * _CALM_SPEED and turn < slack * _CALM_TURN
+
+    def _wish(self, acceleration: Array, torque: float, alpha: float, reach: Reach) -> Wish:
+        feedback = self.parameters.feedback
+        quiet = feedback.deadband * self._largest
+        return Wish(acceleration, torque, alpha, reach, quiet, feedback.misalignment)
+
+    def _coasting(self, wish: Wish, error: Array, horizon: float) -> Wish:
+        """
+        Return the wish of a robot that coasts for another `horizon` s.
+
+        What is to be corrected keeps its direction while the thruster turns. Feedback that led
+        back sooner would turn it at the regulator's own rate, and a slow thruster after it.
+        """
+        off = self._off(error, horizon)
+        allowed = self.parameters.feedback.coasting
+        level = _SETTLED * allowed if self._correcting else allowed
+        self._correcting = math.hypot(off[0], off[1]) * horizon > level
+        pulse = off / (_PULSE * self.parameters.interval) if self._correcting else np.zeros(2)
+        return replace(wish, acceleration=-pulse, quiet=0.0, aligned=_ALIGNED)
+
+    @staticmethod
+    def _off(error: Array, horizon: float) -> Array:
+        """Return the velocity (2,) too much for the error to be gone after `horizon` s."""
+        off: Array = error[2:4] + error[:2] / horizon
+        return off
 
     def _yaw_feedback(self, error: Array) -> float:
         turn = self._yaw_stiffness * error[_YAW] + self._yaw_damping * error[_OMEGA]
@@ -241,23 +305,24 @@ class RobotTracker(TrajectoryTracker):
         limit = self.parameters.limits.thruster_rate
         return min(max(self._servo_share * angle / self.parameters.interval, -limit), limit)
 
-    def _drive(self, state: Array, wish: Wish, deadband: float) -> Array:
-        """Return controls (3,) that come nearest to the wish; `deadband` is that of the thrust."""
+    def _drive(self, state: Array, wish: Wish) -> Array:
+        """Return controls (3,) that come nearest to the wish."""
         limits, plant = self.parameters.limits, self.parameters.plant
         wanted = math.hypot(wish.acceleration[0], wish.acceleration[1])
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
         off = math.atan2(wish.acceleration[1], wish.acceleration[0]) - heading
         off = float(wrapped(np.asarray(off)))
-        quiet = max(self.parameters.feedback.deadband, deadband) * self._largest
-        target = wish.alpha if wanted < quiet else alpha + off
+        turn = off
+        if wish.onward is not None:
+            onward, other = wish.onward - alpha, off - math.copysign(math.tau, off)
+            if abs(other) + abs(onward - other) < abs(off) + abs(onward - off):
+                turn = other
+        target = wish.alpha if wanted <= wish.quiet else alpha + turn
         if wish.reach.lower <= wish.reach.upper:
             target = min(max(target, wish.reach.lower), wish.reach.upper)
         rate = self._servo(target - alpha)
-        # Between firing and not there is a factor of two, lest noise makes the thruster chatter.
-        level = (0.5 if self._firing else 1.0) * deadband * self._largest
-        self._firing = wanted > level
         thrust = 0.0
-        if self._firing and abs(off) < self.parameters.feedback.misalignment:
+        if abs(off) < wish.aligned:
             thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
         torque = wish.torque / actuator_gains(state)[1]
         return np.array(
@@ -270,3 +335,11 @@ class RobotTracker(TrajectoryTracker):
 
     def _action(self, control: Array, planned: Array, error: Array, reference: Array) -> Action:
         return Action(control, control - planned, error, reference)
+
+
+def _burns(trajectory: Trajectory) -> Array:
+    """Return a trajectory's burns (n, 3): start, end [s] and the thruster's angle at the start."""
+    on = np.concatenate([[False], trajectory.controls[:-1, 0] > 0.0, [False]])
+    begins, ends = np.flatnonzero(np.diff(on)).reshape(-1, 2).T
+    times = trajectory.times - trajectory.times[0]
+    return np.stack([times[begins], times[ends], trajectory.states[begins, _ALPHA]], axis=1)

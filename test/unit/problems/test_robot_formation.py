@@ -24,7 +24,7 @@ from tdm_planner.problems.formation_size import resized
 from tdm_planner.problems.formation_verification import verify_formation
 from tdm_planner.trajectory import Trajectory
 
-PATIENT = {'solver.deadline': 60.0}
+PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
 
 
 IN_PLACE = {'formation.anchor': [0.0, 0.0, 0.0]}
@@ -197,6 +197,7 @@ def test_the_tolerance_is_what_the_minimiser_is_content_with():
     evaluations = []
     for tolerance in (1e-6, 1e-9, 1e-12):
         changes = {'solver.tolerance': tolerance, 'arena.tracking_margin': 0.0}
+        changes['method'] = 'polynomials'
         solution = RobotFormation.from_parameters(changes).solve(deadline=60.0)
         assert solution.penalty <= tolerance
         evaluations.append(solution.evaluations)

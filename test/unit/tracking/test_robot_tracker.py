@@ -26,6 +26,8 @@ from tdm_planner.trajectory import Trajectory
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
 DURATION = 12.0  # s
 ALPHA = np.eye(7)[6]
+# of a robot whose thruster takes 6 s to turn half round
+SLOW = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189}
 
 
 def there_and_stop(turn: float = 1.0) -> Trajectory:
@@ -48,6 +50,28 @@ def there_and_stop(turn: float = 1.0) -> Trajectory:
     states = robot.replay(draft, t)
     assert states is not None
     return replace(draft, states=states)
+
+
+def burn_coast_burn() -> Trajectory:
+    """Burn for 1 s along x, coast for 25 s, the thruster turning half round, and brake for 1 s."""
+    robot, thrust = FloatingRobot(), 0.9 * SLOW['limits__thrust']
+    t = np.array([0.0, 1.0, 10.0, 10.0 + math.pi / 0.4, 26.0, 27.0])
+    controls = np.zeros((6, 3))
+    controls[[0, 4], 0] = thrust
+    controls[2, 1] = 0.4
+    states = np.zeros((6, 7))
+    speed = thrust / robot.mass
+    states[:, 0] = speed * np.array([0.0, 0.5, *(t[2:5] - 0.5), 26.0])
+    states[1:5, 2] = speed
+    states[3:, 6] = math.pi
+    return Trajectory(
+        times=t,
+        states=states,
+        controls=controls,
+        state_names=robot.state_names,
+        control_names=robot.control_names,
+        interpolation='zero_order_hold',
+    )
 
 
 @pytest.fixture(scope='module')
@@ -76,7 +100,9 @@ def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
     late = np.array(loop.states[-200:])
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.02
     assert np.abs(late[:, 4] - plan.states[-1, 4]).max() < 0.03
-    assert np.mean(np.abs(loop.controls[-200:, 1]) > 0.1) < 0.4
+    loop.run(20.0)
+    assert np.mean(np.abs(loop.controls[-1000:, 1]) > 0.1) < 0.3
+    assert np.mean(loop.controls[-1000:, 0] > 0.0) < 0.1
     loop.push(0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0)
     loop.run(20.0)
     assert loop.tracker.phase is Phase.HOLDING
@@ -84,6 +110,34 @@ def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
     assert np.mean(loop.controls[-150:, 0] > 0) < 0.3
     assert (loop.controls >= [0.0, -RATE, -TORQUE]).all()
     assert (loop.controls <= [THRUST, RATE, TORQUE]).all()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(seed: int) -> None:
+    plan = burn_coast_burn()
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed, **SLOW))
+    loop.begin(plan, 0.2)
+    begun = len(loop.states)
+    loop.run(plan.duration + 0.14)
+    times = loop.tick * (np.arange(begun, len(loop.states)) + 1) - 0.2
+    offset = np.array(loop.states[begun:])[:, :2] - plan.sample(times).state[:, :2]
+    assert np.hypot(*offset.T).max() < 0.01
+    assert loop.tick * loop.controls[:, 0].sum() < 1.1 * 2.0 * plan.controls[0, 0]
+    loop.run(8.0)
+    assert loop.tracker.phase is Phase.HOLDING
+    late = np.array(loop.states[-400:])
+    assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.01
+
+
+@pytest.mark.parametrize('coasting', [False, True])
+def test_a_robot_pushed_while_it_coasts_comes_back_by_the_next_burn(coasting: bool) -> None:
+    plan = burn_coast_burn()
+    loop = Loop(robot(plan.states[0], noise=1.0, **SLOW))
+    loop.begin(plan, 0.2)
+    loop.run(3.0 if coasting else 0.5)
+    loop.push(0.01, -0.01, 0.0, 0.005, 0.0, 0.0, 0.0)
+    loop.run(plan.duration + 0.2 - loop.now)
+    assert away(loop, plan) < 0.01
 
 
 def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
