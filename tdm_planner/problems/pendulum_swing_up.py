@@ -126,12 +126,16 @@ class PendulumSwingUp(Problem, Validated):
     def __post_init__(self) -> None:
         """Check the values, alone and together."""
         super().__post_init__()
-        if abs(self.start.psi) > self.limits.disk_angle:
-            allowed = Range(-self.limits.disk_angle, self.limits.disk_angle)
-            raise InvalidProblem(
-                f"parameter 'start.psi' = {self.start.psi:g} is not allowed: must be in {allowed} "
-                'rad (limits.disk_angle)'
-            )
+        usable = (1.0 - self.torque_reserve) * self.limits.torque
+        for name, value, limit, unit, reason in (
+            ('psi', self.start.psi, self.limits.disk_angle, 'rad', 'limits.disk_angle'),
+            ('torque', self.start.torque or 0.0, usable, 'N m', 'limits.torque, torque_reserve'),
+        ):
+            if abs(value) > limit:
+                raise InvalidProblem(
+                    f"parameter 'start.{name}' = {value:g} is not allowed: must be in "
+                    f'{Range(-limit, limit)} {unit} ({reason})'
+                )
 
     @property
     def task(self) -> SwingUpTask:
