@@ -43,34 +43,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
-from tdm_planner.exceptions import (
-    Busy,
-    DeadlineExceeded,
-    Inactive,
-    Infeasible,
-    InvalidProblem,
-    NoAnswer,
-    NoState,
-    PlannerFault,
-    TdmError,
-    VerificationFailed,
-)
+from tdm_planner.exceptions import ERRORS, NoAnswer, TdmError
 from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
-ERRORS = (
-    Busy,
-    DeadlineExceeded,
-    Inactive,
-    Infeasible,
-    InvalidProblem,
-    NoState,
-    PlannerFault,
-    VerificationFailed,
-)
 _BY_CODE: Mapping[str, type[TdmError]] = {error.code: error for error in ERRORS}
 _REMEMBERED = 64  # plans, and motions of all vehicles
 _SECOND = 1_000_000_000  # ns

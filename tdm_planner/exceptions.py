@@ -86,3 +86,16 @@ class NoAnswer(TdmError):
     """No planner was found, or it did not answer in time; raised by `tdm_planner.client`."""
 
     code: ClassVar[str] = 'NO_ANSWER'
+
+
+# Those that the `plan` service may answer; the pages list their codes in this order.
+ERRORS: tuple[type[TdmError], ...] = (
+    InvalidProblem,
+    NoState,
+    Infeasible,
+    DeadlineExceeded,
+    VerificationFailed,
+    Busy,
+    Inactive,
+    PlannerFault,
+)

@@ -25,6 +25,7 @@ from typing import Any
 
 from tdm_planner.exceptions import (
     DeadlineExceeded,
+    ERRORS,
     Infeasible,
     InvalidProblem,
     NoState,
@@ -38,16 +39,7 @@ from tdm_planner.plant_kind import plan_kind, QUANTITIES
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 
-CODES = (
-    'INVALID_PROBLEM',
-    'NO_STATE',
-    'INFEASIBLE',
-    'DEADLINE',
-    'VERIFICATION_FAILED',
-    'BUSY',
-    'INACTIVE',
-    'INTERNAL',
-)
+CODES = tuple(error.code for error in ERRORS)
 
 _RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
 _SHORTEST = 0.01  # s; in less nothing is found

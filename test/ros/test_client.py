@@ -25,9 +25,10 @@ import rclpy
 from rclpy.node import Node
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.client import ERRORS, PlanClient, PlanResult
+from tdm_planner.client import PlanClient, PlanResult
 from tdm_planner.exceptions import (
     Busy,
+    ERRORS,
     Inactive,
     Infeasible,
     InvalidProblem,
@@ -133,6 +134,10 @@ def test_failures_are_exceptions_with_code_and_reason(
 
 def test_every_code_of_the_planner_has_its_exception() -> None:
     assert {error.code for error in ERRORS} == set(CODES)
+    assert set(CODES) == {
+        'INVALID_PROBLEM', 'NO_STATE', 'INFEASIBLE', 'DEADLINE',
+        'VERIFICATION_FAILED', 'BUSY', 'INACTIVE', 'INTERNAL',
+    }  # fmt: skip
 
 
 def test_a_fault_of_a_problem_is_told_as_one(
