@@ -19,12 +19,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, get_args, Literal, NamedTuple
+from typing import Any, get_args, Literal, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from tdm_planner.exceptions import InvalidProblem
+
+if TYPE_CHECKING:
+    from tdm_planner.plants.base import Named
 
 Array = NDArray[np.float64]
 Interpolation = Literal['zero_order_hold', 'linear', 'cubic']
@@ -116,6 +119,27 @@ class Trajectory:
             **dict(zip(self.state_names, self.state_units, strict=False)),
             **dict(zip(self.control_names, self.control_units, strict=False)),
         }
+
+    @classmethod
+    def of(
+        cls,
+        named: Named,
+        times: Array,
+        states: Array,
+        controls: Array,
+        interpolation: Interpolation = 'zero_order_hold',
+    ) -> Trajectory:
+        """Return a trajectory whose names and units are those of `named`, a plant or problem."""
+        return cls(
+            times=times,
+            states=states,
+            controls=controls,
+            state_names=named.state_names,
+            control_names=named.control_names,
+            interpolation=interpolation,
+            state_units=named.state_units,
+            control_units=named.control_units,
+        )
 
     def with_rates(self, derivative: Callable[[Array, Array], Array]) -> Trajectory:
         """Return a copy whose `rates` follow from the plant's `derivative(state, control)`."""

@@ -109,17 +109,14 @@ def read_plan(
         values = np.array(rows, dtype=float)
         columns |= {name: values[:, index[place]] for place, name in wanted}
     efforts = [joint.effort for joint in kind.joints if joint.effort in known]
-    return Trajectory(
-        times=_instants(points),
-        states=_stacked(columns, kind.state_names, len(points)),
-        controls=_stacked(columns, kind.control_names, len(points)),
-        state_names=kind.state_names,
-        control_names=kind.control_names,
-        interpolation=interpolation
+    return Trajectory.of(
+        kind,
+        _instants(points),
+        _stacked(columns, kind.state_names, len(points)),
+        _stacked(columns, kind.control_names, len(points)),
+        interpolation
         or kind.interpolation
         or _looks_like(_stacked(columns, efforts, len(points))),
-        state_units=kind.state_units,
-        control_units=kind.control_units,
     )
 
 

@@ -26,12 +26,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Plant(Protocol):
-    """
-    Equations of motion in time, vectorised over leading axes.
-
-    `state_units` and `control_units` are SI, in the order of the names.
-    """
+class Named(Protocol):
+    """What has named states and controls; the units are SI, in the order of the names."""
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -48,6 +44,10 @@ class Plant(Protocol):
     @property
     def control_units(self) -> tuple[str, ...]:
         """Units of the nu controls."""
+
+
+class Plant(Named, Protocol):
+    """Equations of motion in time, vectorised over leading axes."""
 
     def derivative(self, state: Array, control: Array) -> Array:
         """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""

@@ -49,7 +49,7 @@ _MOST_PARTS = 20  # of a step that is too long
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 
 inlined(stated.mechanics)
-accelerations, driven = inlined(stated.accelerations), inlined(stated.driven)
+accelerations = inlined(stated.accelerations)
 
 
 @compiled

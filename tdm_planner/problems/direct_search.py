@@ -375,15 +375,8 @@ class DirectSearch(Search[Candidate]):
         try:
             if not np.isfinite(states).all():
                 raise NotFinite('its replay is not finite everywhere')
-            trajectory = Trajectory(
-                times=to_nanoseconds(times),
-                states=states,
-                controls=controls,
-                state_names=problem.state_names,
-                control_names=problem.control_names,
-                interpolation=interpolation,
-                state_units=problem.state_units,
-                control_units=problem.control_units,
+            trajectory = Trajectory.of(
+                problem, to_nanoseconds(times), states, controls, interpolation
             ).with_rates(self._plant.derivative)
             check = verify(
                 self._plant,

@@ -134,16 +134,7 @@ def flown(
     plant, states = task.plant, np.zeros((times.size, 7))
     states[0] = start_state(task, robot)
     states[0, 6] = alpha
-    draft = Trajectory(
-        times=times,
-        states=states,
-        controls=controls,
-        state_names=plant.state_names,
-        control_names=plant.control_names,
-        interpolation=interpolation,
-        state_units=plant.state_units,
-        control_units=plant.control_units,
-    )
+    draft = Trajectory.of(plant, times, states, controls, interpolation)
     return replace(draft, states=replay(plant, draft, times))
 
 

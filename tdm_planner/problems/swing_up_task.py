@@ -185,14 +185,5 @@ class SwingUpTask:
         interpolation: Interpolation = 'zero_order_hold',
     ) -> Trajectory:
         """Return a trajectory with names, units and rates."""
-        plant = self.plant
-        return Trajectory(
-            times=times,
-            states=states,
-            controls=controls,
-            state_names=plant.state_names,
-            control_names=plant.control_names,
-            interpolation=interpolation,
-            state_units=plant.state_units,
-            control_units=plant.control_units,
-        ).with_rates(plant.derivative)
+        plan = Trajectory.of(self.plant, times, states, controls, interpolation)
+        return plan.with_rates(self.plant.derivative)

@@ -63,15 +63,9 @@ class Escaping(Pendulum):
 
 def plan(intervals, interpolation='linear', size=20.0):
     controls = size * np.random.default_rng(0).normal(size=(intervals + 1, 1))
-    return Trajectory(
-        times=to_nanoseconds(np.linspace(0.0, 2.0, intervals + 1)),
-        states=np.tile([0.3, -0.5], (intervals + 1, 1)),
-        controls=controls,
-        state_names=Pendulum.state_names,
-        control_names=Pendulum.control_names,
-        interpolation=interpolation,
-        state_units=Pendulum.state_units,
-        control_units=Pendulum.control_units,
+    times = to_nanoseconds(np.linspace(0.0, 2.0, intervals + 1))
+    return Trajectory.of(
+        Pendulum, times, np.tile([0.3, -0.5], (intervals + 1, 1)), controls, interpolation
     )
 
 
