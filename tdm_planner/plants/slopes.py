@@ -24,15 +24,32 @@ from hashlib import sha256
 import inspect
 import os
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
 import numpy as np
 
 _MARKS = b'@compiled', b'StatedPlant', b'with_slopes'  # of the sources that matter
-_SOURCES = [path.read_bytes() for path in sorted(Path(__file__).parents[1].glob('*/*.py'))]
-_KERNELS = b''.join(source for source in _SOURCES if any(mark in source for mark in _MARKS))
-DIGEST = sha256(_KERNELS).hexdigest()[:16]
+_NAMED = re.compile(rb'tdm_planner((?:\.\w+)+)')
+
+
+def _sources(package: Path) -> list[bytes]:
+    """Return what kernels depend on; a file of an earlier version that nothing names is stale."""
+    read: dict[Path, bytes] = {}
+    found = {package / 'problems' / 'registry.py', package / 'tracking' / '__init__.py'}
+    while found:
+        read |= {path: path.read_bytes() for path in found}
+        named = {name.decode() for path in found for name in _NAMED.findall(read[path])}
+        modules = {package.joinpath(*name.split('.')[1:]) for name in named}
+        paths = {path.with_suffix('.py') for path in modules} | {
+            path / '__init__.py' for path in modules
+        }
+        found = {path for path in paths if path not in read and path.is_file()}
+    return [read[path] for path in sorted(read) if any(mark in read[path] for mark in _MARKS)]
+
+
+DIGEST = sha256(b''.join(_sources(Path(__file__).parents[1]))).hexdigest()[:16]
 FOLDER = Path(
     os.environ.get('NUMBA_CACHE_DIR', Path(sys.prefix, 'share')), 'tdm_planner', 'kernels', DIGEST
 )

@@ -12,11 +12,26 @@
 from __future__ import annotations
 
 from pathlib import Path
+import shutil
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from tdm_planner.plants import slopes
+
+
+def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_kernels(
+    tmp_path: Path,
+) -> None:
+    installed = tmp_path / 'tdm_planner'
+    shutil.copytree(Path(slopes.__file__).parents[1], installed)
+    sources = slopes._sources(installed)
+    assert len(sources) > 15
+    (installed / 'problems' / 'stale.py').write_text('@compiled\ndef stale(): ...\n')
+    assert slopes._sources(installed) == sources
+    with (installed / 'problems' / 'separation.py').open('a') as kernel:
+        kernel.write('# changed\n')
+    assert slopes._sources(installed) != sources
 
 
 class Pair(NamedTuple):
