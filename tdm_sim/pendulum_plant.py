@@ -68,7 +68,7 @@ class PendulumDisturbance(Validated):
     """What happens to the pendulum from outside."""
 
     impulse: float = parameter(
-        2e-4,
+        1.5e-4,
         "angular impulse of one push about the pendulum's pivot",
         unit='N m s',
         allowed=SIGNED,
