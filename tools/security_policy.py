@@ -16,8 +16,7 @@ The names are asked of the nodes themselves, made in the namespaces of the launc
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -72,8 +71,7 @@ def node_set_ups() -> dict[str, NodeSetUp]:
 
 def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp:
     known = SET_UPS[name]
-    given = MappingProxyType({**known.parameters, **parameters})
-    return NodeSetUp(known.make, namespace, given)
+    return replace(known, namespace=namespace, parameters={**known.parameters, **parameters})
 
 
 def rights(set_up: NodeSetUp) -> Rights:

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import pytest
 from ros_harness import Ros, SOURCE
-from tdm_planner.parameters import ros_parameters
+from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.problems.base import problem_parameters
 import yaml
@@ -78,7 +78,7 @@ def test_nodes_agree_on_plant_and_limits(path: Path):
 
 def test_ros2_param_dump_can_nest_every_name():
     """It fails where a parameter is also the group of another."""
-    parameters = pytest.importorskip('tools.node_parameters').parameters_by_node()
+    parameters = pytest.importorskip('tools.node_tables').parameters_by_node()
     for node, names in parameters.items():
         groups = {name[:k] for name in names for k, letter in enumerate(name) if letter == '.'}
         assert not groups & set(names), node

@@ -83,7 +83,7 @@ FIGURES = {
     'lines': {},
     'double_integrator': {},
     'brachistochrone': 1.5,
-    'landing': {'cost': {}},
+    'landing': {'ratio': {}, 'reference': 1.0, 'reference_half_grid': 1.0},
 }
 
 

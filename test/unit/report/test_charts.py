@@ -35,7 +35,7 @@ from tdm_sim.report.animation import (
     planned_frames,
     scene,
 )
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json, unpacked
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json, unpacked
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.histories import (
     control_chart,
@@ -44,7 +44,6 @@ from tdm_sim.report.histories import (
     margin_chart,
     plan_instants,
     state_chart,
-    switching_instants,
 )
 from tdm_sim.report.margins import MOST_PAIRS
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
@@ -170,8 +169,7 @@ def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
     assert planned.times[gaps] == pytest.approx([0.7, 0.7 + DURATION])
     first = planned.times[: gaps[0]]
     assert (first[0], first[-1]) == (0.0, pytest.approx(0.7))
-    switches = [switching_instants(plan) for plan in replanned(0.7).plans]
-    assert switches == [[], pytest.approx([1.5])]
+    assert state_chart(mission).panels[0].switches == pytest.approx([1.5])  # of the second
 
 
 @pytest.mark.parametrize('most', [20, 200, 3000])
@@ -213,7 +211,7 @@ def test_one_plotly_figure_for_a_chart() -> None:
     curve = Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y')
     first = Panel('a<b', 'm', (curve,), '', (2.0,))
     second = Panel('c', '', (Curve('measured', t, t, 9),))
-    data = plotly_json(plotly_figure(Chart('key', 'title', (first, second)), (0.0, 1.0)))
+    data = plotly_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
     planned, limit, measured = data['data']
     assert planned['name'] == 'x&amp;y planned'
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
