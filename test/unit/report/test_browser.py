@@ -18,7 +18,7 @@ import math
 import time
 from typing import Any, ClassVar
 
-from missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
+from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
 import numpy as np
 import pytest
 
@@ -39,11 +39,6 @@ if chromium() is None:
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 LOCAL = ('file:', 'data:', 'chrome:')  # the last of the browser's own first page
-EVIL = (
-    '</script><script>window.hacked=1</script>',
-    '<img src=x onerror="window.hacked=2">',
-    '<a href="javascript:window.hacked=3">x</a>{{data}}<!--',
-)
 
 
 class Page:

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from missions import instants, Item, joint_plan, joint_state, START, summary, write
 import numpy as np
 import pytest
+from recordings import instants, Item, joint_plan, joint_state, START, summary, write
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
