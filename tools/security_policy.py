@@ -22,7 +22,7 @@ from xml.sax.saxutils import escape
 
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
-from tools.endpoints import NodeSetUp, running, SET_UPS
+from tools.endpoints import NodeSetUp, running, SET_UPS, used_by
 
 OPERATOR = '/operator'
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -77,15 +77,13 @@ def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp
 def rights(set_up: NodeSetUp) -> Rights:
     """Return what a node uses, as it says itself."""
     with running(set_up) as node:
-        of_rcl = ['/rosout']  # what the node has without a publisher in Python
-        if isinstance(node, ManagedNode):
-            of_rcl.append(f'{node.get_fully_qualified_name()}/transition_event')
-        return Rights(
-            frozenset([*(item.topic_name for item in node.publishers), *of_rcl]),
-            frozenset(item.topic_name for item in node.subscriptions),
-            frozenset(item.service_name for item in node.services),
-            frozenset(item.service_name for item in node.clients),
-        )
+        used = [*used_by(node), ('publishes', '/rosout', '', False)]
+        if isinstance(node, ManagedNode):  # nor has this a publisher in Python
+            used.append(
+                ('publishes', f'{node.get_fully_qualified_name()}/transition_event', '', False)
+            )
+    kinds = ('publishes', 'subscribes', 'service', 'calls')
+    return Rights(*(frozenset(name for k, name, *_ in used if k == kind) for kind in kinds))
 
 
 def policy() -> str:

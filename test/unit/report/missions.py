@@ -125,7 +125,7 @@ def pendulum_plan() -> Trajectory:
 
 def robot_plan(number: int) -> Trajectory:
     times = np.linspace(0.0, DURATION, 41)
-    controls = np.tile([0.5, 0.0, 0.0], (times.size, 1))
+    controls = np.tile([0.5, 0.125, 0.001], (times.size, 1))
     states = robot_states(times, number)
     return Trajectory(times, states, controls, ROBOT_STATES, ROBOT_CONTROLS, 'linear')
 
@@ -185,6 +185,12 @@ def robots_mission(
         vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0, '1'),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
     return replace(plain, **changes)
+
+
+def formation_mission(**changes: Any) -> Mission:
+    """Return one of two robots in an arena that both fit into."""
+    given = robot_parameters(2)
+    return robots_mission(view=robot_view(given), **({'parameters': given} | changes))
 
 
 class Parts(HTMLParser):

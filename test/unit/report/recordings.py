@@ -8,40 +8,31 @@
 # language governing permissions and limitations under the License.
 
 """
-Recordings of the motions of missions.py, measured with an `ERROR` in the first state.
+Recordings of missions.
 
-`pendulum_recording` and `robot_recording` are their messages, to leave out (`without`), add or
-change some, and to `write` a bag; `check_pendulum` compares what is read of it. `made` builds any
-message of rosbags' classes from nested mappings: what is not given is zero or empty. An `Item` is
-a message to record under a topic at an instant [ns]; the first plan's motion starts at `START`.
+`recorded` makes the messages of a mission, such as those of missions.py (`pendulum_recording`,
+`robot_recording`), to leave out (`without`), add or change some, and to `write` a bag;
+`check_vehicles` compares what is read of it. `made` builds any message of rosbags' classes from
+nested mappings: what is not given is zero or empty. An `Item` is a message to record under a topic
+at an instant [ns]; the first plan's motion starts at `START`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from missions import (
-    ANGLE_UNITS,
-    DURATION,
-    pendulum_plan,
-    pendulum_states,
-    robot_parameters,
-    robot_states,
-)
+from missions import DURATION, formation_mission, pendulum_mission
 import numpy as np
 import pytest
-from tdm_planner.problems import PendulumSwingUp
-from tdm_sim.report.mission import Mission
+from tdm_planner.plant_kind import Joint, QUANTITIES
+from tdm_sim.report.mission import Mission, Signals
 
 START = 1_700_000_000_250_000_000  # ns
 SECOND = 10**9
-RATE = 100.0  # Hz of measurements
-ERROR = 0.01  # of the first measured state
-JOINTS = ('pendulum', 'disk')
 
 
 class Item(NamedTuple):
@@ -123,16 +114,21 @@ def odometry(at: int, name: str, state: Any, frame: str = 'arena') -> Any:
     )
 
 
-def joint_plan(at: int, names: Sequence[str], times: Any, **rows: Any) -> Any:
+def joint_plan(at: int, joints: Sequence[Joint], times: Any, columns: Mapping[str, Any]) -> Any:
+    """Return a plan by the samples of states and controls."""
+    rows = _rows(joints, columns)
     points = [
         {
-            **{quantity: values[k] for quantity, values in rows.items()},
+            'positions': rows['position'][k],
+            'velocities': rows['velocity'][k],
+            'effort': rows['effort'][k],
             'time_from_start': stamp(round(time * SECOND)),
         }
         for k, time in enumerate(times)
     ]
+    names = [joint.name for joint in joints]
     kind = 'trajectory_msgs/JointTrajectory'
-    return made(kind, header=header(at), joint_names=list(names), points=points)
+    return made(kind, header=header(at), joint_names=names, points=points)
 
 
 def summary(at: int, problem: str, parameters: Any, **more: Any) -> Any:
@@ -170,99 +166,78 @@ def log(at: int, level: int, node: str, text: str) -> Any:
     return made('rcl_interfaces/Log', stamp=stamp(at), level=level, name=node, msg=text, line=1)
 
 
-def instants(start: float = -0.5, end: float = DURATION + 1.0) -> list[tuple[float, int]]:
-    """Seconds since the start of the motion, and the instant [ns]."""
-    times = np.arange(start, end, 1.0 / RATE)
-    return [(float(t), START + round(float(t) * SECOND)) for t in times]
+def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
+    """Return what nodes publish of a mission; `told` is in the plan's summary besides."""
+    found, vehicles = [], {}
+    for vehicle in mission.vehicles:
+        kind, plan = vehicle.view.kind, vehicle.plans[0].trajectory
+        space = f'{namespace}/{vehicle.name}' if kind.odometry else namespace
+        table = {j.name: {q: getattr(j, q) for q in QUANTITIES} for j in kind.joints}
+        vehicles[vehicle.name] = {
+            'interpolation': plan.interpolation, 'units': plan.units, 'joints': table,
+        }  # fmt: skip
+        columns = dict(zip(plan.state_names, plan.states.T, strict=True))
+        columns |= zip(plan.control_names, plan.controls.T, strict=True)
+        motion = joint_plan(START, kind.joints, plan.times, columns)
+        found.append(Item(f'{space}/trajectory', START - SECOND, motion))
+        within = [joint for joint in kind.joints if joint.name not in kind.odometry]
+        for name, joints, histories in (
+            ('joint_states', within[::-1], (vehicle.states, vehicle.applied)),
+            ('joint_command', kind.actuated, (vehicle.commands,)),
+            ('tracking_error', kind.joints, (vehicle.tracking_error,)),
+        ):
+            found += _joint_states(f'{space}/{name}', joints, histories)
+        if kind.odometry and vehicle.states is not None:
+            for at, state in zip(vehicle.states.times, vehicle.states.values, strict=True):
+                stamp = after(at)
+                found.append(Item(f'{space}/odom', stamp, odometry(stamp, vehicle.name, state)))
+    parameters = dict(mission.parameters)
+    said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
+    return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
+
+
+def _joint_states(
+    topic: str, joints: Sequence[Joint], histories: Iterable[Signals | None]
+) -> Iterator[Item]:
+    """Yield the histories of those joints that they are of, on common instants."""
+    known = [signals for signals in histories if signals is not None]
+    columns = {name: signals.column(name) for signals in known for name in signals.names}
+    joints = [j for j in joints if {j.position, j.velocity, j.effort} & set(columns)]
+    if joints:
+        rows = _rows(joints, columns)
+        for k, at in enumerate(known[0].times):
+            values = {quantity: rows[quantity][k] for quantity in QUANTITIES}
+            message = joint_state(after(at), [joint.name for joint in joints], **values)
+            yield Item(topic, after(at), message)
+
+
+def _rows(joints: Sequence[Joint], columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Return positions, velocities and efforts of joints, (n, joints); zero where not given."""
+    nothing = np.zeros(len(next(iter(columns.values()))))
+    return {
+        quantity: np.stack([columns.get(getattr(j, quantity), nothing) for j in joints], axis=1)
+        for quantity in QUANTITIES
+    }
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
-    """Return a plan of the pendulum, and a measured motion that is off by `ERROR` in theta."""
-    plan, early = pendulum_plan(), START - SECOND
-    units = dict(zip(plan.state_names, ANGLE_UNITS, strict=True))
-    vehicle = {'interpolation': 'zero_order_hold', 'units': units, 'duration': DURATION}
     check = {
         'worst': {'torque': 0.006, 'disk_angle': 1.2},
         'worst_times': {'torque': 0.0, 'disk_angle': 2.0},
         'units': {'torque': 'N m', 'disk_angle': 'rad'},
         'terminal_error': {'theta': 1e-6},
     }
-    motion = joint_plan(
-        START,
-        JOINTS,
-        plan.times,
-        positions=plan.states[:, :2],
-        velocities=plan.states[:, 2:],
-        effort=plan.controls * [0.0, 1.0],
-    )
-    said = summary(
-        START,
-        'pendulum_swing_up',
-        PendulumSwingUp().to_parameters(),
-        vehicles={'pendulum': vehicle},
-        verification=check,
-    )
-    found = [
-        Item(f'{namespace}/trajectory', early, motion),
-        Item(f'{namespace}/plan_summary', early, said),
-    ]
-    for t, at in instants():
-        theta, psi, *rates = pendulum_states(np.clip(t, 0.0, DURATION))
-        torque = float(plan.sample(t).control[0]) if 0 <= t < DURATION else 0.0
-        measured = {'position': [theta + ERROR, psi], 'velocity': rates, 'effort': [0.0, torque]}
-        errors = {'position': [ERROR, 0.0], 'velocity': [0.0, 0.0], 'effort': [0.0, 0.0]}
-        found += [
-            Item(f'{namespace}/joint_states', at, joint_state(at, JOINTS, **measured)),
-            Item(f'{namespace}/joint_command', at, joint_state(at, ('disk',), effort=[torque])),
-            Item(f'{namespace}/tracking_error', at, joint_state(at, JOINTS, **errors)),
-        ]
-    return found
+    return recorded(pendulum_mission(), namespace, verification=check)
 
 
-def robot_recording(namespace: str = '/robots', count: int = 2) -> list[Item]:
-    """Plans of robots, and measured motions that are off by `ERROR` in x."""
-    names = [f'robot{k + 1}' for k in range(count)]
-    worst = {f'{name}.walls': 0.3 for name in names} | {'separation robot1-robot2': 0.6}
-    said = summary(
-        START,
-        'robot_formation',
-        robot_parameters(count),
-        vehicles={name: {'interpolation': 'linear', 'units': {}} for name in names},
+def robot_recording(namespace: str = '/robots') -> list[Item]:
+    worst = {'robot1.walls': 0.3, 'robot2.walls': 0.3, 'separation robot1-robot2': 0.6}
+    return recorded(
+        formation_mission(),
+        namespace,
         cost_terms={'time': 0.5, 'sequence': 0.25, 'gas': 0.5},
         verification={'worst': worst, 'worst_times': dict.fromkeys(worst, 0.5)},
     )
-    found = [Item(f'{namespace}/plan_summary', START - SECOND, said)]
-    for k, name in enumerate(names):
-        found += _robot_plan(f'{namespace}/{name}', k)
-        for t, at in instants():
-            state = robot_states(np.clip(t, 0.0, DURATION), k) + ERROR * np.eye(7)[0]
-            joints = joint_state(
-                at,
-                ('reaction_wheel', 'thruster'),
-                position=[0.0, state[6]],
-                velocity=[0.0, 0.125],
-                effort=[0.001, 0.5 if 0 <= t < DURATION else 0.0],
-            )
-            found += [
-                Item(f'{namespace}/{name}/odom', at, odometry(at, name, state)),
-                Item(f'{namespace}/{name}/joint_states', at, joints),
-            ]
-    return found
-
-
-def _robot_plan(namespace: str, number: int) -> list[Item]:
-    times = np.linspace(0.0, DURATION, 21)
-    x, y, u, v, yaw, omega, alpha = robot_states(times, number).T
-    zero, one = np.zeros(times.size), np.ones(times.size)
-    plan = joint_plan(
-        START,
-        ('x', 'y', 'yaw', 'thruster', 'reaction_wheel'),
-        times,
-        positions=np.stack([x, y, yaw, alpha, zero], axis=1),
-        velocities=np.stack([u, v, omega, 0.125 * one, zero], axis=1),
-        effort=np.stack([zero, zero, zero, 0.5 * one, 0.001 * one], axis=1),
-    )
-    return [Item(f'{namespace}/trajectory', START - SECOND, plan)]
 
 
 def filling() -> list[Item]:
@@ -306,29 +281,30 @@ def told(mission: Mission, sentence: str) -> bool:
 
 
 def check_pendulum(mission: Mission) -> None:
-    """Compare with the closed form of what was recorded."""
-    (vehicle,) = mission.vehicles
-    assert (vehicle.name, vehicle.view.name) == ('pendulum', 'pendulum')
-    (plan,) = vehicle.plans
-    expected = pendulum_plan()
-    assert (plan.plan_id, plan.start, plan.until) == ('1', 0.0, None)
-    assert plan.trajectory.interpolation == 'zero_order_hold'
-    np.testing.assert_allclose(plan.trajectory.times, expected.times, atol=1e-9)
-    np.testing.assert_array_equal(plan.trajectory.states, expected.states)
-    np.testing.assert_array_equal(plan.trajectory.controls, expected.controls)
-    states = vehicle.states
-    assert states is not None
-    np.testing.assert_allclose(states.times, [t for t, _ in instants()], atol=1e-8)
-    moved = pendulum_states(np.clip(states.times, 0.0, DURATION)) + ERROR * np.eye(4)[0]
-    np.testing.assert_allclose(states.values, moved, atol=1e-7)
-    for controls in (vehicle.applied, vehicle.commands):
-        assert controls is not None
-        assert controls.names == ('torque',)
-        assert np.abs(controls.values).max() == 0.014
-    assert vehicle.tracking_error is not None
-    assert vehicle.tracking_error.column('theta').tolist() == [ERROR] * len(instants())
+    """Compare with the mission that was recorded."""
+    expected = pendulum_mission()
+    check_vehicles(mission, expected)
     (figures,) = mission.figures
     assert (figures.cost, figures.solve_time, figures.evaluations) == (1.25, 0.125, 42)
     assert figures.margins['disk_angle'].instant == 2.0
-    assert vehicle.view.bounds()['torque'] == (-0.02, 0.02)
+    assert mission.vehicles[0].view.bounds() == expected.vehicles[0].view.bounds()
     assert mission.recorded_at == pytest.approx(START * 1e-9)
+
+
+def check_vehicles(mission: Mission, expected: Mission) -> None:
+    """Compare plans and everything measured with what was recorded."""
+    for found, wanted in zip(mission.vehicles, expected.vehicles, strict=True):
+        assert (found.name, found.view.name) == (wanted.name, wanted.view.name)
+        (plan,), (planned,) = found.plans, wanted.plans
+        assert (plan.plan_id, plan.start, plan.until) == ('1', 0.0, None)
+        assert plan.trajectory.interpolation == planned.trajectory.interpolation
+        np.testing.assert_allclose(plan.trajectory.times, planned.trajectory.times, atol=1e-9)
+        np.testing.assert_array_equal(plan.trajectory.states, planned.trajectory.states)
+        np.testing.assert_array_equal(plan.trajectory.controls, planned.trajectory.controls)
+        for part in ('states', 'applied', 'commands', 'tracking_error'):
+            one, other = getattr(found, part), getattr(wanted, part)
+            assert (one is None) == (other is None), part
+            if one is not None:
+                assert one.names == other.names
+                np.testing.assert_allclose(one.times, other.times, atol=1e-8)
+                np.testing.assert_allclose(one.values, other.values, atol=1e-7)

@@ -19,11 +19,10 @@ from missions import (
     ANGLE_UNITS,
     ANGLES,
     DURATION,
+    formation_mission,
     pendulum_mission,
     RATES,
     robot_parameters,
-    robot_view,
-    robots_mission,
 )
 import numpy as np
 import pytest
@@ -81,8 +80,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
 
 def formation(after: float = 7.0, **changes: Any) -> Mission:
     figures = PlanFigures('1', 0.0, DURATION, 1.0, cost_terms={'time': 0.1, 'gas': 0.9})
-    fields = {'parameters': robot_parameters(2), 'figures': (figures,)}
-    return robots_mission(after=after, view=robot_view(robot_parameters(2)), **(fields | changes))
+    return formation_mission(after=after, **({'figures': (figures,)} | changes))
 
 
 def states_of(mission: Mission) -> Signals:

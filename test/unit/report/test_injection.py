@@ -92,8 +92,6 @@ def robots_of_evil_names() -> list[Item]:
     """Return the recording with a robot, its topics and frames, that is called an attack."""
     found = []
     for item in without(robot_recording(), '/plan_summary'):
-        if 'robot1' in getattr(item.message, 'joint_names', []):
-            item.message.joint_names = [EVIL[1]]
         found.append(item._replace(topic=item.topic.replace('robot1', EVIL[1])))
     return found
 

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from recordings import instants, Item, joint_plan, joint_state, START, summary, write
+from recordings import recorded, write
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
@@ -135,27 +135,8 @@ def test_limits_leave_the_feedback_some_room() -> None:
 
 
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
-    motion = plan(0.0)
-    columns = {
-        'positions': motion.states[:, :1] * [1.0, 0.0],
-        'velocities': motion.states[:, 1:] * [1.0, 0.0],
-        'effort': motion.controls * [0.0, 1.0],
-    }
-    table = {'runner': {'position': 'x', 'velocity': 'v'}, 'a': {'effort': 'a'}}
-    told = {'sled': {'interpolation': 'linear', 'joints': table}}
-    items = [
-        Item(
-            '/sled/trajectory', START, joint_plan(START, ('runner', 'a'), motion.times, **columns)
-        ),
-        Item('/sled/plan_summary', START, summary(START, 'sled', {'most': 2.0}, vehicles=told)),
-    ]
-    for t, at in instants(end=9.0):
-        (x, v), (a,) = (part.tolist() for part in motion.sample(np.clip(t, 0.0, LENGTH)))
-        state = joint_state(at, ('runner',), position=[x], velocity=[v], effort=[0.0])
-        items.append(Item('/sled/joint_states', at, state))
-        command = joint_state(at, ('a',), effort=[a if 0.0 <= t < LENGTH else 0.0])
-        items.append(Item('/sled/joint_command', at, command))
-    bag = write(tmp_path / 'bag', items)
+    sled = replace(mission(Sled(), 0.0), parameters={'most': 2.0})
+    bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
     found = verdict(bag, problem=Sled)
     assert found is not None
     assert found.reached, found
