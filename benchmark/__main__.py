@@ -106,6 +106,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         parser.error(f"there is no section '{unknown[0]}': must be of {', '.join(SECTIONS)}")
     options.sections = options.sections or list(SECTIONS)
     options.set = dict(options.set)
+    for name in options.sections:
+        for setting in sorted(set(options.set) - set(SECTIONS[name].full)):
+            known = ', '.join(SECTIONS[name].full)
+            parser.error(f"'{name}' has no setting '{setting}': must be of {known}")
     return options
 
 
