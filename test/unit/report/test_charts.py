@@ -31,9 +31,7 @@ import numpy as np
 import pytest
 from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of
-from tdm_planner.plant_views import kind_by_names, PlantView
 from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.animation import (
     frame_times,
     measured_frames,
@@ -264,25 +262,6 @@ def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: 
         if np.isfinite(values[:, k]).any():
             assert np.nanmin(values[kept, k]) == np.nanmin(values[:, k])
             assert np.nanmax(values[kept, k]) == np.nanmax(values[:, k])
-
-
-def test_a_plan_is_followed_until_the_next_one_starts() -> None:
-    t = np.array([0.0, 2.0])
-    motion = Trajectory(t, 2.0 * t[:, None], t[:, None], ('x',), ('u',), 'linear')
-    plan = FollowedPlan(motion, 1.0, '1')
-    assert (plan.end, plan.carried_out_until) == (3.0, 3.0)
-    assert replace(plan, until=2.5).carried_out_until == 2.5
-    assert plan.sample(np.array([1.0, 2.0, 9.0])).state[:, 0].tolist() == [0, 2, 4]
-    assert plan.sample(np.array([1.0, 2.0])).control[:, 0].tolist() == [0, 1]
-    states = Signals(np.array([-1.0, 5.0]), np.zeros((2, 1)), ('x',), ('m',))
-    mission = Mission(
-        '', '', (Vehicle('a', PlantView(kind_by_names(motion)), (plan,), states=states),)
-    )
-    assert mission.span == (-1.0, 5.0)
-    assert mission.was_carried_out
-    assert not Mission(
-        '', '', (Vehicle('a', PlantView(kind_by_names(motion)), (plan,)),)
-    ).was_carried_out
 
 
 @pytest.mark.parametrize('speed', [0.5, 1.0, 4.0])

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import pytest
 from recordings import recorded, write
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
@@ -154,11 +153,3 @@ def test_held_from_the_last_time_outside() -> None:
     assert held_from(times, np.array([0, 0, 0, 0, 2.0])) == np.inf
     assert held_from(times, np.array([np.nan, 0, 0, 0, 0])) == 1.0
     assert held_from(times, np.zeros(5)) == 0.0
-
-
-@pytest.mark.parametrize('absent', ['states', 'commands', 'plans'])
-def test_too_little_to_judge_by(absent: str) -> None:
-    whole = mission(Sled(), 0.0)
-    (vehicle,) = whole.vehicles
-    without: Any = {absent: () if absent == 'plans' else None}
-    assert judge(replace(whole, vehicles=(replace(vehicle, **without),))) is None
