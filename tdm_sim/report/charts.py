@@ -197,11 +197,6 @@ def packed(values: ArrayLike) -> dict[str, str]:
     return {'dtype': 'f4', 'bdata': base64.b64encode(data).decode('ascii')}
 
 
-def unpacked(data: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Inverse of `packed`."""
-    return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
-
-
 def json_for_html(data: Any) -> str:
     """
     Return `data` as JSON that may stand inside a ``<script>`` element.

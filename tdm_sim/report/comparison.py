@@ -49,12 +49,6 @@ class Entry:
     note: str = ''
     mark: str = ''
 
-    @property
-    def violated(self) -> bool:
-        """Whether this is a margin that was not kept, as planned or as achieved."""
-        known = [value for value in (self.planned, self.achieved) if value is not None]
-        return self.kind == 'margin' and any(value < -ROUNDING for value in known)
-
 
 @dataclass(frozen=True, eq=False)
 class Comparison:

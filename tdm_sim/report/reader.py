@@ -216,10 +216,9 @@ def _mission(
     starts = sorted({start for found in plans.values() for start in found})
     origin = (starts or sorted(summaries) or _firsts(topics, sites))[0]
     figures = [summaries[start].figures(origin) for start in sorted(summaries)]
-    ids = {start: summary.figures(origin).plan_id for start, summary in summaries.items()}
     vehicles = []
     for site in sites:
-        own = followed(plans[site], origin, ids)
+        own = followed(plans[site], origin)
         found = measured(topics, site, origin, own)
         vehicles.append(Vehicle(names[site], site.view, own, **found))
     clock = RecordedClock.of(topics)

@@ -334,15 +334,13 @@ def read_plans(
     return plans
 
 
-def followed(
-    plans: Mapping[int, Trajectory], origin: int, plan_ids: Mapping[int, str]
-) -> tuple[FollowedPlan, ...]:
+def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan, ...]:
     """Return plans with times from `origin` [ns], each until the next one starts."""
     times = [(start - origin) * NANOSECOND for start in plans]
     ends = [*times[1:], None][: len(times)]
     return tuple(
-        FollowedPlan(plan, time, plan_ids.get(start, ''), until)
-        for (start, plan), time, until in zip(plans.items(), times, ends, strict=True)
+        FollowedPlan(plan, time, until)
+        for plan, time, until in zip(plans.values(), times, ends, strict=True)
     )
 
 

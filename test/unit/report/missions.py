@@ -18,6 +18,7 @@ a reader returns, for pages, charts and figures; recordings.py has the messages 
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -149,8 +150,8 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
     plain = Mission(
         'Swing-up',
         'pendulum_swing_up',
-        (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0, '1'),), **found),),
-        figures=(PlanFigures('1', 0.0, DURATION, 2.0, summary='upright after 2 s'),),
+        (Vehicle('pendulum', pendulum_view(), (FollowedPlan(plan, 0.0),), **found),),
+        figures=(PlanFigures(0.0, 2.0, summary='upright after 2 s'),),
         events=(
             Event(-0.5, Severity.OK, '/pendulum/planner', 'plan 1 active'),
             Event(1.25, Severity.WARN, '/pendulum/tracker', 'late by 3 ms'),
@@ -182,7 +183,7 @@ def robots_mission(
             states = Signals(at, values, ROBOT_STATES, ('m', 'm', *[''] * 5))
             applied = Signals(at, plan.sample(moving).control, ROBOT_CONTROLS, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
-        vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0, '1'),), **found))
+        vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)
     return replace(plain, **changes)
 
@@ -191,6 +192,11 @@ def formation_mission(**changes: Any) -> Mission:
     """Return one of two robots in an arena that both fit into."""
     given = robot_parameters(2)
     return robots_mission(view=robot_view(given), **({'parameters': given} | changes))
+
+
+def unpacked(data: dict[str, str]) -> Any:
+    """Return numbers of a page as the page reads them."""
+    return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
 
 
 class Parts(HTMLParser):

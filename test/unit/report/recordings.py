@@ -285,7 +285,7 @@ def check_pendulum(mission: Mission) -> None:
     expected = pendulum_mission()
     check_vehicles(mission, expected)
     (figures,) = mission.figures
-    assert (figures.cost, figures.solve_time, figures.evaluations) == (1.25, 0.125, 42)
+    assert (figures.cost, figures.solve_time) == (1.25, 0.125)
     assert figures.margins['disk_angle'].instant == 2.0
     assert mission.vehicles[0].view.bounds() == expected.vehicles[0].view.bounds()
     assert mission.recorded_at == pytest.approx(START * 1e-9)
@@ -296,7 +296,7 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
     for found, wanted in zip(mission.vehicles, expected.vehicles, strict=True):
         assert (found.name, found.view.name) == (wanted.name, wanted.view.name)
         (plan,), (planned,) = found.plans, wanted.plans
-        assert (plan.plan_id, plan.start, plan.until) == ('1', 0.0, None)
+        assert (plan.start, plan.until) == (0.0, None)
         assert plan.trajectory.interpolation == planned.trajectory.interpolation
         np.testing.assert_allclose(plan.trajectory.times, planned.trajectory.times, atol=1e-9)
         np.testing.assert_array_equal(plan.trajectory.states, planned.trajectory.states)

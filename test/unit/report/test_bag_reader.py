@@ -155,7 +155,7 @@ def test_hostile_contents_are_data(read: Read) -> None:
     )
     assert len(mission.vehicles[0].plans) == 1
     strings = [e.text for e in mission.events] + list(mission.missing)
-    strings += [f.summary for f in mission.figures] + [f.plan_id for f in mission.figures]
+    strings += [f.summary for f in mission.figures]
     assert all(s.isprintable() and len(s) < 700 for s in strings)
     assert mission.events[0].level == Severity.STALE
     assert mission.figures[-1].cost is None
@@ -184,8 +184,8 @@ def test_replans_are_in_force_one_after_the_other(read: Read) -> None:
     about = summary(second, 'pendulum_swing_up', {}, plan_id=2)
     mission = read([*replanned(second), Item('/pendulum/plan_summary', after(0.1), about)])
     first, last = mission.vehicles[0].plans
-    assert (first.plan_id, first.start, first.until) == ('1', 0.0, 0.5)
-    assert (last.plan_id, last.start, last.until) == ('2', 0.5, None)
+    assert (first.start, first.until) == (0.0, 0.5)
+    assert (last.start, last.until) == (0.5, None)
     assert [figures.time for figures in mission.figures] == [0.0, 0.5]
     assert mission.parameters['limits.torque'] == 0.02  # of the plan that says it
 
@@ -271,7 +271,7 @@ def test_a_third_partys_plan_by_its_joints(read: Read) -> None:
     plan = Trajectory(times, states, 2 * times[:, None], *names, 'cubic', *units)
     view = PlantView(named_kind(*names, [('hook', 'sway', 'rate')], units))
     measured = Signals(times, states, names[0], units[0])
-    hook = Vehicle('hook', view, (FollowedPlan(plan, 0.0, '1'),), states=measured)
+    hook = Vehicle('hook', view, (FollowedPlan(plan, 0.0),), states=measured)
     given = Mission('Crane', 'crane', (hook,), parameters={'limits.force': 3.0})
     mission = read(recorded(given, '/crane'))
     (vehicle,) = mission.vehicles

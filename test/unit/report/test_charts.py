@@ -26,6 +26,7 @@ from missions import (
     pendulum_states,
     robot_states,
     robots_mission,
+    unpacked,
 )
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ from tdm_sim.report.animation import (
     planned_frames,
     scene,
 )
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json, unpacked
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.histories import (
     control_chart,
@@ -63,7 +64,7 @@ def pendulum() -> Vehicle:
 def replanned(second: float) -> Vehicle:
     """Return a pendulum whose plan starts once more."""
     plan = pendulum_plan()
-    plans = (FollowedPlan(plan, 0.0, '1', until=second), FollowedPlan(plan, second, '2'))
+    plans = (FollowedPlan(plan, 0.0, until=second), FollowedPlan(plan, second))
     return replace(pendulum(), plans=plans)
 
 
@@ -180,7 +181,7 @@ def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
 
 @pytest.mark.parametrize('most', [20, 200, 3000])
 def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
-    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1, '1'), most)
+    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1), most)
     assert (np.diff(at) > 0).all()
     assert at.size <= most + 2
     assert np.abs(at - 0.9).min() < 1e-9

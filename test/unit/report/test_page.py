@@ -19,11 +19,11 @@ from pathlib import Path
 import re
 from typing import Any
 
-from missions import Parts, pendulum_mission, robots_mission
+from missions import Parts, pendulum_mission, robots_mission, unpacked
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_sim.report.charts import json_for_html, unpacked
+from tdm_sim.report.charts import json_for_html
 from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report

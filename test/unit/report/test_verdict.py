@@ -96,7 +96,7 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     vehicle = Vehicle(
         'sled',
         StatedView(problem),
-        (FollowedPlan(motion, 0.0, '1'),),
+        (FollowedPlan(motion, 0.0),),
         states=Signals(at, states, ('x', 'v'), ('m', 'm/s')),
         commands=Signals(at, controls, ('a',), ('m/s^2',)),
     )
