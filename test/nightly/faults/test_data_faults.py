@@ -1,0 +1,23 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Streams of states and clocks that are spoiled during a mission: all of data_faults.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from data_faults import FAULTS, misled_rig
+from pendulum_rig import note
+import pytest
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_mission_under_a_fault_of_data(stepped: Any, fault: str) -> None:
+    note(fault, **FAULTS[fault](misled_rig(stepped, fault)))
