@@ -29,6 +29,7 @@ from missions import (
     unpacked,
 )
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of
@@ -219,6 +220,7 @@ def test_one_plotly_figure_for_a_chart() -> None:
     first = Panel('a<b', 'm', (curve,), '', (2.0,))
     second = Panel('c', '', (Curve('measured', t, t, 9),))
     data = plotly_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
+    go.Figure({**data, 'data': [t | {'x': [], 'y': []} for t in data['data']]})  # checks each name
     planned, limit, measured = data['data']
     assert planned['name'] == 'x&amp;y planned'
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
