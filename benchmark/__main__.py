@@ -10,6 +10,8 @@
 """
 Measure the package and write docs/benchmarks.md: ``python -m benchmark [SECTION ...]``.
 
+    python -m benchmark closed_loop --set seeds=10 --no-docs    one table, of ten seeds
+
 Every section runs in a process of its own; one that fails is said to on the page, and the exit
 code is then 1. With sections named only these are run, and the page is brought up to date with
 them. Timings are of one run on this machine: compare ratios.
@@ -19,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+import json
 from pathlib import Path
 import sys
 import time
@@ -43,7 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number, name in enumerate(options.sections, 1):
             section, title = SECTIONS[name], f'[{number}/{len(options.sections)}] {name}'
             progress.phase(title)
-            records[name] = _measured(section, options.quick, title, progress)
+            settings = {**(section.quick if options.quick else section.full), **options.set}
+            records[name] = _measured(section, settings, title, progress)
             if records[name]['figures'] is None:
                 failed.append(name)
             if options.docs:  # after each, so that none are lost
@@ -56,9 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if failed else 0
 
 
-def _measured(section: Section, quick: bool, title: str, progress: Progress) -> dict[str, Any]:
+def _measured(
+    section: Section, settings: dict[str, Any], title: str, progress: Progress
+) -> dict[str, Any]:
     """Run a section, print its table or why there is none; returns its record."""
-    settings = dict(section.quick if quick else section.full)
     outcome = run(section, settings, lambda text: progress.update(f'{title}: {text}'))
     if outcome.figures is None:
         progress.line('\n'.join(outcome.log))
@@ -83,6 +88,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         help=f'a few cases, to see that it works; into {QUICK_FOLDER} unless --output says else',
     )
     parser.add_argument(
+        '--set', type=_setting, action='append', default=[], metavar='NAME=VALUE',
+        help='of the sections, in the place of theirs',
+    )  # fmt: skip
+    parser.add_argument(
         '--output', type=Path, metavar='FOLDER', help='of the page, its figures and pictures'
     )
     parser.add_argument(
@@ -96,7 +105,17 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     if unknown:
         parser.error(f"there is no section '{unknown[0]}': must be of {', '.join(SECTIONS)}")
     options.sections = options.sections or list(SECTIONS)
+    options.set = dict(options.set)
+    for name in options.sections:
+        for setting in sorted(set(options.set) - set(SECTIONS[name].full)):
+            known = ', '.join(SECTIONS[name].full)
+            parser.error(f"'{name}' has no setting '{setting}': must be of {known}")
     return options
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition('=')
+    return name, json.loads(value)
 
 
 if __name__ == '__main__':

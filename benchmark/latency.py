@@ -10,8 +10,6 @@
 """
 How quick replanning is; its deadlines, its memory, the rate of commands meanwhile.
 
-    python -m benchmark.latency [--replans N] [--no-nodes]
-
 Replans start from states along a plan that is under way, off by what tracking leaves; warm ones
 from the rest of that plan. With a deadline of 30 ms every replan's overrun is measured, in wall
 time and in processor time (on a machine that does other things besides, only the latter tells of
@@ -21,25 +19,17 @@ again, so that plans are made at 5 Hz, and the periods between the tracker's com
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 import gc
 import math
 import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from typing import Any
 
-if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
-    os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
-
 from benchmark.progress import counted, report
-from benchmark.ros_domain import reserved_domain
 from benchmark.scenarios import crossing
 import numpy as np
 from numpy.typing import NDArray
@@ -195,17 +185,13 @@ def resident() -> float:
 
 def command_stream(seconds: float) -> dict[str, Any]:
     """Return the periods of the tracker's commands while plans are made at 5 Hz."""
-    with tempfile.TemporaryDirectory() as folder, reserved_domain(Path(folder)) as domain:
-        return _stream(seconds, domain, Path(folder))
-
-
-def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
     from tdm_sim.connections import Connections
+    from tdm_sim.processes import NodeProcesses
 
     weak = {'limits.torque': REGIMES['weak']}
     nodes = {
@@ -213,9 +199,11 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
         'tdm_planner.nodes.tracker': {**weak, 'replan.on_deviation': True},
         'tdm_planner.nodes.planner': {**weak, 'replan.rate': 5.0},
     }
+    namespace = f'/benchmark_{os.getpid()}'
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    node = rclpy.create_node('benchmark', context=context)
+    rclpy.init(context=context)
+    node = rclpy.create_node('benchmark', context=context, namespace=namespace)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     stamps: list[int] = []
@@ -237,10 +225,19 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
                 raise RuntimeError('planner, tracker and plant do not answer')
             executor.spin_once(timeout_sec=0.1)
 
+    def connected() -> bool:
+        return connections.tracker(f'{namespace}/tracker') and connections.plant(
+            f'{namespace}/pendulum_plant'
+        )
+
     report(f'commands, for {seconds:g} s')
-    with _Processes(nodes, folder):
+    with tempfile.TemporaryDirectory() as folder, NodeProcesses(Path(folder)) as processes:
+        for module, values in nodes.items():
+            words = [word for name, x in values.items() for word in ('-p', f'{name}:={x}')]
+            arguments = ['--ros-args', '-r', f'__ns:={namespace}', *words]
+            processes.start(module, module, arguments)
         wait(lambda: bool(stamps) and ask.service_is_ready() and push.service_is_ready())
-        wait(lambda: connections.tracker('/tracker') and connections.plant('/pendulum_plant'))
+        wait(connected)
         while not plans:
             wait(ask.call_async(Trigger.Request()).done)
             executor.spin_once(timeout_sec=0.1)
@@ -260,32 +257,6 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
         **{f'p{p}_ms': float(np.quantile(error, p / 100)) for p in (50, 95, 99)},
         'worst_ms': float(error.max()),
     }
-
-
-class _Processes:
-    """Nodes as processes of their own, ended at last."""
-
-    def __init__(self, nodes: dict[str, dict[str, Any]], folder: Path) -> None:
-        self._nodes, self._folder = nodes, folder
-        self._running: list[subprocess.Popen[bytes]] = []
-
-    def __enter__(self) -> None:
-        for module, values in self._nodes.items():
-            words = [word for name, x in values.items() for word in ('-p', f'{name}:={x}')]
-            with (self._folder / f'{module}.txt').open('w') as output:
-                self._running.append(
-                    subprocess.Popen(
-                        [sys.executable, '-m', module, '--ros-args', *words],
-                        stdout=output,
-                        stderr=subprocess.STDOUT,
-                    )
-                )
-
-    def __exit__(self, *_: object) -> None:
-        for process in self._running:
-            process.send_signal(signal.SIGINT)
-        for process in self._running:
-            process.wait(10.0)
 
 
 def run(
@@ -344,18 +315,3 @@ def table(figures: dict[str, Any]) -> str:
             f'{f["worst_ms"]:.2f} ms ({f["commands"]} commands)'
         )
     return '\n'.join(lines)
-
-
-def main() -> None:
-    """Print the tables."""
-    assert __doc__ is not None
-    options = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    options.add_argument('--replans', type=int, default=2000)
-    options.add_argument('--no-nodes', action='store_true')
-    chosen = options.parse_args()
-    seconds = 0.0 if chosen.no_nodes else 30.0
-    print(table(run(replans=chosen.replans, seconds=seconds)))
-
-
-if __name__ == '__main__':
-    main()

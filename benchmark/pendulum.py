@@ -10,15 +10,12 @@
 """
 Figures of the problem `pendulum_swing_up` on random states, strong and weak torque.
 
-    python -m benchmark.pendulum [--states N] [--json FILE]
-
-prints success rate, times relative to the best known (`pendulum_reference.py`) and solve times,
-of the default method and of the smooth one.
+Success rate, times relative to the best known (`pendulum_reference.py`) and solve times, of the
+default method and of the smooth one.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 import time
@@ -110,19 +107,3 @@ def table(figures: dict[str, Any]) -> str:
         )
         lines += [f'    seed {failure}' for failure in f['failures']]
     return '\n'.join(lines)
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--states', type=int, default=100, help='number of random states')
-    parser.add_argument('--json', type=Path, help='also write the figures to this file')
-    arguments = parser.parse_args()
-    figures = run(arguments.states)
-    print(table(figures))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=1) + '\n')
-
-
-if __name__ == '__main__':
-    main()

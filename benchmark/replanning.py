@@ -10,8 +10,6 @@
 """
 Replanning while the plant moves: model errors, noise, a push mid-way, a goal that moves.
 
-    python -m benchmark.replanning [--seeds 40] [--no-replanning] [--air-bearing]
-
 The replanner and the trackers are those of the nodes, reviews at 5 Hz; a plan made from the
 states measured at t takes over at t + replan.delay. Physical constants and actuator gains are off
 by up to 5 %, measurements are noisy.
@@ -31,23 +29,25 @@ expected, plans must leave room for them: arena.tracking_margin is .1 m there.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from functools import partial
-import itertools
 import math
 from typing import Any
 
-from benchmark.closed_loop import (
-    ARRIVED,
-    DISK_ANGLE,
-    HELD_ANGLE,
-    PENDULUM_NOISE,
-    RIGS,
-    ROBOT_NOISE,
-)
 from benchmark.progress import counted
-from benchmark.scenarios import crossing, MINIMUM_SEPARATION
+from benchmark.scenarios import MINIMUM_SEPARATION
+from benchmark.vehicles import (
+    ARRIVED,
+    crossing_of,
+    DISK_ANGLE,
+    formation_loop,
+    HELD_ANGLE,
+    MISMATCH,
+    nearest,
+    pendulum_loop,
+    ticked,
+    tracker_parameters,
+)
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
@@ -56,28 +56,16 @@ from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
-from tdm_planner.replanning import (
-    ActivePlan,
-    FormationExecution,
-    Replanner,
-    SwingUpExecution,
-)
-from tdm_planner.tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
-    Phase,
-    RobotTracker,
-    RobotTrackerParameters,
-)
+from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
+from tdm_planner.tracking import Phase
 from tdm_planner.tracking.tracker import wrapped
 from tdm_sim.disturbances import pendulum_push, robot_push
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.receding import RecedingHorizon, Vehicle
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.mismatch import mismatched
+from tdm_sim.receding import RecedingHorizon
 
 Array = NDArray[np.float64]
 
-SEEDS, MISMATCH, RATE = 40, 0.05, 5.0
+REVIEWS = ReplanParameters(rate=5.0)
 TORQUE, RESERVE, PUSH = 0.02, 0.3, 0.3
 PENDULUM_INTERVAL, ROBOT_INTERVAL = 0.005, 0.02  # s
 HELD_FROM, HELD_UNTIL = 10.0, 15.0  # s
@@ -92,41 +80,13 @@ def momentum(problem: PendulumSwingUp, states: Array) -> float:
     return float(np.abs(about).max())
 
 
-def pendulum_loop(
-    problem: PendulumSwingUp, solution: Solution, seed: int, replanning: bool
-) -> RecedingHorizon:
-    """Return tracker, plant and replanner of one pendulum."""
-    limit = problem.limits.torque
-    values = {
-        'rate': 1.0 / PENDULUM_INTERVAL,
-        'limits.torque': limit,
-        'replan.on_deviation': True,
-    }
-    setup = PlantSetup(
-        plant=mismatched(problem.plant, MISMATCH, seed),
-        initial=solution.trajectory.states[0],
-        lower=np.array([-limit]),
-        upper=np.array([limit]),
-        noise=PENDULUM_NOISE,
-    )
-    parameters = build(PendulumTrackerParameters, values)
-    tracker = PendulumTracker(parameters)
-    replanner = Replanner(SwingUpExecution(problem, parameters), ReplanParameters(rate=RATE))
-    loop = RecedingHorizon(
-        {VEHICLE: Vehicle(tracker, SimulatedPlant(setup, seed))},
-        problem,
-        PENDULUM_INTERVAL,
-        replanner if replanning else None,
-    )
-    loop.begin(ActivePlan(problem, solution, 0.0))
-    return loop
-
-
 def swing_up(
-    problem: PendulumSwingUp, solution: Solution, seed: int, push: float, replanning: bool
+    problem: PendulumSwingUp, solution: Solution, seed: int, push: float
 ) -> dict[str, Any]:
     """One swing-up, pushed half-way by `push` N m s; returns what was reached."""
-    loop = pendulum_loop(problem, solution, seed, replanning)
+    parameters = tracker_parameters(problem, PENDULUM_INTERVAL, replanning=True)
+    replanner = Replanner(SwingUpExecution(problem, parameters), REVIEWS)
+    loop = pendulum_loop(problem, solution, PENDULUM_INTERVAL, seed, replanner=replanner)
     tracker, plant = loop.vehicles[VEHICLE]
     true_plant = mismatched(problem.plant, MISMATCH, seed)
     impulse = push * np.random.default_rng([seed, 7]).choice([-1.0, 1.0])
@@ -134,8 +94,7 @@ def swing_up(
     for tick in range(round(HELD_UNTIL / PENDULUM_INTERVAL)):
         if tick == round(0.5 * solution.duration / PENDULUM_INTERVAL):
             plant.push(partial(pendulum_push, true_plant, impulse=impulse))
-        loop.tick()
-        states.append(plant.state)
+        states.append(ticked(loop)[0])
         phases.append(tracker.phase)
     angle = np.abs(wrapped(np.array(states)[:, 0]))
     away = np.flatnonzero(angle > HELD_ANGLE)
@@ -155,16 +114,13 @@ def _planned(loop: RecedingHorizon) -> dict[str, Any]:
     return {'plans': len(loop.plans), 'refused': len(loop.refusals), 'times': times}
 
 
-def pendulum(push: float, seeds: int, replanning: bool) -> dict[str, Any]:
+def pendulum(push: float, seeds: int) -> dict[str, Any]:
     """Swing up and catch, pushed by a share `push` of the swing's largest momentum."""
     problem = build(PendulumSwingUp, {'limits.torque': TORQUE, 'torque_reserve': RESERVE})
     solution = problem.solve(deadline=2.0)
     impulse = push * momentum(problem, solution.trajectory.states)
     what = f'pendulum, pushed by {push:.0%}' if push else 'pendulum'
-    runs = [
-        swing_up(problem, solution, seed, impulse, replanning)
-        for seed in counted(range(seeds), what)
-    ]
+    runs = [swing_up(problem, solution, seed, impulse) for seed in counted(range(seeds), what)]
     return {
         'runs': seeds,
         'at_once': sum(run['at_once'] for run in runs),
@@ -187,31 +143,6 @@ def _figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def robot(problem: RobotFormation, initial: Array, seed: int) -> Vehicle:
-    """Return tracker and plant of one robot."""
-    limits = problem.limits
-    values = {
-        'rate': 1.0 / ROBOT_INTERVAL,
-        'limits.thrust': limits.thrust,
-        'limits.thruster_rate': limits.thruster_rate,
-        'limits.torque': limits.torque,
-        'replan.on_deviation': True,
-    }
-    parameters = build(RobotTrackerParameters, values)
-    gains = mismatched_gains(3, MISMATCH, seed)
-    gains[1] = 1.0  # the thruster turns by a servo
-    setup = PlantSetup(
-        plant=mismatched(parameters.plant, MISMATCH, seed),
-        initial=initial,
-        lower=np.array([0.0, -limits.thruster_rate, -limits.torque]),
-        upper=np.array([limits.thrust, limits.thruster_rate, limits.torque]),
-        noise=ROBOT_NOISE,
-        gains=gains,
-        largest_step=0.01,
-    )
-    return Vehicle(RobotTracker(parameters), SimulatedPlant(setup, seed))
-
-
 def moved(problem: RobotFormation, rng: np.random.Generator) -> RobotFormation:
     """Return the same problem with the formation somewhere else, inside the arena."""
     while True:
@@ -223,60 +154,45 @@ def moved(problem: RobotFormation, rng: np.random.Generator) -> RobotFormation:
             continue
 
 
-def formation(
-    rig: tuple[float, float, float], seed: int, pushed: bool, replanning: bool
-) -> dict[str, Any]:
+def formation(seed: int, pushed: bool) -> dict[str, Any]:
     """One crossing, with a robot pushed or else the goal moved half-way."""
-    limits = dict(zip(('thrust', 'thruster_rate', 'torque'), rig, strict=True))
-    changes = {f'limits.{key}': value for key, value in limits.items()}
-    if pushed:
-        changes['arena.tracking_margin'] = PUSH_MARGIN
-    problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
+    changes = {'arena.tracking_margin': PUSH_MARGIN} if pushed else {}
+    problem = crossing_of('quick robots', seed, **changes)
     solution = problem.solve(deadline=2.0)
-    names = list(solution.trajectories)
-    vehicles = {
-        name: robot(problem, solution.trajectories[name].states[0], 100 * seed + i)
-        for i, name in enumerate(names)
-    }
-    replanner = Replanner(FormationExecution(problem), ReplanParameters(rate=RATE))
-    loop = RecedingHorizon(vehicles, problem, ROBOT_INTERVAL, replanner if replanning else None)
-    loop.begin(ActivePlan(problem, solution, 0.0))
+    replanner = Replanner(FormationExecution(problem), REVIEWS)
+    loop = formation_loop(problem, solution, ROBOT_INTERVAL, seed, replanner=replanner)
     rng = np.random.default_rng([seed, 7])
-    places, half_way = [], 0.5 * solution.duration
+    ways, half_way = [], 0.5 * solution.duration
     while loop.time < loop.plans[-1].end + SETTLING and loop.time < problem.solver.longest:
         if loop.time - ROBOT_INTERVAL < half_way <= loop.time:
             if pushed:
-                pushed_robot = vehicles[names[rng.integers(len(names))]].plant
+                robot = list(loop.vehicles.values())[rng.integers(len(loop.vehicles))]
                 direction = rng.uniform(-math.pi, math.pi)
                 impulse = ROBOT_PUSH * problem.plant.mass
-                pushed_robot.push(
+                robot.plant.push(
                     partial(robot_push, problem.plant, impulse=impulse, direction=direction)
                 )
             else:
                 loop.problem = moved(problem, rng)
-        loop.tick()
-        places.append([vehicle.plant.state[:2] for vehicle in vehicles.values()])
-    path = np.array(places)
+        ways.append(ticked(loop)[:, :2])
+    places = np.array(ways)
     goals = np.array([p.states[-1, :2] for p in loop.plans[-1].solution.trajectories.values()])
     assert isinstance(loop.problem, RobotFormation)
     reached = np.abs(goals - loop.problem.task.goal).max() < ARRIVED
     count = round(AT_GOAL / ROBOT_INTERVAL)
-    last = path[-count:]
-    pairs = itertools.combinations(range(len(names)), 2)
+    last = places[-count:]
     return {
         'arrived': bool(reached and np.linalg.norm(last - goals, axis=2).max() < ARRIVED),
-        'separation': min(
-            float(np.linalg.norm(path[:, i] - path[:, j], axis=1).min()) for i, j in pairs
-        ),
+        'separation': float(nearest(places).min()),
         'late': loop.plans[-1].end - solution.duration,
         **_planned(loop),
     }
 
 
-def robots(rig: str, pushed: bool, seeds: int, replanning: bool) -> dict[str, Any]:
+def robots(pushed: bool, seeds: int) -> dict[str, Any]:
     """Crossings of three robots, one pushed or the goal moved half-way."""
     what = 'robots, one pushed' if pushed else 'robots, the goal moves'
-    runs = [formation(RIGS[rig], seed, pushed, replanning) for seed in counted(range(seeds), what)]
+    runs = [formation(seed, pushed) for seed in counted(range(seeds), what)]
     return {
         'runs': seeds,
         'arrived': sum(run['arrived'] for run in runs),
@@ -287,18 +203,16 @@ def robots(rig: str, pushed: bool, seeds: int, replanning: bool) -> dict[str, An
     }
 
 
-def run(seeds: int = SEEDS, replanning: bool = True, air_bearing: bool = False) -> dict[str, Any]:
+def run(seeds: int = 40) -> dict[str, Any]:
     """Measure everything."""
-    rigs = ['quick robots'] + (['air bearing'] if air_bearing else [])
     return {
         'pendulum': {
-            'model errors and noise': pendulum(0.0, seeds, replanning),
-            'and a push half-way': pendulum(PUSH, seeds, replanning),
+            'model errors and noise': pendulum(0.0, seeds),
+            'and a push half-way': pendulum(PUSH, seeds),
         },
         'robots': {
-            f'{rig}, {what}': robots(rig, pushed, seeds, replanning)
-            for rig in rigs
-            for what, pushed in (('one is pushed', True), ('the goal moves', False))
+            'quick robots, one is pushed': robots(True, seeds),
+            'quick robots, the goal moves': robots(False, seeds),
         },
     }
 
@@ -331,18 +245,3 @@ def _row(f: dict[str, Any]) -> str:
         f'{f["plans_mean"]:12.1f}{f["plans_most"]:6d}{f["refused"]:9d}'
         f'{f["review_median_ms"]:13.1f}{f["review_worst_ms"]:7.1f}'
     )
-
-
-def main() -> None:
-    """Print the tables."""
-    assert __doc__ is not None
-    options = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    options.add_argument('--seeds', type=int, default=SEEDS)
-    options.add_argument('--no-replanning', action='store_true', help='the first plan is kept')
-    options.add_argument('--air-bearing', action='store_true', help='slow robots as well')
-    chosen = options.parse_args()
-    print(table(run(chosen.seeds, not chosen.no_replanning, chosen.air_bearing)))
-
-
-if __name__ == '__main__':
-    main()

@@ -10,20 +10,15 @@
 """
 Figures of the problem `pendulum_swing_up` on rigs of random constants.
 
-    python -m benchmark.rigs [--rigs N] [--first SEED] [--json FILE]
-
-prints, for ranges of the drive (the pendulum's acceleration by the torque over that by gravity),
-how many swing-ups from hanging and from random states are verified with default settings in 1 s,
-and replans half-way from the rest of the plan, off by what tracking leaves.
+For ranges of the drive (the pendulum's acceleration by the torque over that by gravity): how many
+swing-ups from hanging and from random states are verified with default settings in 1 s, and
+replans half-way from the rest of the plan, off by what tracking leaves.
 """
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
-import json
 import math
-from pathlib import Path
 import time
 from typing import Any
 
@@ -133,20 +128,3 @@ def table(figures: dict[str, Any]) -> str:
             words.append('-' if f['most_arcs'] is None else str(f['most_arcs']))
             lines.append(f'{kind + ", " + group:42}' + ''.join(f'{word:>12}' for word in words))
     return '\n'.join(lines)
-
-
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
-    parser.add_argument('--rigs', type=int, default=200, help='number of random rigs')
-    parser.add_argument('--first', type=int, default=1000, help='seed of the first')
-    parser.add_argument('--json', type=Path, help='also write the figures to this file')
-    arguments = parser.parse_args()
-    figures = run(arguments.rigs, arguments.first)
-    print(table(figures))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=1) + '\n')
-
-
-if __name__ == '__main__':
-    main()

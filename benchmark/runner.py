@@ -7,7 +7,12 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Sections in processes of their own: one that fails, crashes or hangs takes no other with it."""
+"""
+Sections in processes of their own: one that fails, crashes or hangs takes no other with it.
+
+Such a process is ``python -m benchmark.runner NAME SETTINGS OUTPUT``: SETTINGS is JSON, OUTPUT the
+JSON file that the figures are written to.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,7 @@ import time
 from typing import Any
 
 from benchmark.progress import MARK
-from benchmark.sections import Section, Settings
+from benchmark.sections import Section, SECTIONS, Settings
 
 ROOT = Path(__file__).parents[1]
 _KEPT = 200  # lines of what a section says
@@ -59,13 +64,13 @@ def run(section: Section, settings: Settings, report: Callable[[str], None]) -> 
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / 'figures.json'
         command = [
-            sys.executable, '-m', 'benchmark.section',
+            sys.executable, '-m', 'benchmark.runner',
             section.name, json.dumps(dict(settings), default=str), str(output),
         ]  # fmt: skip
         failure, log = _watched(command, section.limit, report)
         figures = json.loads(output.read_text()) if not failure else None
     return Outcome(
-        settings={name: value for name, value in settings.items() if name != 'folder'},
+        settings=settings,
         when=datetime.now(timezone.utc).date().isoformat(),
         seconds=time.monotonic() - began,
         figures=figures,
@@ -121,3 +126,13 @@ def _end(process: subprocess.Popen[str]) -> None:
             os.killpg(process.pid, number)
         with suppress(subprocess.TimeoutExpired):
             process.wait(5.0)
+
+
+def main(name: str, settings: str, output: str) -> None:
+    """Measure a section in this process and write its figures."""
+    figures = SECTIONS[name].run(**json.loads(settings))
+    Path(output).write_text(json.dumps(figures, default=float) + '\n')
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])

@@ -25,7 +25,8 @@ from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
 from tdm_planner.launching import common_arguments, Launch, SWITCH
-from tdm_planner.parameters import build, ros_parameters
+from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.resources import config_file
 from tdm_planner.views.pendulum_urdf import pendulum_urdf

@@ -30,7 +30,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.launching import common_arguments, Launch, SWITCH
 from tdm_planner.nodes.robot_nodes import robot_nodes
-from tdm_planner.parameters import build, ros_parameters
+from tdm_planner.parameter_files import ros_parameters
+from tdm_planner.parameters import build
 from tdm_planner.problems.formation_parameters import FormationParameters
 from tdm_planner.resources import config_file
 from tdm_planner.views.rviz import robots_rviz

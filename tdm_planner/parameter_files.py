@@ -11,13 +11,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 import re
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import ros_parameters, shown
+from tdm_planner.parameters import flatten, shown
 import yaml
 
 _LONGEST = 300  # letters of an error
@@ -100,6 +100,71 @@ def read_parameters(
                 f"the setting '{shown(setting)}' has no value: {_one_line(error)}"
             ) from None
     return values
+
+
+def ros_parameters(
+    document: Any, node: str = 'planner', namespace: str | None = None, *, required: bool = True
+) -> dict[str, Any]:
+    """
+    Return the flat parameters of `node` in a ROS 2 parameter file's document.
+
+    Accepts ``{node: {ros__parameters: {...}}}``, with ``/**`` and any namespace before the node's
+    name, as well as a plain mapping of parameters. With a `namespace` only those sections count
+    that a node of that name and namespace takes; of several that do, the later one wins.
+
+    Raises
+    ------
+    InvalidProblem
+        If the document is not a mapping, or, where a section is `required`, holds parameters only
+        for other nodes.
+
+    """
+    if document is None:
+        return {}
+    if not isinstance(document, Mapping):
+        raise InvalidProblem(
+            f'a parameter file must hold a mapping, not {type(document).__name__}'
+        )
+    sections = list(_sections(document))
+    if not sections:
+        return flatten({str(key): value for key, value in document.items()})
+    full_name = node
+    if namespace is not None:
+        full_name = '/'.join(['', *filter(None, namespace.split('/')), node])
+    found: dict[str, Any] = {}
+    others: list[str] = []
+    for name, values in sections:
+        if _is_for(name, full_name):
+            found.update(flatten(values))
+        else:
+            others.append(name)
+    if required and not found and others:
+        raise InvalidProblem(
+            f"the parameter file has no section for node '{full_name}', only for "
+            f'{", ".join(others)}'
+        )
+    return found
+
+
+def _sections(
+    document: Mapping[Any, Any], path: str = ''
+) -> Iterator[tuple[str, Mapping[Any, Any]]]:
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            if key == 'ros__parameters' and path:
+                yield path, value
+            else:
+                yield from _sections(value, f'{path}/{str(key).strip("/")}')
+
+
+def _is_for(section: str, node: str) -> bool:
+    """Whether a section is for a node, by the rules of rcl where its name is fully qualified."""
+    tokens = section.split('/')[1:]
+    if not node.startswith('/'):
+        return tokens[-1] in (node, '**', '*')
+    wildcards = {'**': r'(/\w+)*', '*': r'/\w+'}
+    pattern = ''.join(wildcards.get(token, '/' + re.escape(token)) for token in tokens)
+    return re.fullmatch(pattern, node) is not None
 
 
 def _one_line(error: Exception) -> str:

@@ -186,6 +186,15 @@ class Trajectory:
         at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
         return self._control_at(at)
 
+    @property
+    def switching_instants(self) -> Array:
+        """Instants at which a control jumps that is held [s]."""
+        if self.interpolation != 'zero_order_hold':
+            return np.zeros(0)
+        jumps = (np.diff(self.controls[:-1], axis=0) != 0).any(axis=1)
+        instants: Array = self.times[1:-1][jumps]
+        return instants
+
     def control_integral(self, t: ArrayLike) -> Array:
         """
         Integrate the controls from the first sample to time(s) `t` [s], (nu,) or (n, nu).

@@ -8,13 +8,10 @@
 # language governing permissions and limitations under the License.
 
 """
-What users, files and the network may hand over, and what must become of it.
+What must become of whatever is handed over (fuzz_inputs.py): a result, or a reason.
 
-Cases are made by Hypothesis of plain values (numbers, strings, lists, mappings), so that one that
-escapes can be kept as JSON: fuzz_corpus.json holds every case that ever did, with what it did.
+fuzz_corpus.json holds every case that ever escaped, with what it did.
 
-- `parameter_sets`, `forbidden_settings`, `yaml_texts`: valid in every corner, or wrong.
-- `messages(type, **hints)`: a message of any type as a mapping, `fill` makes it one.
 - `outcome`: what a call came to; all but a result and a `TdmError` of one line fails the test.
 - `PROPERTIES`: by name the cases, what is asked of each, and how many a quick run makes; `try_out`
   does it: test/unit/test_fuzz.py with few cases, always the same, test/nightly with many new ones.
@@ -25,14 +22,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
-from importlib import import_module
 import json
-import math
 from pathlib import Path
 import signal
 import tempfile
 from typing import Any
 
+from fuzz_inputs import (
+    anything,
+    forbidden_settings,
+    histories,
+    message,
+    parameter_sets,
+    PROBLEMS,
+    SPECIFICATIONS,
+    TRACKERS,
+    yaml_texts,
+)
 from hypothesis import given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -40,330 +46,20 @@ import pytest
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.nodes import reading
 from tdm_planner.parameter_files import read_parameters
-from tdm_planner.parameters import build, flatten, ParameterSpec, Range, shown, specifications
+from tdm_planner.parameters import build, flatten, shown, specifications
 from tdm_planner.plant_kind import BUILT_IN
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
-from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.base import Solution
+from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 
 DEADLINE = 0.05  # s a search may take in these tests
 ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check, the interpreter
-BIGGEST = 1.7976931348623157e308
-PROBLEMS: dict[str, type[Problem]] = {
-    'pendulum_swing_up': PendulumSwingUp, 'robot_formation': RobotFormation,
-}  # fmt: skip
-SPECIFICATIONS = {name: kind.parameter_specifications({}) for name, kind in PROBLEMS.items()}
-TRACKERS: dict[str, Any] = {
-    'pendulum': (PendulumTracker, PendulumTrackerParameters),
-    'robot': (RobotTracker, RobotTrackerParameters),
-}
-
-# Numbers and parameters.
-
-SPECIAL_NUMBERS = [
-    math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 2.2e-308, 1e-30, -1e-30, 1e-9,
-    1.0, -1.0, 3.0, math.pi, 1e3, 1e6, 1e12, 1.0000001e12, 1e18, -1e18, 1e150, 1e154, 1e300,
-    BIGGEST, -BIGGEST,
-]  # fmt: skip
-SPECIAL_INTEGERS = [0, 1, -1, 2, 4, 7, 32, 33, 401, 1000, 2**31, 2**63 - 1, -(2**63), 2**64]
-HUGE_INTEGERS = [10**309, -(10**309), 10**4000]
-ROBOTS = ['robot1', 'robot2', 'robot3']
-NAMES = [*ROBOTS, 'a', 'b', 'arena', 'start', 'solver', '', ' ', '1st',
-         '../x', 'a.b', 'a/b', 'é', 'x' * 300, '\x00', 'ros__parameters']  # fmt: skip
-
-numbers = (
-    st.sampled_from(SPECIAL_NUMBERS) | st.floats() | st.floats(-10, 10) | st.floats(1e-6, 1e-2)
-)
-integers = st.sampled_from(SPECIAL_INTEGERS + HUGE_INTEGERS) | st.integers(-10, 50)
-scalars = numbers | integers | st.booleans() | st.none() | st.text(max_size=8)
-anything = st.recursive(
-    scalars,
-    lambda v: st.lists(v, max_size=5) | st.dictionaries(st.text(max_size=5), v, max_size=3),
-    max_leaves=8,
-)
-robot_lists = st.one_of(
-    st.lists(st.sampled_from(ROBOTS), min_size=1, max_size=3, unique=True),
-    st.lists(st.sampled_from(NAMES), max_size=4),
-    st.lists(st.text(max_size=4), max_size=3),
-)
 
 
-def inside(allowed: Range) -> st.SearchStrategy[float]:
-    """Numbers of an interval, its ends and its smallest and largest members above all."""
-    lower, upper = max(allowed.lower, -BIGGEST), min(allowed.upper, BIGGEST)
-    ends = [lower, upper, math.nextafter(lower, upper), math.nextafter(upper, lower)]
-    found = [x for x in (*ends, *SPECIAL_NUMBERS) if math.isfinite(x) and x in allowed]
-    whole = st.floats(lower, upper, exclude_min=allowed.lower_open, exclude_max=allowed.upper_open)
-    return st.sampled_from(found) | whole
-
-
-def valid(spec: ParameterSpec) -> st.SearchStrategy[Any]:
-    """Values that a declaration allows, its corners above all."""
-    found: st.SearchStrategy[Any]
-    if spec.choices:
-        found = st.sampled_from(spec.choices)
-    elif spec.kind is bool:
-        found = st.booleans()
-    elif spec.kind is str:
-        found = st.text(max_size=12)
-    elif spec.kind is int:
-        lower = math.ceil(max(spec.range.lower, -(2.0**62)))
-        upper = math.floor(min(spec.range.upper, 2.0**62))
-        ends = [lower, upper, *(x for x in SPECIAL_INTEGERS if lower <= x <= upper)]
-        found = st.one_of(st.sampled_from(ends), st.integers(lower, min(upper, lower + 50)))
-    elif spec.kind is float:
-        found = inside(spec.range)
-    elif spec.name == 'robots':
-        found = robot_lists
-    else:
-        least, most = spec.length or 0, spec.length or 6
-        found = st.lists(inside(spec.range), min_size=least, max_size=most)
-    return st.one_of(found, st.none()) if spec.optional else found
-
-
-def near(spec: ParameterSpec) -> st.SearchStrategy[Any]:
-    """Values that people try: about the default."""
-    if spec.kind is not float or not spec.default:
-        return valid(spec)
-    return st.floats(0.3, 3.0).map(lambda f: f * spec.default).filter(spec.range.__contains__)
-
-
-@st.composite
-def parameter_sets(draw: Any, specs: Mapping[str, ParameterSpec]) -> dict[str, Any]:
-    """Parameters by dotted name: some near their defaults, some in corners, some of any kind."""
-    ways: list[Callable[..., Any]] = [near, valid, lambda _: anything]
-    one = draw(st.sampled_from([near, near, valid, valid, ways[2], None]))
-    values: dict[str, Any] = {}
-    for name in draw(st.lists(st.sampled_from(sorted(specs)), max_size=6, unique=True)):
-        values[name] = draw((one or draw(st.sampled_from(ways)))(specs[name]))
-    if draw(st.integers(0, 19)) == 0:
-        values[draw(st.text(max_size=10))] = draw(anything)
-    return values
-
-
-@st.composite
-def forbidden_settings(draw: Any) -> tuple[str, str, Any]:
-    """Draw a problem, and one of its parameters with a value that is surely not allowed."""
-    problem = draw(st.sampled_from(sorted(PROBLEMS)))
-    name = draw(st.sampled_from(sorted(SPECIFICATIONS[problem])))
-    spec = SPECIFICATIONS[problem][name]
-    wrong: list[Any] = [{'x': 1}, *([] if spec.optional else [None])]
-    if spec.kind is not bool:
-        wrong.append(True)
-    if spec.kind is not str or spec.choices:
-        wrong += ['no such thing', '1.0x']
-    if spec.kind in (float, int):
-        wrong += [math.nan, math.inf, -math.inf, *HUGE_INTEGERS[:2], [1.0], []]
-        wrong += [x for x in (-1e-300, -1.0, 0.0, 2e12, 1e300) if x not in spec.range]
-        wrong += [1.5, 1e300, '1'] if spec.kind is int else []
-    elif spec.kind is str:
-        wrong += [1.5, 7, ['a']]
-    elif spec.kind == list[float]:
-        wrong += [1.5, [math.nan] * 3, ['a', 'b', 'c'], [None, 0.0, 0.0], [math.inf, 0.0, 0.0]]
-        wrong += [] if spec.length is None else [[], [0.0] * (spec.length + 1), [0.0] * 2000]
-    elif spec.kind == list[str]:
-        wrong += [1.5, [1, 2], [None], ['a', 'a'], ['']]
-    return problem, name, draw(st.sampled_from(wrong))
-
-
-# Parameter files.
-
-_keys = st.one_of(
-    st.sampled_from(['plant', 'limits', 'start', 'mass', 'torque', 'theta', 'x', 'robots', '/**',
-                     '/**/planner', 'planner', 'ros__parameters', 'tracker', '*', '/a/b/planner']),
-    st.text(max_size=6),
-)  # fmt: skip
-_pieces = st.sampled_from(
-    ['!!python/object/apply:os.system [touch /tmp/owned]', '!!python/name:os.system',
-     '!!binary x', '!!int ""', '!!int x', '!!float ""', '!!timestamp x', '!!bool x',
-     '2001-99-99', '0x', '0b', '1_0', '190:20:30', '.inf', '.NaN', '-.inf', '1e400', '9' * 5000,
-     '&a [*a]', '*nowhere', '&a {b: *a}', '!!set {a}', '!!omap [a: 1]', '!!pairs [a: 1]',
-     '{? [1, 2] : 3}', '? {a: 1}\n: 2', '\t', '%YAML 1.3', '---\n---', '...', '<<: 1',
-     '{<<: [1]}', '=', '!', '!!str', '!x y', '[' * 60, '{a: ' * 40, '\ufeff', '"\\ud800"', "'",
-     '"', '|', '>', '@', '`', 'ros__parameters:', '- a', '0o17', '0777', '"\\x00"', '~', 'null',
-     'yes', 'on', '1e5', '1.e+3', '08', '!!null x', '2020-01-01T25:00:00Z']
-)  # fmt: skip
-_contents = st.recursive(
-    st.one_of(numbers, st.integers(-5, 5), st.text(max_size=5), st.none(), st.booleans()),
-    lambda v: st.lists(v, max_size=3) | st.dictionaries(_keys, v, max_size=3),
-    max_leaves=6,
-)
-
-
-@st.composite
-def yaml_texts(draw: Any) -> str:
-    """YAML: well-formed parameter files, such with one odd piece, and noise."""
-    import yaml
-
-    noise = st.text(max_size=40)
-    kind = draw(st.sampled_from(['document', 'piece', 'noise']))
-    where = draw(st.sampled_from([None, '/**/planner', 'planner', '/**', '/ns', 'tracker']))
-    inner, piece = draw(_contents), draw(_pieces)
-    document = inner if where is None else {where: {'ros__parameters': inner}}
-    text: str = yaml.safe_dump(document)
-    spoilt = [piece, f'a: {piece}\n', f'planner:\n  ros__parameters:\n    start: {piece}\n',
-              f'{text}\n{piece}', f'- {piece}']  # fmt: skip
-    return draw({'document': st.just(text), 'piece': st.sampled_from(spoilt)}.get(kind, noise))
-
-
-# Messages, as mappings.
-
-FORGED = 'a\n[ERROR] [1.0] [forged]: as if the node had said it'
-texts = st.one_of(
-    st.sampled_from(['', 'arena', 'world', 'map', '/arena', '../../etc', '<script>', 'é\n', '%s%n',
-                     '$(touch owned)', FORGED, FORGED * 500]),
-    st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\x00'), max_size=8),
-)  # fmt: skip
-JOINTS = (
-    ['pendulum', 'disk'],
-    ['thruster', 'reaction_wheel'],
-    ['x', 'y', 'yaw', 'thruster', 'reaction_wheel'],
-)
-joint_names = st.one_of(
-    *(st.permutations(names) for names in JOINTS),
-    st.lists(st.sampled_from([*JOINTS[0], *JOINTS[1], '', 'é', 'Disk', FORGED]), max_size=4),
-)
-doubles = st.one_of(*[st.floats(-4, 4)] * 3, numbers)
-stamps = st.one_of(
-    st.just({'sec': 0, 'nanosec': 0}),
-    st.fixed_dictionaries(
-        {'sec': st.sampled_from([0, 1, -1, 2**31 - 1, -(2**31), 1_700_000_000]),
-         'nanosec': st.sampled_from([0, 1, 999_999_999, 2**32 - 1])}
-    ),
-)  # fmt: skip
-
-
-@st.composite
-def quaternions(draw: Any) -> dict[str, float]:
-    """About the vertical, also of another length, or of anything."""
-    if draw(st.integers(0, 4)) == 0:
-        return {axis: draw(doubles) for axis in 'xyzw'}
-    yaw = draw(st.floats(-10, 10))
-    scale = draw(st.sampled_from([1.0] * 12 + [0.0, 0.999, 2.0, 1e200]))
-    return {'x': 0.0, 'y': 0.0, 'z': scale * math.sin(yaw / 2), 'w': scale * math.cos(yaw / 2)}
-
-
-# By type or by name of a field; `messages` makes all others of what their types allow.
-HINTS: dict[str, Any] = {
-    'double': doubles,
-    'boolean': st.booleans(),
-    'octet': st.binary(min_size=1, max_size=1),
-    'string': texts,
-    'builtin_interfaces/Time': stamps,
-    'builtin_interfaces/Duration': stamps,
-    'geometry_msgs/Quaternion': quaternions(),
-    'name': joint_names,
-    'joint_names': joint_names,
-    'accelerations': st.just([]),
-    'covariance': st.just([0.0] * 36),
-}
-_SIZES = {'double': [2] * 40 + [0, 1, 3, 4]}  # two joints, one body: more often than not
-_OTHER_SIZES = [1] * 20 + [0, 2]
-
-
-def few(item: st.SearchStrategy[Any], sizes: list[int]) -> st.SearchStrategy[list[Any]]:
-    return st.sampled_from(sizes).flatmap(lambda n: st.lists(item, min_size=n, max_size=n))
-
-
-def messages(kind: Any, **hints: Any) -> st.SearchStrategy[dict[str, Any]]:
-    """Any message of a ROS type as a mapping; `hints` go before `HINTS`."""
-    every = {**HINTS, **hints}
-
-    def of(name: str, text: str) -> st.SearchStrategy[Any]:
-        if name in every or text in every:
-            found: st.SearchStrategy[Any] = every[name] if name in every else every[text]
-            return found
-        if text.startswith('sequence<'):
-            inner = text.removeprefix('sequence<').removesuffix('>')
-            return few(of('', inner), _SIZES.get(inner, _OTHER_SIZES))
-        if text.endswith(']'):
-            inner, _, count = text.removesuffix(']').rpartition('[')
-            return few(of('', inner), [int(count)])
-        if '/' in text:
-            return messages(message_type(text), **hints)
-        bits, unsigned = int(text.lstrip('uint')), text[0] == 'u'
-        ends = [0, 2**bits - 1] if unsigned else [-(2 ** (bits - 1)), 2 ** (bits - 1) - 1]
-        return st.one_of(st.sampled_from(ends), st.integers(0, 10))
-
-    return st.fixed_dictionaries(
-        {name: of(name, text) for name, text in kind.get_fields_and_field_types().items()}
-    )
-
-
-def message_type(text: str) -> Any:
-    package, name = text.split('/')
-    return getattr(import_module(f'{package}.msg'), name)
-
-
-def fill(message: Any, value: Mapping[str, Any]) -> Any:
-    """Set the fields of a ROS message from a mapping, and return it."""
-    kinds = message.get_fields_and_field_types()
-    for name, item in value.items():
-        kind = kinds[name].removeprefix('sequence<').removesuffix('>')
-        if '/' not in kind:
-            setattr(message, name, item)
-        elif isinstance(item, list):
-            setattr(message, name, [fill(message_type(kind)(), part) for part in item])
-        else:
-            fill(getattr(message, name), item)
-    return message
-
-
-def message(text: str, value: Mapping[str, Any]) -> Any:
-    """Return a message of the type `package/Name`."""
-    return fill(message_type(text)(), value)
-
-
-@st.composite
-def plans(draw: Any, kind: str, names: Any = joint_names) -> dict[str, Any]:
-    """Draw a trajectory: its instants increase mostly, some hold one state."""
-    plan = draw(messages(message_type(f'trajectory_msgs/{kind}'), joint_names=names,
-                         points=st.just([])))  # fmt: skip
-    point = messages(message_type(f'trajectory_msgs/{kind}Point'))
-    count = draw(st.sampled_from([0, 1, 2, 3, 5]))
-    same = draw(point) if draw(st.booleans()) else None
-    plan['points'] = [dict(same) if same else draw(point) for _ in range(count)]
-    if draw(st.integers(0, 4)):
-        step = draw(st.sampled_from([1, 1_000_000, 50_000_000, 1_000_000_000, 10**12]))
-        for k, drawn in enumerate(plan['points']):
-            drawn['time_from_start'] = _instant(k * step)
-    return plan
-
-
-def _instant(nanoseconds: int) -> dict[str, int]:
-    return {'sec': min(nanoseconds // 10**9, 2**31 - 1), 'nanosec': nanoseconds % 10**9}
-
-
-@st.composite
-def quiet_plans(draw: Any, plant: str) -> Any:
-    """Return a plan that a tracker at rest takes: small numbers, alike at all points."""
-    joints = JOINTS[2 if plant == 'robot' else 0]
-    size = len(joints)
-    small = st.sampled_from([0.0, 0.0, 1e-3, -0.05, 5e-324])
-    efforts = few(st.one_of(small, doubles.filter(math.isfinite)), [size])
-    step = draw(st.sampled_from([1, 10**6, 10**8, 10**10]))
-    times = [_instant(k * step) for k in range(draw(st.sampled_from([2, 4, 20])))]
-    header = {'stamp': _instant(0), 'frame_id': ''}
-    rates = draw(few(small, [size]))
-    points = [
-        {'positions': [0.0] * size, 'velocities': rates, 'effort': draw(efforts),
-         'time_from_start': time}
-        for time in times
-    ]  # fmt: skip
-    return {'header': header, 'joint_names': joints, 'points': points}
-
-
-def states(plant: str) -> st.SearchStrategy[Any]:
-    """Draw a measured state, as `read_state` takes it."""
-    joints = messages(message_type('sensor_msgs/JointState'))
-    if plant == 'pendulum':
-        return joints
-    odometry, calm = message_type('nav_msgs/Odometry'), st.floats(-4, 4)
-    return st.tuples(messages(odometry) | messages(odometry, double=calm), joints)
+# A tracker's life without ROS: messages, ticks and jumps of the clock in any order.
 
 
 def read_state(plant: str, value: Any) -> np.ndarray:
@@ -380,37 +76,6 @@ def read_plan(plant: str, value: Any) -> Trajectory:
     return reading.read_plan(BUILT_IN[plant], message('trajectory_msgs/JointTrajectory', value))
 
 
-def any_plans(plant: str) -> st.SearchStrategy[Any]:
-    names = JOINTS[2 if plant == 'robot' else 0]
-    return plans('JointTrajectory', st.just(names) | joint_names)
-
-
-# A tracker's life without ROS: messages, ticks and jumps of the clock in any order.
-
-
-@st.composite
-def histories(draw: Any, plant: str) -> dict[str, Any]:
-    """Parameters of a tracker and the events of its life; an instant [s] goes with every event."""
-    events: list[Any] = []
-    now = 100.0
-    for _ in range(draw(st.integers(1, 12))):
-        now += draw(st.sampled_from([0.0, 0.005, 0.005, 0.05, 1.0, -5.0, 5.0]))
-        kinds = ['tick', 'state', 'plan', *['good state'] * 3, *['good plan'] * 2]
-        kind = draw(st.sampled_from(kinds))
-        event = [kind.removeprefix('good ') if 'plan' in kind else kind, now]
-        if kind == 'state':
-            event.append(draw(states(plant)))
-        elif 'plan' in kind:
-            made, delays = any_plans(plant), [0.0, 0.01, 1.0, -1.0, 1e9]
-            if kind == 'good plan':
-                made, delays = quiet_plans(plant), [0.0, 0.005, 0.05]
-            event += [draw(made), now + draw(st.sampled_from(delays))]
-        events.append(event)
-    sets = parameter_sets(specifications(TRACKERS[plant][1]))
-    chosen = draw(sets) if draw(st.booleans()) else {}
-    return {'plant': plant, 'parameters': chosen, 'events': events}
-
-
 def live_through(history: dict[str, Any]) -> bool:
     """
     Check that only refusals are raised, and every command is finite and within the limits.
@@ -418,7 +83,8 @@ def live_through(history: dict[str, Any]) -> bool:
     Returns whether a plan was accepted.
     """
     plant = history['plant']
-    made, parameters = TRACKERS[plant]
+    made: Any = PendulumTracker if plant == 'pendulum' else RobotTracker
+    parameters = TRACKERS[plant]
     flat = {k: v for k, v in history['parameters'].items() if k in specifications(parameters)}
     try:
         tracker = made(build(parameters, flat))

@@ -24,18 +24,18 @@ import json
 import math
 from typing import Any
 
-from fuzzing import (
+from fuzz_inputs import (
     FORGED,
     message,
     message_type,
     messages,
     parameter_sets,
     plans,
-    profile,
     quiet_plans,
     SPECIFICATIONS,
     texts,
 )
+from fuzzing import profile
 from hypothesis import given
 from hypothesis import strategies as st
 from lifecycle_msgs.msg import Transition

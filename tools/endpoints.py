@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 import os
 import re
-from types import MappingProxyType
 from typing import Any
 
 import rclpy
@@ -52,31 +51,18 @@ class NodeSetUp:
 
     make: Callable[[], Any]
     namespace: str
-    parameters: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    parameters: Mapping[str, str]
 
 
-SET_UPS: Mapping[str, NodeSetUp] = MappingProxyType(
-    {
-        'planner pendulum': NodeSetUp(
-            Planner, '/pendulum', MappingProxyType({'replan.rate': '1.0'})
-        ),
-        'planner robots': NodeSetUp(
-            Planner,
-            '/robots',
-            MappingProxyType({'problem': 'robot_formation', 'replan.rate': '1.0'}),
-        ),
-        'tracker pendulum': NodeSetUp(TrackerNode, '/pendulum'),
-        'tracker robot': NodeSetUp(
-            TrackerNode, '/robots/robot1', MappingProxyType({'kind': 'robot'})
-        ),
-        'pendulum_plant': NodeSetUp(
-            PendulumPlant, '/pendulum', MappingProxyType({'publish_clock': 'true'})
-        ),
-        'robot_plant': NodeSetUp(
-            RobotPlant, '/robots/robot1', MappingProxyType({'publish_clock': 'true'})
-        ),
-    }
-)
+_ROBOTS = {'problem': 'robot_formation', 'replan.rate': '1.0'}
+SET_UPS: Mapping[str, NodeSetUp] = {
+    'planner pendulum': NodeSetUp(Planner, '/pendulum', {'replan.rate': '1.0'}),
+    'planner robots': NodeSetUp(Planner, '/robots', _ROBOTS),
+    'tracker pendulum': NodeSetUp(TrackerNode, '/pendulum', {}),
+    'tracker robot': NodeSetUp(TrackerNode, '/robots/robot1', {'kind': 'robot'}),
+    'pendulum_plant': NodeSetUp(PendulumPlant, '/pendulum', {'publish_clock': 'true'}),
+    'robot_plant': NodeSetUp(RobotPlant, '/robots/robot1', {'publish_clock': 'true'}),
+}
 
 
 @cache
@@ -84,7 +70,7 @@ def endpoints(name: str) -> tuple[Endpoint, ...]:
     """Return the topics and services of one of `SET_UPS`, sorted, without those of every node."""
     with running(SET_UPS[name]) as node:
         found: dict[tuple[str, str], tuple[set[str], bool]] = {}
-        for kind, topic, type_, latched in _all(node):
+        for kind, topic, type_, latched in used_by(node):
             if OF_EVERY_NODE.search(topic):
                 continue
             types, _ = found.setdefault((_relative(topic, node), kind), (set(), latched))
@@ -116,7 +102,8 @@ def running(set_up: NodeSetUp) -> Iterator[Any]:
         rclpy.try_shutdown()
 
 
-def _all(node: Any) -> Iterator[tuple[str, str, str, bool]]:
+def used_by(node: Any) -> Iterator[tuple[str, str, str, bool]]:
+    """Yield kind, absolute name and type of every endpoint of a node, and if it is latched."""
     for publisher in node.publishers:
         latched = publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
         yield 'publishes', publisher.topic_name, _type(publisher.msg_type), latched

@@ -21,33 +21,22 @@ from collections.abc import Mapping
 import difflib
 from pathlib import Path
 import sys
-from types import MappingProxyType
 from typing import Any
 
-from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_docs import parameter_file
-from tdm_planner.parameters import specifications
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
 from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
-from tdm_sim.pendulum_plant import PendulumPlantParameters
-from tools.node_parameters import (
-    pendulum_planner,
-    robot_plant,
-    robot_tracker,
-    robots_planner,
-    Specifications,
-)
+from tools.node_tables import parameters_by_node, Specifications
 from tools.pages import documentation
 from tools.security_policy import policy
 
 ROOT = Path(__file__).resolve().parents[1]
 
 Values = Mapping[str, Any]
-NO_VALUES: Values = MappingProxyType({})
 
 PENDULUM_TITLE = """Rotary pendulum: planner, tracker and simulated plant, in any namespace.
 Written by `make config` from the declarations in the code: the values are the defaults.
@@ -66,22 +55,28 @@ Written by `make config` from the declarations in the code."""
 
 def pendulum_file() -> str:
     """Return config/pendulum.yaml."""
+    declared = parameters_by_node()
     nodes: dict[str, tuple[Specifications, Values]] = {
-        'planner': (pendulum_planner(), {}),
-        'tracker': (tracker_specifications('pendulum'), {}),
-        'pendulum_plant': (specifications(PendulumPlantParameters), {}),
+        'planner': (declared['planner pendulum'], {}),
+        'tracker': (declared['tracker pendulum'], {}),
+        'pendulum_plant': (declared['pendulum_plant'], {}),
     }
     return parameter_file(nodes, PENDULUM_TITLE)
 
 
-def robots_file(
-    title: str = ROBOTS_TITLE, planner: Values = NO_VALUES, actuators: Values = NO_VALUES
-) -> str:
+def robots_file(title: str, planner: Values, actuators: Values) -> str:
     """Return a parameter file for the robots, with values that differ from the defaults."""
+    declared = parameters_by_node()
+    of_one_robot = ('initial.', 'robot_name')
+    plant = {
+        name: spec
+        for name, spec in declared['robot_plant'].items()
+        if not name.startswith(of_one_robot)
+    }
     nodes: dict[str, tuple[Specifications, Values]] = {
-        'planner': (robots_planner(), {'problem': RobotFormation.name, **planner}),
-        'tracker': (robot_tracker(), {'kind': 'robot', **actuators}),
-        'robot_plant': (robot_plant(), actuators),
+        'planner': (declared['planner robots'], {'problem': RobotFormation.name, **planner}),
+        'tracker': (declared['tracker robot'], {'kind': 'robot', **actuators}),
+        'robot_plant': (plant, actuators),
     }
     return parameter_file(nodes, title)
 
@@ -107,7 +102,7 @@ def generated() -> dict[Path, str]:
     config = ROOT / 'config'
     return {
         config / 'pendulum.yaml': pendulum_file(),
-        config / 'robots.yaml': robots_file(),
+        config / 'robots.yaml': robots_file(ROBOTS_TITLE, {}, {}),
         config / 'robots_air_bearing.yaml': air_bearing_file(),
         config / 'pendulum.urdf': pendulum_urdf(RotaryPendulum()),
         config / 'pendulum.rviz': pendulum_rviz(),

@@ -15,6 +15,7 @@ python -m tools.links docs/_build
 
 from __future__ import annotations
 
+import argparse
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -69,7 +70,9 @@ def dead_links(folder: Path) -> list[str]:
 
 def main() -> int:
     """Check the folder named on the command line."""
-    folder = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n')[0])
+    parser.add_argument('folder', type=Path, help='of HTML pages, such as docs/_build')
+    folder = parser.parse_args().folder
     pages = len(list(folder.rglob('*.html')))
     dead = dead_links(folder)
     print('\n'.join([*dead, f'{folder}: {pages} pages, {len(dead)} dead links']))

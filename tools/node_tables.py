@@ -19,8 +19,13 @@ from pathlib import Path
 import re
 from typing import Any
 
+from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_docs import parameter_table, yaml_value
-from tdm_planner.parameters import ParameterSpec
+from tdm_planner.parameters import ParameterSpec, specifications
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.request import RequestParameters
+from tdm_sim.pendulum_plant import PendulumPlantParameters
+from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
 from tools.interface_texts import JSON_KEYS, TOPICS
 
@@ -42,6 +47,19 @@ PUBLIC_MODULES = (
 )
 
 
+def parameters_by_node() -> dict[str, Specifications]:
+    """Return all parameters of every node as declared, by the node's name and plant."""
+    request = specifications(RequestParameters)
+    return {
+        'planner pendulum': {**request, **PendulumSwingUp.parameter_specifications({})},
+        'planner robots': {**request, **RobotFormation.parameter_specifications({})},
+        'tracker pendulum': tracker_specifications('pendulum'),
+        'tracker robot': tracker_specifications('robot'),
+        'pendulum_plant': specifications(PendulumPlantParameters),
+        'robot_plant': specifications(RobotPlantParameters),
+    }
+
+
 def topic_table(node: str, endpoints: Iterable[Endpoint]) -> str:
     """Return the topics and services of a node as a Markdown table."""
     rows = ['| name | kind | type | what it is |', '| --- | --- | --- | --- |']
@@ -52,12 +70,10 @@ def topic_table(node: str, endpoints: Iterable[Endpoint]) -> str:
     return '\n'.join(rows) + '\n'
 
 
-def merged_robots(
-    specifications: Specifications,
-) -> dict[str, ParameterSpec | list[ParameterSpec]]:
+def merged_robots(specs: Specifications) -> dict[str, ParameterSpec | list[ParameterSpec]]:
     """Return parameters by name, those that every robot has under `<robot>`, in order."""
     merged: dict[str, Any] = {}
-    for name, spec in specifications.items():
+    for name, spec in specs.items():
         common = re.sub(r'\brobot\d+\b', '<robot>', name)
         if common == name:
             merged[name] = spec
@@ -66,14 +82,14 @@ def merged_robots(
     return merged
 
 
-def robot_parameter_table(specifications: Specifications) -> str:
+def robot_parameter_table(specs: Specifications) -> str:
     """
     Return the parameters as a table with one row for what every robot has.
 
     Defaults that differ from robot to robot stand side by side.
     """
     lines = []
-    for name, spec in merged_robots(specifications).items():
+    for name, spec in merged_robots(specs).items():
         if not isinstance(spec, list):
             lines.append(parameter_table({name: spec}).splitlines()[2])
             continue
@@ -93,8 +109,8 @@ def parameter_names(nodes: Mapping[str, Specifications]) -> str:
     A parameter whose unit differs from node to node has a row for each of them.
     """
     where: dict[str, dict[str, list[str]]] = {}
-    for node, specifications in nodes.items():
-        for name, spec in merged_robots(specifications).items():
+    for node, specs in nodes.items():
+        for name, spec in merged_robots(specs).items():
             unit = (spec[0] if isinstance(spec, list) else spec).unit
             where.setdefault(name, {}).setdefault(unit, []).append(node)
     rows = ['| parameter | unit | nodes |', '| --- | --- | --- |']

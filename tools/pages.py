@@ -17,21 +17,24 @@ A page says ``<!-- generated: NAME -->``, then comes what `fragment` returns for
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+import json
 from pathlib import Path
 import re
 from typing import Any
 
-from tdm_planner.nodes.planning import CODES
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.planning import CODES, Failure, Plan, plan_answer, plan_summary
+from tdm_planner.plan_files import plan_document
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
-from tools.json_keys import json_keys
-from tools.node_parameters import parameters_by_node
 from tools.node_tables import (
     key_table,
     launch_arguments,
     parameter_names,
+    parameters_by_node,
     python_names,
     robot_parameter_table,
     topic_table,
@@ -40,6 +43,21 @@ from tools.node_tables import (
 ROOT = Path(__file__).resolve().parents[1]
 
 _MARKED = re.compile(r'(<!-- generated: (.+?) -->\n).*?(<!-- end -->)', re.DOTALL)
+# Keys below these are names of states, limits, robots or parameters.
+_OPEN = (
+    'cost_terms',
+    'states',
+    'controls',
+    'units',
+    'robots',
+    'parameters',
+    'vehicles.*.units',
+    'vehicles.*.joints',
+    'verification.terminal_error',
+    'verification.worst',
+    'verification.worst_times',
+    'verification.units',
+)
 
 
 def documentation(folder: Path) -> dict[Path, str]:
@@ -112,7 +130,7 @@ def all_topics() -> str:
     return '\n'.join(rows) + '\n'
 
 
-@lru_cache(maxsize=1)
+@cache
 def console_scripts() -> tuple[str, ...]:
     """Return the names of the console scripts that setup.py declares."""
     tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
@@ -123,6 +141,43 @@ def console_scripts() -> tuple[str, ...]:
     )
     scripts = ast.literal_eval(declared)['console_scripts']
     return tuple(script.split('=')[0].strip() for script in scripts)
+
+
+@cache
+def json_keys() -> dict[str, tuple[str, ...]]:
+    """Return the dotted keys of every document, by a sentence that says where it is found."""
+    single = PendulumSwingUp.from_parameters({'limits.torque': 0.09})
+    several = RobotFormation.from_parameters({})
+    plans = [Plan(problem, problem.solve(deadline=30.0), 1) for problem in (single, several)]
+    documents: dict[str, list[Any]] = {
+        'Answer of the service `plan`, a plan': [
+            json.loads(plan_answer(plans[0], 1, ['a sentence']))
+        ],
+        'Answer of the service `plan`, no plan': [
+            json.loads(Failure.of(InvalidProblem('a sentence')).to_json())
+        ],
+        'Topic `plan_summary`': [json.loads(plan_summary(plan, 1)) for plan in plans],
+        'Plan files (`tdm plan -o plan.json`)': [
+            plan_document(plan.problem, plan.solution) for plan in plans
+        ],
+    }
+    return {
+        where: tuple(dict.fromkeys(key for item in items for key in _keys(item)))
+        for where, items in documents.items()
+    }
+
+
+def _keys(document: Mapping[str, Any], prefix: str = '') -> Iterator[str]:
+    for key, value in document.items():
+        name = f'{prefix}{key}'
+        if prefix == 'vehicles.':
+            name = 'vehicles.*'
+        if name in _OPEN:
+            yield f'{name}.*'
+        elif isinstance(value, Mapping):
+            yield from _keys(value, f'{name}.')
+        else:
+            yield name
 
 
 def check_texts() -> None:

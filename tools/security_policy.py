@@ -16,14 +16,13 @@ The names are asked of the nodes themselves, made in the namespaces of the launc
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import escape
 
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
-from tools.endpoints import NodeSetUp, running, SET_UPS
+from tools.endpoints import NodeSetUp, running, SET_UPS, used_by
 
 OPERATOR = '/operator'
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -72,22 +71,19 @@ def node_set_ups() -> dict[str, NodeSetUp]:
 
 def _with(name: str, namespace: str, parameters: Mapping[str, str]) -> NodeSetUp:
     known = SET_UPS[name]
-    given = MappingProxyType({**known.parameters, **parameters})
-    return NodeSetUp(known.make, namespace, given)
+    return replace(known, namespace=namespace, parameters={**known.parameters, **parameters})
 
 
 def rights(set_up: NodeSetUp) -> Rights:
     """Return what a node uses, as it says itself."""
     with running(set_up) as node:
-        of_rcl = ['/rosout']  # what the node has without a publisher in Python
-        if isinstance(node, ManagedNode):
-            of_rcl.append(f'{node.get_fully_qualified_name()}/transition_event')
-        return Rights(
-            frozenset([*(item.topic_name for item in node.publishers), *of_rcl]),
-            frozenset(item.topic_name for item in node.subscriptions),
-            frozenset(item.service_name for item in node.services),
-            frozenset(item.service_name for item in node.clients),
-        )
+        used = [*used_by(node), ('publishes', '/rosout', '', False)]
+        if isinstance(node, ManagedNode):  # nor has this a publisher in Python
+            used.append(
+                ('publishes', f'{node.get_fully_qualified_name()}/transition_event', '', False)
+            )
+    kinds = ('publishes', 'subscribes', 'service', 'calls')
+    return Rights(*(frozenset(name for k, name, *_ in used if k == kind) for kind in kinds))
 
 
 def policy() -> str:

@@ -7,19 +7,11 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""
-Measure this package and its peers side by side, on one core.
-
-python -m benchmark.peers.measure --cases 100 --output FILE.json
-"""
+"""Measures this package and its peers side by side, on one core."""
 
 from __future__ import annotations
 
-import argparse
-import importlib.metadata
-import json
 import os
-from pathlib import Path
 from typing import Any
 
 from benchmark.peers.attempts import alternate, Attempt, best_of
@@ -28,15 +20,14 @@ from benchmark.peers.robots_cases import BOWS, RobotsCases
 from benchmark.pendulum import REGIMES
 from benchmark.progress import report
 from benchmark.robots import references
-import tdm_planner
 
 BEST = 'collocation, best of 3 guesses'
 
 
-def measure(cases: int) -> dict[str, Any]:
-    """Return everything as JSON holds it: `cases` of the problems."""
-    figures: dict[str, Any] = {'cases': cases, 'versions': versions(), 'problems': {}}
-    problems = figures['problems']
+def run(cases: int = 100) -> dict[str, Any]:
+    """Return everything as JSON holds it: `cases` random cases of every problem."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    problems: dict[str, Any] = {}
     for regime in REGIMES:
         pendulum = PendulumCases(regime)
         found = alternate(pendulum.methods(), range(cases), report)
@@ -48,7 +39,7 @@ def measure(cases: int) -> dict[str, Any]:
     problems['3 robots'] = _problem(found, list(BOWS), references())
     problems['3 robots']['build_s'] = robots.collocation.build_seconds
     problems['3 robots']['variables'] = robots.collocation.solver.variables
-    return figures
+    return {'cases': cases, 'problems': problems}
 
 
 def _problem(
@@ -62,33 +53,3 @@ def _problem(
         'attempts': {name: [a.to_dict() for a in attempts] for name, attempts in found.items()},
         'known': {str(case): known[case] for case in known if case < len(several)},
     }
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package and of what it is compared with."""
-    names = ('numpy', 'scipy', 'numba', 'daqp', 'casadi')
-    found = {'tdm_planner': tdm_planner.__version__}
-    for name in names:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = 'not installed'
-    return found
-
-
-def main() -> None:
-    """Measure and write the figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.strip().splitlines()[0] if __doc__ else None
-    )
-    parser.add_argument('--cases', type=int, default=100, help='random cases of every problem')
-    parser.add_argument('--output', type=Path, required=True, help='JSON file to write')
-    arguments = parser.parse_args()
-    if hasattr(os, 'sched_setaffinity'):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    figures = measure(arguments.cases)
-    arguments.output.write_text(json.dumps(figures) + '\n')
-
-
-if __name__ == '__main__':
-    main()

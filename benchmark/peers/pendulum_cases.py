@@ -21,20 +21,14 @@ from benchmark.peers.attempts import Attempt, Method
 from benchmark.peers.collocation import Outcome
 from benchmark.peers.judge import judge_pendulum
 from benchmark.peers.pendulum_collocation import PendulumCollocation
-from benchmark.peers.pendulum_guesses import (
-    energy_swing,
-    from_trajectory,
-    GENTLE,
-    Guess,
-    HARD,
-    straight_line,
-)
+from benchmark.peers.pendulum_guesses import energy_swing, GENTLE, HARD, straight_line
 from benchmark.pendulum import problem, REGIMES, start_state
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -46,7 +40,7 @@ _BEST_KNOWN = Path(__file__).parents[1] / 'data' / 'pendulum_best_known.json'
 OURS, OURS_WARM = 'tdm_planner', 'tdm_planner, warm'
 LINE, SWING, PUMP = (f'collocation, {kind}' for kind in ('straight line', 'swing', 'slow swing'))
 COLLOCATION_WARM = 'collocation, warm'
-GUESSES: dict[str, Callable[[SwingUpTask], Guess]] = {
+GUESSES: dict[str, Callable[[SwingUpTask], Trajectory]] = {
     LINE: straight_line,
     SWING: lambda task: energy_swing(task, HARD),
     PUMP: lambda task: energy_swing(task, GENTLE),
@@ -109,11 +103,11 @@ class PendulumCases:
         except TdmError:
             return None
 
-    def collocate(self, case: int, guess: Guess | Outcome, warm: bool = False) -> Attempt:
+    def collocate(self, case: int, guess: Trajectory | Outcome, warm: bool = False) -> Attempt:
         """Solve by collocation from a guess, aiming at the turn where the guess ends."""
         task = self.task(case)
-        last = guess.states[-1] if isinstance(guess, Guess) else self._end(guess)
-        goal = task.goal_nearest(last)
+        last = self.collocation.trajectory(guess) if isinstance(guess, Outcome) else guess
+        goal = task.goal_nearest(last.states[-1])
         outcome = self.collocation.solve(task.start, goal, guess, warm)
         motion = self.collocation.trajectory(outcome)
         reasons = judge_pendulum(task, motion) if outcome.converged else (outcome.status,)
@@ -137,10 +131,7 @@ class PendulumCases:
         earlier = self.neighbour(case)
         if earlier is None:
             return Attempt(case, False, False, 0.0, None, None, 'no neighbouring plan')
-        guess = from_trajectory(earlier.trajectory)
+        guess = earlier.trajectory
         start, goal = guess.states[0], self.task(case).goal_nearest(guess.states[-1])
         near = self.collocation.solve(start, goal, guess)
         return self.collocate(case, near if near.converged else guess, warm=True)
-
-    def _end(self, outcome: Outcome) -> Array:
-        return np.asarray(self.collocation.trajectory(outcome).states[-1])

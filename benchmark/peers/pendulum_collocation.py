@@ -15,7 +15,6 @@ import time
 from typing import Any
 
 from benchmark.peers.collocation import Bounds, defects, Outcome, Solver
-from benchmark.peers.pendulum_guesses import Guess
 import casadi
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +62,7 @@ class PendulumCollocation:
         self.build_seconds = time.process_time() - began
 
     def solve(
-        self, start: Array, goal: Array, guess: Guess | Outcome, warm: bool = False
+        self, start: Array, goal: Array, guess: Trajectory | Outcome, warm: bool = False
     ) -> Outcome:
         """Solve for a start and a goal (4,), from a guess or a neighbouring problem's outcome."""
         near = guess if isinstance(guess, Outcome) else None
@@ -85,10 +84,10 @@ class PendulumCollocation:
             zeros,
         )
 
-    def variables(self, guess: Guess) -> Array:
+    def variables(self, guess: Trajectory) -> Array:
         """Variables of the program at a guess."""
-        states, torques = guess.at(np.linspace(0.0, guess.duration, self.intervals + 1))
-        shares = np.clip(torques / self.torque, -_INSIDE, _INSIDE)
+        states, torques = guess.sample(np.linspace(0.0, guess.duration, self.intervals + 1))
+        shares = np.clip(torques[:, 0] / self.torque, -_INSIDE, _INSIDE)
         duration = guess.duration * self.unit[2]
         return np.concatenate([(states / self.unit).ravel(), shares, [duration]])
 
@@ -98,18 +97,5 @@ class PendulumCollocation:
         states = outcome.x[: 4 * (n + 1)].reshape(n + 1, 4) * self.unit
         _, shares, _ = np.split(outcome.x, [4 * (n + 1), 5 * (n + 1)])
         torques = np.clip(shares, -1.0, 1.0) * self.torque
-        return linear_motion(self.plant, outcome.x[-1] / self.unit[2], states, torques)
-
-
-def linear_motion(
-    plant: RotaryPendulum, duration: float, states: Array, torques: Array
-) -> Trajectory:
-    """Return a trajectory on equal intervals, its torque linear between the samples."""
-    return Trajectory(
-        times=to_nanoseconds(np.linspace(0.0, duration, len(torques))),
-        states=states,
-        controls=torques[:, None],
-        state_names=plant.state_names,
-        control_names=plant.control_names,
-        interpolation='linear',
-    )
+        times = to_nanoseconds(np.linspace(0.0, outcome.x[-1] / self.unit[2], n + 1))
+        return Trajectory.of(self.plant, times, states, torques[:, None], 'linear')

@@ -11,37 +11,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.plants.integrator import runge_kutta_step
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 _LONGEST, _STEP = 3.0, 2e-3  # s
-
-
-@dataclass(frozen=True)
-class Guess:
-    """Instants (n,) s, states (n, 4), torques (n,) N m."""
-
-    times: Array
-    states: Array
-    torques: Array
-
-    @property
-    def duration(self) -> float:
-        """Time of the last instant [s]."""
-        return float(self.times[-1])
-
-    def at(self, times: Array) -> tuple[Array, Array]:
-        """States and torques between the instants."""
-        states = [np.interp(times, self.times, column) for column in self.states.T]
-        return np.stack(states, axis=1), np.interp(times, self.times, self.torques)
 
 
 @dataclass(frozen=True)
@@ -57,14 +38,14 @@ HARD = Pumping(1000.0, 0.0, 0.0)
 GENTLE = Pumping(30.0, 1.0, 0.3)
 
 
-def straight_line(task: SwingUpTask) -> Guess:
+def straight_line(task: SwingUpTask) -> Trajectory:
     """From the start straight to the nearest upright, without torque, in 6 / w0."""
     states = np.stack([task.start, task.goal_nearest(task.start)])
     duration = 6.0 / task.plant.natural_frequency
-    return Guess(np.array([0.0, duration]), states, np.zeros(2))
+    return _motion(task, np.array([0.0, duration]), states, np.zeros(2))
 
 
-def energy_swing(task: SwingUpTask, gains: Pumping) -> Guess:
+def energy_swing(task: SwingUpTask, gains: Pumping) -> Trajectory:
     """
     Return the motion under energy pumping, up to where it comes nearest to upright at rest.
 
@@ -75,13 +56,13 @@ def energy_swing(task: SwingUpTask, gains: Pumping) -> Guess:
     states, torques = [task.start], []
     for _ in range(int(_LONGEST / _STEP)):
         torques.append(_pump(states[-1], w0, gains) * task.torque)
-        states.append(_step(plant.derivative, states[-1], np.array([torques[-1]])))
+        states.append(runge_kutta_step(plant, states[-1], np.array([torques[-1]]), _STEP))
     path = np.array(states)
     away = path * np.array([1.0, 0.3, 1.0 / w0, 0.3 / w0])
     away[:, 0] -= 2 * np.pi * np.round(path[:, 0] / (2 * np.pi))
     last = int(np.argmin(np.linalg.norm(away, axis=1)[50:])) + 50
     times = _STEP * np.arange(last + 1)
-    return Guess(times, path[: last + 1], np.array([*torques[:last], 0.0]))
+    return _motion(task, times, path[: last + 1], np.array([*torques[:last], 0.0]))
 
 
 def _pump(state: Array, w0: float, gains: Pumping) -> float:
@@ -91,16 +72,5 @@ def _pump(state: Array, w0: float, gains: Pumping) -> float:
     return max(-1.0, min(1.0, drive - gains.angle * psi - gains.rate * disk_rate / w0))
 
 
-def _step(derivative: Callable[[Array, Array], Array], state: Array, torque: Array) -> Array:
-    k1 = derivative(state, torque)
-    k2 = derivative(state + _STEP / 2 * k1, torque)
-    k3 = derivative(state + _STEP / 2 * k2, torque)
-    k4 = derivative(state + _STEP * k3, torque)
-    return np.asarray(state + _STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
-
-
-def from_trajectory(plan: Trajectory) -> Guess:
-    """Return a plan as a guess."""
-    times = np.linspace(0.0, plan.duration, 401)
-    sample = plan.sample(times)
-    return Guess(times, sample.state, sample.control[:, 0])
+def _motion(task: SwingUpTask, times: Array, states: Array, torques: Array) -> Trajectory:
+    return Trajectory.of(task.plant, times, states, torques[:, None], 'linear')

@@ -112,6 +112,6 @@ def sections(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     return found
 
 
-def text(figures: Mapping[str, Any]) -> str:
-    """All tables."""
+def table(figures: Mapping[str, Any]) -> str:
+    """All tables, as text."""
     return '\n\n'.join(f'{heading}\n\n{body}' for heading, body in sections(figures))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from tdm_planner.parameters import ros_parameters
+from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS, formation_specifications
 from tdm_planner.problems.formation_size import resized
 

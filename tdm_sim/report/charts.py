@@ -25,7 +25,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-import plotly.graph_objects as go
 from tdm_planner.palette import COLOURS, LIMIT, SWITCH
 
 Array = NDArray[np.float64]
@@ -34,6 +33,7 @@ Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching'
 # Shares of a panel's height that its title and the gap below it take.
 TITLE_SHARE, FOOT_SHARE = 0.17, 0.06
 _PADDING = 0.08
+_FROM_BELOW = ('measured', 'commanded', 'planned', 'error')
 
 # Within a JSON string these mean the same as the characters; in HTML they mean nothing.
 _ESCAPES = {'<': r'\u003c', '>': r'\u003e', '&': r'\u0026'}
@@ -89,35 +89,18 @@ class Chart:
     note: str = ''
 
 
-def plotly_figure(chart: Chart, span: tuple[float, float]) -> go.Figure:
+def plotly_json(chart: Chart, span: tuple[float, float]) -> dict[str, Any]:
     """
-    Return the chart as a plotly figure, its numbers in single precision.
+    Return the chart as plotly.js takes it, its numbers in single precision.
 
     All panels share one time axis, so that zooming one zooms all.
     """
-    figure = go.Figure()
-    for index, panel in enumerate(chart.panels):
-        axis = f'y{index + 1}' if index else 'y'
-        for trace in _traces(panel, span):
-            figure.add_trace(go.Scatter(**trace, yaxis=axis))
-    figure.update_layout(_layout(chart))
-    return figure
-
-
-def plotly_json(figure: go.Figure) -> dict[str, Any]:
-    """Return a figure as plotly.js takes it, with packed arrays and without plotly's template."""
-    data = figure.to_plotly_json()
-    layout = {key: value for key, value in data['layout'].items() if key != 'template'}
     traces = [
-        {key: _packed_once(value) if key in ('x', 'y') else value for key, value in trace.items()}
-        for trace in data['data']
+        {**trace, 'yaxis': f'y{index + 1}' if index else 'y'}
+        for index, panel in enumerate(chart.panels)
+        for trace in _traces(panel, span)
     ]
-    return {'data': traces, 'layout': layout}
-
-
-def _packed_once(values: Any) -> Any:
-    # plotly packs arrays itself since its version 6
-    return values if isinstance(values, dict) else packed(values)
+    return {'data': traces, 'layout': _layout(chart)}
 
 
 def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
@@ -129,7 +112,7 @@ def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
         line = {'color': SWITCH, 'width': 1, 'dash': 'dot'}
         traces.append(_trace('switching', instants, edges, line))
     # what was measured lies broad and pale below what was planned
-    order = sorted(panel.curves, key=lambda curve: curve.kind != 'measured')
+    order = sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind))
     traces += [_curve_trace(curve) for curve in order]
     if panel.limits:
         ends = np.tile([*span, np.nan], len(panel.limits))
@@ -161,8 +144,9 @@ def _trace(
     label = html.escape(f'{series} {kind}'.strip(), quote=False)  # plotly.js reads tags in names
     return {
         'name': label,
-        'x': x.astype(np.float32),
-        'y': y.astype(np.float32),
+        'type': 'scatter',
+        'x': packed(x),
+        'y': packed(y),
         'mode': 'lines',
         'line': line,
         'hoverinfo': 'skip',
@@ -211,11 +195,6 @@ def packed(values: ArrayLike) -> dict[str, str]:
     """Return numbers (n,) in single precision as plotly.js reads them; NaN is a gap."""
     data = np.ascontiguousarray(values, dtype='<f4').tobytes()
     return {'dtype': 'f4', 'bdata': base64.b64encode(data).decode('ascii')}
-
-
-def unpacked(data: dict[str, str]) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Inverse of `packed`."""
-    return np.frombuffer(base64.b64decode(data['bdata']), dtype='<f4')
 
 
 def json_for_html(data: Any) -> str:

@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 import re
 from typing import Literal
@@ -48,12 +48,6 @@ class Entry:
     vehicle: str = ''
     note: str = ''
     mark: str = ''
-
-    @property
-    def violated(self) -> bool:
-        """Whether this is a margin that was not kept, as planned or as achieved."""
-        known = [value for value in (self.planned, self.achieved) if value is not None]
-        return self.kind == 'margin' and any(value < -ROUNDING for value in known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,17 +244,18 @@ def _margin(
         controls = vehicle.plan.trajectory.control_names
     # of a control: the plant could not do more
     at_limit = name in controls and achieved is not None and abs(achieved.worst) <= ROUNDING
-    return Entry(
-        kind='margin',
-        name=f'margin of {name}',
-        unit=next((m.unit for m in (achieved, planned) if m is not None and m.unit), ''),
-        planned=None if planned is None else planned.worst,
-        achieved=None if achieved is None else achieved.worst,
-        planned_at=None if planned is None else planned.instant,
-        achieved_at=None if achieved is None else achieved.instant,
+    return replace(
+        _smallest('margin', f'margin of {name}', planned, achieved),
         vehicle='' if vehicle is None else vehicle.name,
         mark='saturated' if at_limit else '',
     )
+
+
+def _smallest(kind: Kind, name: str, planned: Margin | None, achieved: Margin | None) -> Entry:
+    unit = next((m.unit for m in (achieved, planned) if m is not None and m.unit), '')
+    values = [None if m is None else m.worst for m in (planned, achieved)]
+    instants = [None if m is None else m.instant for m in (planned, achieved)]
+    return Entry(kind, name, unit, values[0], values[1], instants[0], instants[1])
 
 
 def _distances(mission: Mission, history: History) -> Iterator[Entry]:
@@ -271,7 +266,7 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
         return
     nearest = min(planned.values(), key=lambda m: m.worst, default=None)
     closest = min(measured.values(), key=lambda m: m.worst, default=None)
-    yield _distance('smallest distance', nearest, closest)
+    yield _smallest('distance', 'smallest distance', nearest, closest)
     least = mission.vehicles[0].view.separation
     if least is not None:
         due, kept = (
@@ -281,19 +276,7 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
         yield _margin('separation', due, kept, None)
     if len(names) > 1:
         for name in names:
-            yield _distance(name, planned.get(name), measured.get(name))
-
-
-def _distance(name: str, planned: Margin | None, achieved: Margin | None) -> Entry:
-    return Entry(
-        kind='distance',
-        name=name,
-        unit='m',
-        planned=None if planned is None else planned.worst,
-        achieved=None if achieved is None else achieved.worst,
-        planned_at=None if planned is None else planned.instant,
-        achieved_at=None if achieved is None else achieved.instant,
-    )
+            yield _smallest('distance', name, planned.get(name), measured.get(name))
 
 
 def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:

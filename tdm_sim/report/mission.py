@@ -116,11 +116,9 @@ class FollowedPlan(TimedTrajectory):
     """
     One published plan of one vehicle; its motion starts `start` s after the mission's origin.
 
-    It is followed `until` the next plan starts (None: to the end). `plan_id` is '' where it is not
-    known.
+    It is followed `until` the next plan starts (None: to the end).
     """
 
-    plan_id: str = ''
     until: float | None = None
 
     @property
@@ -195,14 +193,10 @@ class PlanFigures:
     vehicles ``vehicle.state``); `parameters` are the problem's, by dotted name.
     """
 
-    plan_id: str
     time: float
-    duration: float | None = None
     cost: float | None = None
     cost_terms: Mapping[str, float] = field(default_factory=dict)
-    penalty: float | None = None
     solve_time: float | None = None
-    evaluations: int | None = None
     summary: str = ''
     margins: Mapping[str, Margin] = field(default_factory=dict)
     terminal_error: Mapping[str, float] = field(default_factory=dict)

@@ -16,7 +16,7 @@ page's own scripts run and nothing be loaded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
 from html import escape
 from importlib.resources import files
@@ -29,7 +29,7 @@ from tdm_planner.plan_files import check_path, UnusableFile
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report import animation
-from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_figure, plotly_json
+from tdm_sim.report.charts import Chart, content_hash, json_for_html, plotly_json
 from tdm_sim.report.comparison import compare, Comparison
 from tdm_sim.report.histories import (
     control_chart,
@@ -38,9 +38,9 @@ from tdm_sim.report.histories import (
     margin_chart,
     state_chart,
 )
-from tdm_sim.report.mission import Mission
+from tdm_sim.report.mission import Mission, Severity
 from tdm_sim.report.reader import read_mission
-from tdm_sim.report.sections import columns, details, missing
+from tdm_sim.report.tables import events_table, parameters_table, summary_table
 
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _SCRIPTS = ('data.js', 'clock.js', 'scene.js', 'charts.js', 'report.js')
@@ -48,7 +48,7 @@ _SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PLAYED_IN = 8.0  # s that the motion takes on the screen, about
 _LEAD, _SHARE_AFTER, _LEAST_AFTER = 0.25, 0.3, 1.5
 
-Slots = Mapping[str, str]
+_LEFT = ('states', 'controls')  # charts below the animation; others stand below the summary
 
 
 def write_report(mission: Mission, path: Path, comparison: Comparison | None = None) -> int:
@@ -80,10 +80,7 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
             'motion': list(motion_span(mission)),
             'speed': f'{playing_speed(mission):g}',
             'scene': scene,
-            'charts': [
-                {'key': chart.key, **plotly_json(plotly_figure(chart, mission.span))}
-                for chart in charts
-            ],
+            'charts': [{'key': c.key, **plotly_json(c, mission.span)} for c in charts],
         }
     )
     plotly = get_plotlyjs()
@@ -101,9 +98,9 @@ def report_page(mission: Mission, comparison: Comparison | None = None) -> str:
             'title': escape(mission.title),
             'subtitle': escape(_subtitle(mission)),
             'style': _asset('page.css'),
-            'missing': missing(mission.missing),
-            'columns': columns(mission, comparison, charts, scene is not None),
-            'details': details(mission),
+            'missing': _missing(mission.missing),
+            'columns': _columns(mission, comparison, charts, scene is not None),
+            'details': _details(mission),
             'source': escape(_source(mission)),
             'speeds': ''.join(f'<option value="{s:g}">{s:g}&times;</option>' for s in _SPEEDS),
             'data': data,
@@ -146,7 +143,7 @@ def _asset(name: str) -> str:
     return files('tdm_sim.report').joinpath('assets', name).read_text(encoding='utf-8')
 
 
-def _filled(template: str, slots: Slots) -> str:
+def _filled(template: str, slots: Mapping[str, str]) -> str:
     """Fill the template in one pass, so that what is filled in is never taken for a slot."""
     return re.sub(r'{{(\w+)}}', lambda match: slots[match.group(1)], template)
 
@@ -170,7 +167,75 @@ def _source(mission: Mission) -> str:
     return ' · '.join(parts)
 
 
-ENDINGS = ('.html', '.htm')
+def _columns(
+    mission: Mission, comparison: Comparison, charts: Iterable[Chart], moving: bool
+) -> str:
+    """
+    Return animation, summary and charts in two columns.
+
+    On a phone they are read one after the other, in the order of their `order`.
+    """
+    stage = '<section class="card" id="animation"><h2>Motion</h2><div id="scene"></div>'
+    cards = [(0, f'{stage}{_key(mission)}</section>')] if moving else []
+    table = summary_table(mission, comparison)
+    cards.append((1, f'<section class="card" id="summary"><h2>Summary</h2>{table}</section>'))
+    cards += [(int(chart.key not in _LEFT), _chart(chart)) for chart in charts]
+    halves = ['', '']
+    for order, (side, html) in enumerate(cards):
+        halves[side] += html.replace('<section', f'<section style="order: {order}"', 1)
+    return ''.join(f'<div class="column">{half}</div>' for half in halves if half)
+
+
+def _missing(sentences: Iterable[str]) -> str:
+    """Return what is not known and why; nothing if all is."""
+    items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
+    if not items:
+        return ''
+    return f'<div class="callout" id="missing"><h2>What is missing</h2><ul>{items}</ul></div>'
+
+
+def _details(mission: Mission) -> str:
+    """Return events and parameters."""
+    parts = []
+    if mission.events:
+        grave = [event for event in mission.events if event.level != Severity.OK]
+        early = sum(map(mission.is_early, grave))
+        count = f'{len(mission.events)} events, {len(grave)} of them warnings or errors'
+        count += f' ({early} before the motion)' if early else ''
+        parts.append(
+            '<section class="card" id="events"><h2>Events</h2>'
+            f'<p class="note">{count}</p>'
+            f'<div class="scroll">{events_table(mission)}</div></section>'
+        )
+    if mission.parameters:
+        parts.append(
+            '<section class="card" id="parameters"><details><summary>Parameters of the problem'
+            f'</summary>{parameters_table(mission.parameters)}</details></section>'
+        )
+    return ''.join(parts)
+
+
+def _chart(chart: Chart) -> str:
+    note = f'<p class="note">{escape(chart.note)}</p>' if chart.note else ''
+    return (
+        f'<section class="card"><h2>{escape(chart.title)}</h2>{note}'
+        f'<div class="chart" id="chart-{chart.key}"></div></section>'
+    )
+
+
+def _key(mission: Mission) -> str:
+    """Explain the animation's lines."""
+    line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
+    planned = any(vehicle.plans for vehicle in mission.vehicles)
+    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_carried_out)]
+    ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
+    entries.append(('limit', 'limit', 'limit' in ground))
+    items = ''.join(
+        f'<li><svg viewBox="0 0 26 14" aria-hidden="true">{line.format(style)}</svg>{name}</li>'
+        for name, style, there in entries
+        if there
+    )
+    return f'<ul class="key">{items}</ul>'
 
 
 def make_report(
@@ -192,7 +257,7 @@ def make_report(
         If the source cannot be read or the report not be written.
 
     """
-    check_path(output, ENDINGS)
+    check_path(output, ('.html', '.htm'))
     progress.phase(f'reading {source}')
     given = None if problem is None else load_problem(problem)
     mission = read_mission(source, namespace, given)

@@ -55,16 +55,11 @@ def plan_figures(document: Mapping[str, Any], time: float) -> PlanFigures:
     check = untrusted.mapping(document.get('verification'))
     instants = untrusted.numbers(check.get('worst_times'))
     units = untrusted.mapping(check.get('units'))
-    number = untrusted.whole(document.get('plan_id'))
     return PlanFigures(
-        plan_id='' if number is None else str(number),
         time=time,
-        duration=untrusted.number(document.get('duration')),
         cost=untrusted.number(document.get('cost')),
         cost_terms=untrusted.numbers(document.get('cost_terms')),
-        penalty=untrusted.number(document.get('penalty')),
         solve_time=untrusted.number(document.get('solve_time')),
-        evaluations=untrusted.whole(document.get('evaluations')),
         summary=untrusted.text(document.get('summary')),
         margins={
             name: Margin(worst, instants.get(name), untrusted.text(units.get(name), 20))

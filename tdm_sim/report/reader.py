@@ -7,23 +7,43 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A mission from a path: a recording or a plan file."""
+"""
+A mission from a path: a recording, whole or in part, or a plan file.
+
+Recordings are those of `ros2 bag record`, `tdm record` or a demo.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.base import Problem
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
-from tdm_sim.report.bag_files import UnreadableRecording
-from tdm_sim.report.bag_reader import read_bag
+from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
-from tdm_sim.report.plan_documents import plan_figures, problem_of
-from tdm_sim.report.recorded_vehicles import unknown_view
+from tdm_sim.report.plan_documents import plan_figures, PlanSummary, problem_of, read_summary
+from tdm_sim.report.recorded_events import events, RecordedClock
+from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
+from tdm_sim.report.recorded_vehicles import (
+    choose,
+    find_sites,
+    followed,
+    measured,
+    namespace_of,
+    Planner,
+    read_plans,
+    Site,
+    unknown_view,
+)
+
+_MOST_NAMED = 8  # topics that an error message lists
+
+Summaries = dict[str, dict[int, PlanSummary]]  # by namespace and start [ns]
 
 
 def read_mission(
@@ -45,7 +65,7 @@ def read_mission(
     if path.name == 'metadata.yaml' and path.is_file():
         path = path.parent
     if path.suffix.lower() != '.json':
-        return read_bag(path, namespace, problem)
+        return _read_bag(path, namespace, problem)
     if namespace is not None:
         raise UnreadableRecording(f"'{path}' is a plan, which has no namespaces to choose from")
     return _read_plan(path, problem)
@@ -85,3 +105,204 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         missing=tuple(missing),
         source=str(path),
     )
+
+
+def _read_bag(
+    path: Path, namespace: str | None = None, given: type[Problem] | None = None
+) -> Mission:
+    """
+    Read the mission that a recording holds, that below `namespace` if it holds several.
+
+    `given` is the class of a problem that is not installed.
+
+    Raises
+    ------
+    UnreadableRecording
+        If it is no recording, cannot be read at all, or holds nothing of the planner's.
+
+    """
+    check_recording(path)
+    notes: list[str] = []
+    topics = _topics(path, notes)
+    summaries = _summaries(topics, notes)
+    reasons: dict[str, list[str]] = {planner: [] for planner in summaries}
+    planners = {
+        planner: Planner(
+            _problem(found, given, reasons[planner]),
+            {name: told.kind for name, told in found[max(found)].vehicles.items()},
+        )
+        for planner, found in summaries.items()
+    }
+    sites = find_sites(topics, planners)
+    if not sites:
+        raise UnreadableRecording(_nothing_of_ours(path, topics.types, ()))
+    chosen = choose(sites, topics, namespace, notes)
+    planner = chosen[0].planner
+    notes += reasons.get(planner, [])
+    return _mission(topics, summaries.get(planner, {}), chosen, path, notes)
+
+
+def _topics(path: Path, notes: list[str]) -> RecordedTopics:
+    """Read the recording as a whole or, failing that, whatever of it can be read."""
+    try:
+        topics = gather(messages(path, wanted))
+        if topics.types:
+            return topics
+    except Exception:  # noqa: B902
+        # Whatever the libraries raise for a damaged file: try what is left.
+        notes.append('The recording was not closed properly, or is damaged.')
+    found: list[str] = []
+    everything: dict[str, str] = {}
+
+    def noted(topic: str, kind: str) -> bool:
+        everything[topic] = kind
+        return wanted(topic, kind)
+
+    topics = gather(salvaged(path, noted, found))
+    notes += found
+    if not topics.types:
+        raise UnreadableRecording(_nothing_of_ours(path, everything, found))
+    return topics
+
+
+def _nothing_of_ours(path: Path, topics: Mapping[str, str], damage: Sequence[str]) -> str:
+    names = [untrusted.text(topic, 60) for topic in sorted(topics) if topic]
+    if not names:
+        reason = damage[0].rstrip('.') if damage else 'it holds no messages'
+        return f"nothing can be read from the recording '{path}': {untrusted.text(reason)}"
+    more = f' and {len(names) - _MOST_NAMED} more' if len(names) > _MOST_NAMED else ''
+    return (
+        f"the recording '{path}' holds nothing of a planner, tracker or plant of tdm_planner; its "
+        f'topics are {", ".join(names[:_MOST_NAMED])}{more}'
+    )
+
+
+def _summaries(topics: RecordedTopics, notes: list[str]) -> Summaries:
+    found: Summaries = {}
+    for topic, received in topics.of_type(STRING, 'plan_summary').items():
+        for item in received:
+            summary = read_summary(item.message.data)
+            if summary is None:
+                notes.append(f'{untrusted.text(topic)}: a summary of a plan cannot be read.')
+            else:
+                found.setdefault(namespace_of(topic), {})[summary.start] = summary
+    return found
+
+
+def _problem(
+    summaries: Mapping[int, PlanSummary], given: type[Problem] | None, notes: list[str]
+) -> Problem | None:
+    """Return the problem as it was asked last."""
+    last = summaries[max(summaries)]
+    return problem_of(last.problem, last.figures(0).parameters, given, notes)
+
+
+def _mission(
+    topics: RecordedTopics,
+    summaries: Mapping[int, PlanSummary],
+    sites: Sequence[Site],
+    path: Path,
+    notes: list[str],
+) -> Mission:
+    names = _names(sites, summaries)
+    plans: dict[Site, dict[int, Trajectory]] = {}
+    for site in sites:
+        told = {
+            start: summary.vehicles[names[site]].interpolation
+            for start, summary in summaries.items()
+            if names[site] in summary.vehicles
+        }
+        plans[site] = read_plans(topics, site.namespace, site.view.kind, told, notes)
+    starts = sorted({start for found in plans.values() for start in found})
+    origin = (starts or sorted(summaries) or _firsts(topics, sites))[0]
+    figures = [summaries[start].figures(origin) for start in sorted(summaries)]
+    vehicles = []
+    for site in sites:
+        own = followed(plans[site], origin)
+        found = measured(topics, site, origin, own)
+        vehicles.append(Vehicle(names[site], site.view, own, **found))
+    clock = RecordedClock.of(topics)
+    happened, left_out = events(topics, sites[0].planner, origin, clock)
+    if left_out:
+        notes.append(f'{left_out} of the lesser warnings and changes of state are not listed.')
+    notes += _gaps(topics, sites, vehicles, summaries, names)
+    return Mission(
+        title=sites[0].view.title or names[sites[0]],
+        problem=next((s.problem for s in summaries.values()), ''),
+        vehicles=tuple(vehicles),
+        figures=tuple(figures),
+        events=tuple(happened),
+        parameters=next((f.parameters for f in reversed(figures) if f.parameters), {}),
+        missing=tuple(dict.fromkeys(notes)),
+        document=summaries[max(summaries)].document if summaries else {},
+        source=str(path),
+        recorded_at=origin * NANOSECOND,
+        speed=1.0 if clock is None else clock.speed,
+    )
+
+
+def _names(sites: Sequence[Site], summaries: Mapping[int, PlanSummary]) -> dict[Site, str]:
+    """Return what the vehicles are called: as in the summaries, or by their namespaces."""
+    told = next(iter(summaries.values())).vehicles if summaries else {}
+    names = {}
+    for site in sites:
+        own = untrusted.text(site.namespace.rsplit('/', 1)[-1], 60)
+        if site.namespace == site.planner:
+            own = next(iter(told)) if len(told) == 1 else site.view.name
+        names[site] = own or site.view.name
+    return names
+
+
+def _firsts(topics: RecordedTopics, sites: Sequence[Site]) -> list[int]:
+    """Return the instant of the first measurement [ns]."""
+    own = {site.namespace for site in sites}
+    firsts = [
+        int(stream.instants[0])
+        for topic, stream in topics.streams.items()
+        if namespace_of(topic) in own and stream.instants.size
+    ]
+    return sorted(firsts) or [0]
+
+
+def _gaps(
+    topics: RecordedTopics,
+    sites: Sequence[Site],
+    vehicles: Sequence[Vehicle],
+    summaries: Mapping[int, PlanSummary],
+    names: Mapping[Site, str],
+) -> list[str]:
+    """Say what is not in the recording, and what follows."""
+    found = []
+    for site, vehicle in zip(sites, vehicles, strict=True):
+        where = untrusted.text(site.namespace, 100)
+        states = 'odom' if site.view.kind.odometry else 'joint_states'
+        expected: list[tuple[str, object, str]] = [
+            (states, vehicle.states, 'what the plant did is not known'),
+            ('joint_command', vehicle.commands, 'what the tracker asked for is not known'),
+            ('tracking_error', vehicle.tracking_error, 'errors are those of states and plans'),
+        ]
+        if site.view.kind.odometry:
+            told = 'what the actuators did is not known'
+            expected.append(('joint_states', vehicle.applied, told))
+        for topic, there, consequence in expected:
+            if there is None:
+                found.append(f'{where}/{topic} is not in the recording, or empty: {consequence}.')
+        if not vehicle.plans:
+            found.append(f'There is no plan of {vehicle.name} in the recording.')
+    if not summaries:
+        found.append(
+            f'{untrusted.text(sites[0].planner, 100)}/plan_summary is not in the '
+            'recording: neither cost nor limits of the plans are known.'
+        )
+    named = next(iter(summaries.values())).vehicles if summaries else {}
+    found += [
+        f'Nothing of {name}, which the plan names, is in the recording.'
+        for name in named
+        if name not in names.values()
+    ]
+    for counts, fault in (
+        (topics.malformed, 'are not what their type says and were left out'),
+        (topics.not_finite, 'hold values that are not finite, which were left out'),
+    ):
+        found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
+    return found

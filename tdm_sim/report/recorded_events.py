@@ -60,35 +60,6 @@ class RecordedClock:
         return int(self.shown[nearest]) + round((stamp - int(self.recorded[nearest])) * self.speed)
 
 
-@dataclass(frozen=True)
-class Status:
-    """A diagnostic status, published at `instant` [ns] by the node `source`."""
-
-    instant: int
-    level: Severity
-    source: str
-    message: str
-    values: dict[str, str]
-
-
-def statuses(topics: RecordedTopics) -> Iterator[Status]:
-    """Return every diagnostic status, in the order recorded."""
-    for received in topics.of_type(DIAGNOSTICS).values():
-        for item in received:
-            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
-            for status in item.message.status:
-                yield Status(
-                    instant=instant,
-                    level=Severity(min(max(int(status.level), 0), 3)),
-                    source=untrusted.text(status.name.split(':')[0], 200),
-                    message=untrusted.text(status.message),
-                    values={
-                        untrusted.text(pair.key, 200): untrusted.text(pair.value)
-                        for pair in status.values[: untrusted.MOST_ENTRIES]
-                    },
-                )
-
-
 def events(
     topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
 ) -> tuple[list[Event], int]:
@@ -109,15 +80,18 @@ def events(
 
 def _changes(topics: RecordedTopics, namespace: str, origin: int) -> Iterator[Event]:
     last: dict[str, tuple[Severity, str]] = {}
-    for status in statuses(topics):
-        own = status.source.startswith(f'{namespace.rstrip("/")}/')
-        now = status.level, status.message
-        if status.level == Severity.OK and (status.message in _PASSING or not own):
-            continue
-        if last.get(status.source) != now:
-            last[status.source] = now
-            time = (status.instant - origin) * NANOSECOND
-            yield Event(time, status.level, status.source, status.message)
+    for received in topics.of_type(DIAGNOSTICS).values():
+        for item in received:
+            instant = nanoseconds_of(item.message.header.stamp) or item.stamp
+            for status in item.message.status:
+                level = Severity(min(max(int(status.level), 0), 3))
+                source = untrusted.text(status.name.split(':')[0], 200)
+                now = level, untrusted.text(status.message)
+                own = source.startswith(f'{namespace.rstrip("/")}/')
+                passing = level == Severity.OK and (now[1] in _PASSING or not own)
+                if not passing and last.get(source) != now:
+                    last[source] = now
+                    yield Event((instant - origin) * NANOSECOND, level, source, now[1])
 
 
 def _logged(

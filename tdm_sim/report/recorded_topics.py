@@ -40,7 +40,7 @@ _STREAMS = (JOINT_STATE, ODOMETRY)
 _MESSAGES = (PLAN, DIAGNOSTICS, STATUSES, LOG, CLOCK)
 _LATEST = 2**63 - 1  # ns
 _LARGEST = 1e100  # a number beyond it is damage; its square still is a number
-_MOST_JOINTS = 64  # of a topic
+_MOST_COLUMNS = 200  # of a topic
 _MOST_MESSAGES = 20_000  # of a topic that is not a stream of numbers
 _DAY = 86_400.0  # s
 
@@ -108,58 +108,52 @@ class RecordedTopics:
 
 @dataclass
 class _StreamParts:
-    """A topic's numbers as they come in: rows of messages that have the same joints."""
+    """A topic's numbers as they come in: one row by name, and its instant, a message."""
 
-    rows: dict[tuple[str, ...], list[list[float]]] = field(default_factory=dict)
-    instants: dict[tuple[str, ...], list[int]] = field(default_factory=dict)
+    rows: list[dict[str, float]] = field(default_factory=list)
+    instants: list[int] = field(default_factory=list)
+    names: dict[str, None] = field(default_factory=dict)
     frame: str = ''
 
     def take(self, message: Any, stamp: int) -> None:
         """Keep a message's numbers; ValueError where it contradicts itself."""
         if hasattr(message, 'pose'):
-            names: tuple[str, ...] = ODOMETRY_COLUMNS
-            row = _odometry(message)
+            row = dict(zip(ODOMETRY_COLUMNS, _odometry(message), strict=True))
             self.frame = message.header.frame_id
         else:
-            joints = tuple(message.name)
-            if len(set(joints)) != len(joints) or len(joints) > _MOST_JOINTS:
-                raise ValueError('joints that are named twice, or too many')
-            given = [quantity for quantity in QUANTITIES if len(getattr(message, quantity))]
-            names = tuple(f'{joint}.{quantity}' for quantity in given for joint in joints)
-            row = []
-            for quantity in given:
-                values = getattr(message, quantity).tolist()
-                if len(values) != len(joints):
-                    raise ValueError(f'{len(values)} values of {quantity}')
-                row += values
-        if names not in self.rows and len(self.rows) >= _MOST_JOINTS:
-            raise ValueError('too many sets of joints')
-        self.rows.setdefault(names, []).append(row)
-        at = nanoseconds_of(message.header.stamp) or stamp
-        self.instants.setdefault(names, []).append(at)
+            row = _joints(message)
+        if len({**self.names, **row}) > _MOST_COLUMNS:
+            raise ValueError('too many joints')
+        self.names |= dict.fromkeys(row)
+        self.rows.append(row)
+        self.instants.append(nanoseconds_of(message.header.stamp) or stamp)
 
     def stream(self) -> tuple[Stream, int]:
         """Return everything in order of time, and how many messages held infinities or NaN."""
-        sizes = [len(rows) for rows in self.rows.values()]
-        instants = np.array([at for part in self.instants.values() for at in part], dtype=np.int64)
-        found: dict[str, Array] = {}
-        bad = np.zeros(instants.size, dtype=bool)
-        start = 0
-        for (names, rows), size in zip(self.rows.items(), sizes, strict=True):
-            values = np.array(rows, dtype=float).reshape(size, len(names))
-            sound = np.abs(values) < _LARGEST
-            own = slice(start, start + size)
-            bad[own] = (~sound).any(axis=1)
-            values[~sound] = np.nan
-            for name, column in zip(names, values.T, strict=True):
-                whole = found.setdefault(name, np.full(instants.size, np.nan))
-                whole[own] = column
-            start += size
+        instants = np.array(self.instants, dtype=np.int64)
+        nothing = dict.fromkeys(self.names, 0.0)  # which is sound
+        absent = np.array([[name not in row for name in self.names] for row in self.rows])
+        values = np.array([list((nothing | row).values()) for row in self.rows], dtype=float)
+        sound = np.abs(values) < _LARGEST
+        values[~sound | absent] = np.nan
         order = np.argsort(instants, kind='stable')
         away = (instants[order] - instants[order[order.size // 2]]) * NANOSECOND
         order = order[np.abs(away) < _DAY]  # of one recording, as most others
-        columns = {name: column[order] for name, column in found.items()}
-        return Stream(instants[order], columns, self.frame), int(bad.sum())
+        columns = dict(zip(self.names, values[order].T, strict=True))
+        return Stream(instants[order], columns, self.frame), int((~sound).any(axis=1).sum())
+
+
+def _joints(message: Any) -> dict[str, float]:
+    """Return the numbers of a JointState; ValueError where it contradicts itself."""
+    if len(set(message.name)) != len(message.name):
+        raise ValueError('joints that are named twice')
+    row: dict[str, float] = {}
+    for quantity in QUANTITIES:
+        values = getattr(message, quantity).tolist()
+        if values:
+            names = [f'{joint}.{quantity}' for joint in message.name]
+            row |= zip(names, values, strict=True)
+    return row
 
 
 def _odometry(message: Any) -> list[float]:

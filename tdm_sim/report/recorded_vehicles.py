@@ -196,21 +196,11 @@ def _motions(topics: RecordedTopics, site: Site) -> Iterator[tuple[int, int]]:
             yield start, start + nanoseconds_of(received.message.points[-1].time_from_start)
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What was measured of a vehicle, and what it was told."""
-
-    states: Signals | None
-    commands: Signals | None
-    applied: Signals | None
-    tracking_error: Signals | None
-
-
 def measured(
     topics: RecordedTopics, site: Site, origin: int, plans: tuple[FollowedPlan, ...]
-) -> Measured:
+) -> dict[str, Signals | None]:
     """
-    Return measured states and controls, times from `origin` [ns].
+    Return measured states and controls as a `Vehicle` has them, times from `origin` [ns].
 
     Angles are counted on the turn on which the first plan that was followed starts.
     """
@@ -227,12 +217,12 @@ def measured(
     odometry = topics.stream(f'{site.namespace}/odom', ODOMETRY) if kind.odometry else None
     if kind.odometry:
         states = None if odometry is None else _moving(odometry, states, site.view, origin, units)
-    return Measured(
-        states=None if states is None else _on_planned_turn(states, plans, site.view),
-        commands=signals('joint_command', kind.actuated, kind.control_names),
-        applied=signals('joint_states', kind.actuated, kind.control_names),
-        tracking_error=signals('tracking_error', kind.joints, kind.state_names),
-    )
+    return {
+        'states': None if states is None else _on_planned_turn(states, plans, site.view),
+        'commands': signals('joint_command', kind.actuated, kind.control_names),
+        'applied': signals('joint_states', kind.actuated, kind.control_names),
+        'tracking_error': signals('tracking_error', kind.joints, kind.state_names),
+    }
 
 
 def columns_of(stream: Stream, joints: Sequence[Joint], wanted: Sequence[str]) -> Columns:
@@ -313,23 +303,15 @@ _BEGUN = {2, 3, 4}  # EXECUTING, CANCELING, SUCCEEDED
 _OVER = {5, 6}  # CANCELED, ABORTED
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedPlan:
-    """A plan whose motion starts at the instant `start` [ns]."""
-
-    start: int
-    trajectory: Trajectory
-
-
 def read_plans(
     topics: RecordedTopics,
     namespace: str,
     kind: PlantKind,
     told: Mapping[int, Interpolation | None],
     notes: list[str],
-) -> list[RecordedPlan]:
+) -> dict[int, Trajectory]:
     """
-    Return the plans published in a vehicle's namespace, in the order of their starts.
+    Return the plans published in a vehicle's namespace, by the starts of their motions [ns].
 
     `told` is what summaries say of the samples, by the start of the motion [ns]. A plan that
     cannot be read is told in `notes`, and so are those that the tracker never began: it rejected
@@ -342,27 +324,23 @@ def read_plans(
             f'{len(never_begun)} of the plans on {namespace}/trajectory were rejected by the '
             'tracker or superseded before they began.'
         )
-    plans = []
+    plans = {}
     for start in sorted(set(motions) - never_begun):
         try:
-            trajectory = read_plan(kind, motions[start], told.get(start))
+            plans[start] = read_plan(kind, motions[start], told.get(start))
         except (InvalidProblem, ValueError, IndexError) as error:
             reason = untrusted.text(str(error))
             notes.append(f'A plan on {namespace}/trajectory cannot be read: {reason}.')
-            continue
-        plans.append(RecordedPlan(start, trajectory))
     return plans
 
 
-def followed(
-    plans: Sequence[RecordedPlan], origin: int, plan_ids: Mapping[int, str]
-) -> tuple[FollowedPlan, ...]:
+def followed(plans: Mapping[int, Trajectory], origin: int) -> tuple[FollowedPlan, ...]:
     """Return plans with times from `origin` [ns], each until the next one starts."""
-    starts = [(plan.start - origin) * NANOSECOND for plan in plans]
-    ends = [*starts[1:], None][: len(starts)]
+    times = [(start - origin) * NANOSECOND for start in plans]
+    ends = [*times[1:], None][: len(times)]
     return tuple(
-        FollowedPlan(plan.trajectory, start, plan_ids.get(plan.start, ''), until)
-        for plan, start, until in zip(plans, starts, ends, strict=True)
+        FollowedPlan(plan, time, until)
+        for plan, time, until in zip(plans.values(), times, ends, strict=True)
     )
 
 

@@ -153,7 +153,7 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     if not view.is_held(plan.trajectory):
         if end < plan.end - _LAST:
             return [], end
-        at = Signals(np.array([plan.end]), _at(states, plan.end), states.names, states.units)
+        at = _at(states, min(plan.end, end))
         _, missed = goal_errors(view, plan.trajectory, at)
         found = [f'{late} at the planned end{_worst(vehicle, at)}'] if (missed > 1.0).any() else []
         return found + _conditions(vehicle, plan, at), None
@@ -162,17 +162,16 @@ def _reached(vehicle: Vehicle) -> tuple[list[str], float | None]:
     if since > plan.end + view.settling:
         if end <= plan.end + view.settling:
             return [], end
-        last = Signals(states.times[-1:], states.values[-1:], states.names, states.units)
         when = f' within {view.settling:g} s of the planned end'
-        return [f'{late}{when}{_worst(vehicle, last)}'], None
+        return [f'{late}{when}{_worst(vehicle, _at(states, end))}'], None
     if end - max(since, vehicle.plans[0].start) < HOLD_TIME:
         return [], end
-    last = Signals(states.times[-1:], states.values[-1:], states.names, states.units)
-    return _conditions(vehicle, plan, last), None
+    return _conditions(vehicle, plan, _at(states, end)), None
 
 
-def _at(states: Signals, instant: float) -> Array:
-    return states.at(np.array([min(instant, float(states.times[-1]))]))
+def _at(states: Signals, instant: float) -> Signals:
+    at = np.array([instant])
+    return Signals(at, states.at(at), states.names, states.units)
 
 
 def _worst(vehicle: Vehicle, at: Signals) -> str:

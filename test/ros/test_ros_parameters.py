@@ -35,13 +35,12 @@ from ros_harness import ros_arguments
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.ros_parameters import descriptor, ParameterNode
-from tdm_planner.parameter_files import parse_yaml
+from tdm_planner.parameter_files import parse_yaml, ros_parameters
 from tdm_planner.parameters import (
     parameter,
     ParameterSpec,
     POSITIVE,
     Range,
-    ros_parameters,
     specifications,
     to_mapping,
     Validated,

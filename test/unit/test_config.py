@@ -12,30 +12,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-import re
 from typing import Any
-from xml.etree import ElementTree
 
 import pytest
 from ros_harness import Ros, SOURCE
-from tdm_planner.parameters import ros_parameters
+from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation
 from tdm_planner.problems.base import problem_parameters
 import yaml
 
 FILES = sorted((SOURCE / 'config').glob('*.yaml'), key=lambda path: path.name)
-# Elements, their attributes (a * may be left out) and children.
-SCHEMA: dict[str, tuple[set[str], set[str]]] = {
-    'policy': ({'version'}, {'contexts'}),
-    'contexts': (set(), {'context'}),
-    'context': ({'path'}, {'profiles'}),
-    'profiles': ({'type*'}, {'profile', 'metadata'}),
-    'profile': ({'ns', 'node'}, {'topics', 'services', 'actions'}),
-    'topics': ({'publish*', 'subscribe*'}, {'topic'}),
-    'services': ({'reply*', 'request*'}, {'service'}),
-    'topic': (set(), set()),
-    'service': (set(), set()),
-}
 PROBLEMS: dict[str, type[Problem]] = {
     'pendulum.yaml': PendulumSwingUp,
     'robots.yaml': RobotFormation,
@@ -78,7 +64,7 @@ def test_nodes_agree_on_plant_and_limits(path: Path):
 
 def test_ros2_param_dump_can_nest_every_name():
     """It fails where a parameter is also the group of another."""
-    parameters = pytest.importorskip('tools.node_parameters').parameters_by_node()
+    parameters = pytest.importorskip('tools.node_tables').parameters_by_node()
     for node, names in parameters.items():
         groups = {name[:k] for name in names for k, letter in enumerate(name) if letter == '.'}
         assert not groups & set(names), node
@@ -105,18 +91,3 @@ def test_ros_reads_the_same_values_in_every_namespace(path: Path, ros: Ros):
             node.destroy_node()
             plain = {k: list(v) if hasattr(v, 'tolist') else v for k, v in read.items()}
             assert plain == expected, namespace
-
-
-def test_the_policy_follows_the_schema() -> None:
-    """Of sros2 (policy.xsd); that it allows what nodes use is shown in test/ros."""
-    policy = ElementTree.parse(SOURCE / 'config' / 'security' / 'policy.xml').getroot()
-    assert (policy.tag, policy.get('version')) == ('policy', '0.2.0')
-    for element in policy.iter():
-        attributes, children = SCHEMA[element.tag]
-        assert {name for name in attributes if not name.endswith('*')} <= set(element.attrib)
-        assert set(element.attrib) <= {name.rstrip('*') for name in attributes}
-        assert {child.tag for child in element} <= children
-        if element.tag in ('topic', 'service'):
-            assert re.fullmatch(r'(/[A-Za-z_][A-Za-z0-9_]*)+', element.text or '')
-    paths = [context.get('path') for context in policy.iterfind('contexts/context')]
-    assert len({*paths}) == len(paths)

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_value
+from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import (
     build,
     flatten,
@@ -27,7 +28,6 @@ from tdm_planner.parameters import (
     parameter,
     POSITIVE,
     Range,
-    ros_parameters,
     specifications,
     to_mapping,
     Validated,

@@ -54,13 +54,6 @@ def test_users_of_the_library_get_the_same_as_an_error_and_no_environment() -> N
     assert done.stdout.endswith('[False, False, False]\n')
 
 
-def test_setup_requires_the_same_packages() -> None:
-    setup = (SOURCE / 'setup.py').read_text(encoding='utf-8')
-    (listed,) = re.findall(r'install_requires=\[(.*?)\]', setup, re.DOTALL)
-    names = re.findall(r"'([\w-]+)[^']*'", listed)
-    assert sorted(names) == sorted(REQUIRED.values())
-
-
 def test_launch_files_need_only_what_ubuntu_has() -> None:
     """`ros2 launch` runs them in the system's Python, not in the environment of the nodes."""
     pytest.importorskip('rclpy')

@@ -7,11 +7,13 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a maintainer looks at before a release: manifest, changelog, version."""
+"""What a maintainer looks at before a release: manifest, changelog, versions, links."""
 
 from __future__ import annotations
 
 import ast
+from pathlib import Path
+import re
 import sys
 from xml.etree import ElementTree
 
@@ -19,8 +21,8 @@ import pytest
 from ros_harness import SOURCE
 import tdm_planner
 from tdm_planner.starting import REQUIRED
+from tools import links
 
-# Order and number of elements in package_format3.xsd (REP 149).
 # What a package that is imported is called by rosdep, where not simply its name.
 ROSDEP_KEYS = {
     name: f'python3-{name}'
@@ -29,6 +31,8 @@ ROSDEP_KEYS = {
 WITHOUT_KEY = {*REQUIRED} - {*ROSDEP_KEYS}  # not in Ubuntu's archive: `make setup` installs them
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 OURS = {'tdm_planner', 'tdm_sim', 'tools', 'benchmark', 'test', 'docs'}
+SETUP = (SOURCE / 'setup.py').read_text(encoding='utf-8')
+CHANGELOG = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
 
 
 def imported(*folders: str) -> set[str]:
@@ -71,13 +75,57 @@ def test_catkin_can_read_manifest_and_changelog_and_raise_the_version() -> None:
     assert manifest.version == tdm_planner.__version__
     changelog = pytest.importorskip('catkin_pkg.changelog')
     package_version = pytest.importorskip('catkin_pkg.package_version')
-    text = (SOURCE / 'CHANGELOG.rst').read_text(encoding='utf-8')
     made = changelog.Changelog('tdm_planner')
-    read = changelog.populate_changelog_from_rst(made, text)
+    read = changelog.populate_changelog_from_rst(made, CHANGELOG)
     sections = {str(version): content for version, _, content in read.foreach_version()}
     assert tdm_planner.__version__ in sections
     assert all(len(content) for content in sections.values())
-    setup = (SOURCE / 'setup.py').read_text(encoding='utf-8')
-    assert f"version='{tdm_planner.__version__}'," in setup
-    raised = package_version._replace_setup_py_version(setup, '7.8.9')
+    newest = re.findall(r'^(.+)\n-+$', CHANGELOG, re.MULTILINE)[0]
+    assert newest == 'Forthcoming' or newest.startswith(tdm_planner.__version__)
+    assert f"version='{tdm_planner.__version__}'," in SETUP
+    raised = package_version._replace_setup_py_version(SETUP, '7.8.9')
     assert "version='7.8.9'," in raised
+
+
+def package_name(requirement: str) -> str:
+    name = re.split(r'[\[<>=; ]', requirement)[0]
+    return re.sub(r'[-_.]+', '-', name).lower()
+
+
+def pins(name: str) -> dict[str, str]:
+    """Return the versions that a file of constraints pins; of several the first."""
+    lines = (SOURCE / name).read_text(encoding='utf-8').splitlines()
+    pinned = [line.split(';')[0].split('==') for line in lines if line and line[0] != '#']
+    return {package_name(package): version.strip() for package, version in reversed(pinned)}
+
+
+def test_every_requirement_is_pinned_and_the_oldest_are_those_of_ubuntu():
+    """`make test CONSTRAINTS=constraints-noble.txt` runs with the versions that setup.py names."""
+    arguments = {n.arg: n.value for n in ast.walk(ast.parse(SETUP)) if isinstance(n, ast.keyword)}
+    listed = ast.literal_eval(arguments['install_requires'])
+    extras = ast.literal_eval(arguments['extras_require']).values()
+    assert sorted(map(package_name, listed)) == sorted(map(package_name, REQUIRED.values()))
+    every = {package_name(requirement) for group in (listed, *extras) for requirement in group}
+    assert {'numpy', 'ros-jazzy-rclpy', 'ruff'} <= every
+    assert every <= set(pins('constraints.txt'))
+    oldest = dict(re.findall(r"'([\w-]+)>=([\d.]+)'", SETUP))
+    assert {'numpy', 'scipy', 'matplotlib', 'PyYAML', 'rich', 'plotly'} == set(oldest)
+    noble = pins('constraints-noble.txt')
+    for name in set(oldest) - {'plotly'}:
+        assert noble[package_name(name)].startswith(oldest[name]), name
+
+
+def test_links_of_the_pages_are_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'a.html').write_text('<a href="b.html#x">b</a> <a href="b.html#y">y</a>')
+    (tmp_path / 'b.html').write_text('<p id="x"> <img src="c.png"> <a href="https://x">x</a>')
+    monkeypatch.setattr(sys, 'argv', ['links', str(tmp_path)])
+    assert links.main() == 1
+    *dead, last = capsys.readouterr().out.splitlines()
+    assert dead == ['a.html: b.html#y leads nowhere', 'b.html: c.png leads nowhere']
+    assert last == f'{tmp_path}: 2 pages, 2 dead links'
+    monkeypatch.setattr(sys, 'argv', ['links'])
+    with pytest.raises(SystemExit, match='2'):
+        links.main()
+    assert 'required: folder' in capsys.readouterr().err

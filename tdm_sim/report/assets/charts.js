@@ -22,13 +22,10 @@ function chartSet(charts, clock) {
   const hidden = { kind: new Set(['commanded']), series: new Set() };
   let linking = false;
 
-  function visible(trace) {
-    return !hidden.kind.has(trace.meta.kind) && !hidden.series.has(trace.meta.series);
-  }
-
-  function drawAll(range) {
+  // With a range [s] where it changes; else as zoomed.
+  function drawAll(range = null) {
     const theme = currentTheme();
-    return Promise.all(views.map((view) => view.draw(theme, range, visible)));
+    return Promise.all(views.map((view) => view.draw(theme, range, hidden)));
   }
 
   function zoom(range, except) {
@@ -44,13 +41,12 @@ function chartSet(charts, clock) {
   function toggle(group, name) {
     const set = hidden[group];
     if (!set.delete(name)) set.add(name);
-    for (const view of views) view.restyle(visible, hidden);
+    drawAll();
   }
 
   function connect(initial) {
     for (const view of views) {
-      view.addLegend(toggle);
-      view.restyle(visible, hidden);
+      view.addLegend(toggle, hidden);
       view.node.on('plotly_relayout', (change) => {
         if (linking) return;
         const low = change['xaxis.range[0]'], high = change['xaxis.range[1]'];
@@ -61,11 +57,7 @@ function chartSet(charts, clock) {
   }
 
   clock.listen((t) => views.forEach((view) => view.cursor(t)));
-  const resize = () => {
-    const theme = currentTheme();
-    for (const view of views) view.resize(theme, hidden);
-  };
-  return { drawAll, zoom, connect, resize };
+  return { drawAll, zoom, connect };
 }
 
 function chartView(chart, clock) {
@@ -113,33 +105,26 @@ function chartView(chart, clock) {
     return result;
   }
 
-  function draw(colours, range, visible) {
+  function draw(colours, range, hidden) {
     theme = colours;
-    for (const trace of chart.data) {
-      trace.line.color = traceColour(theme, trace);
-      trace.visible = visible(trace);
-    }
+    const data = chart.data.map((trace) => ({ ...trace,
+      line: { ...trace.line, color: traceColour(theme, trace) },
+      visible: !hidden.kind.has(trace.meta.kind) && !hidden.series.has(trace.meta.series) }));
     const config = { displaylogo: false, responsive: false, doubleClick: 'reset',
       displayModeBar: false, showTips: false };
-    return Plotly.newPlot(node, chart.data, layout(range), config).then(() => {
-      drawn = true;
-      node.appendChild(overlay);
-      follow();
+    paintLegend(hidden);
+    return Plotly.react(node, data, layout(range), config).then(() => {
+      if (!drawn) {
+        drawn = true;
+        node.appendChild(overlay);
+        follow();
+      }
       cursor(clock.t);
-    });
-  }
-
-  function resize(colours, hidden) {
-    theme = colours;
-    Plotly.update(node, { 'line.color': node.data.map((trace) => traceColour(theme, trace)) },
-      layout(null)).then(() => {
-      cursor(clock.t);
-      paintLegend(hidden);
     });
   }
 
   // Kinds of curves that are there, and whose they are: each a button.
-  function addLegend(toggle) {
+  function addLegend(toggle, hidden) {
     const list = document.createElement('ul');
     list.className = 'legend';
     const entries = new Map();
@@ -164,6 +149,7 @@ function chartView(chart, clock) {
     }
     list.classList.toggle('many', entries.size > 14);
     node.before(list);
+    paintLegend(hidden);
   }
 
   function paintLegend(hidden) {
@@ -172,11 +158,6 @@ function chartView(chart, clock) {
       const one = group === 'kind' && meta.series && meta.colour !== undefined;
       swatch.style.setProperty('--colour', one ? theme.text : traceColour(theme, { meta }));
     }
-  }
-
-  function restyle(visible, hidden) {
-    paintLegend(hidden);
-    Plotly.restyle(node, { visible: node.data.map(visible) }).then(() => cursor(clock.t));
   }
 
   function cursor(t) {
@@ -240,7 +221,7 @@ function chartView(chart, clock) {
     });
   }
 
-  return { node, draw, resize, restyle, addLegend, cursor };
+  return { node, draw, addLegend, cursor };
 }
 
 // The title as plotly writes it: its name is escaped already, the rest is escaped here.

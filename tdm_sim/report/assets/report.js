@@ -48,7 +48,7 @@ function startReport() {
 
   function redraw() {
     if (scene) { scene.resize(); scene.update(clock.t); }
-    charts.resize();
+    charts.drawAll();
   }
   let width = document.documentElement.clientWidth;
   addEventListener('resize', () => {

@@ -56,4 +56,4 @@ def test_sections_for_real() -> None:
     assert outcome.figures is not None
     assert outcome.figures['3 robots']['verified'] == 1
     assert '1/1' in SECTIONS['robots'].table(outcome.figures)
-    assert pendulum(0.3, seeds=1, replanning=True)['runs'] == 1
+    assert pendulum(0.3, seeds=1)['runs'] == 1

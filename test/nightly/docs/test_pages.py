@@ -35,8 +35,7 @@ from tdm_planner import cli
 from tdm_planner.plan_files import load_plan
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import problem_names
-from tools.node_parameters import parameters_by_node
-from tools.node_tables import declared_arguments
+from tools.node_tables import declared_arguments, parameters_by_node
 import yaml
 
 PAGES = sorted(

@@ -83,7 +83,7 @@ FIGURES = {
     'lines': {},
     'double_integrator': {},
     'brachistochrone': 1.5,
-    'landing': {'cost': {}},
+    'landing': {'ratio': {}, 'reference': 1.0, 'reference_half_grid': 1.0},
 }
 
 
@@ -109,9 +109,13 @@ def test_a_failure_is_on_the_page_and_in_the_exit_code(
     printed = capsys.readouterr()
     assert 'a line of its log' in printed.out
     assert printed.err.startswith('failed: pendulum, rigs, robots')
-    with pytest.raises(SystemExit):
-        measure('latencies')
-    assert "there is no section 'latencies'" in capsys.readouterr().err
+    for words, said in (
+        (['latencies'], "there is no section 'latencies'"),
+        (['peers', '--set', 'seeds=1'], "'peers' has no setting 'seeds': must be of cases"),
+    ):
+        with pytest.raises(SystemExit):
+            measure(*words)
+        assert said in capsys.readouterr().err
 
 
 def test_a_section_alone_brings_the_page_up_to_date(
@@ -119,9 +123,10 @@ def test_a_section_alone_brings_the_page_up_to_date(
 ) -> None:
     assert measure('library', '--no-docs') == 0
     assert not list(tmp_path.iterdir())
-    assert (measure('library'), measure('robots')) == (0, 1)
+    assert (measure('library', '--set', 'free=[2]'), measure('robots')) == (0, 1)
     records = json.loads((tmp_path / 'benchmarks.json').read_text())
     assert list(records) == ['robots', 'library']  # in the order of the page
+    assert records['library']['settings']['free'] == [2]
     text = (tmp_path / 'benchmarks.md').read_text()
     assert 'brachistochrone, time over the cycloid: 1.5' in text
     assert '`python -m benchmark robots`, today: **failed**' in text

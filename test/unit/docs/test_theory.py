@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Equations of docs/theory.md written down a second time: speed factor, pendulum, cost."""
+"""Equations of docs/theory.md written down a second time: pendulum, cost and penalty."""
 
 from __future__ import annotations
 
@@ -15,45 +15,36 @@ import math
 
 import numpy as np
 import pytest
+from replays import pendulum_rates
 from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.parameters import to_mapping
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.rotary_pendulum import driven
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_verification import penalty
 
 RNG = np.random.default_rng(7)
-S = np.linspace(0.0, 1.0, 11)
-PENDULUM = RotaryPendulum()
 
 
 def test_the_speed_factor_and_time_along_the_arc():
-    """Time is the integral of mu, which is positive where its coefficients are."""
-    b = np.array([0.5, 2.0, 1.0])
-    expected = sum(b[i] * math.comb(2, i) * S**i * (1 - S) ** (2 - i) for i in range(3))
-    assert bernstein_basis(2, S) @ b == pytest.approx(expected)
+    b, s = np.array([0.5, 2.0, 1.0]), np.linspace(0.0, 1.0, 11)
+    expected = sum(b[i] * math.comb(2, i) * s**i * (1 - s) ** (2 - i) for i in range(3))
+    assert bernstein_basis(2, s) @ b == pytest.approx(expected)
     assert bernstein_integral(2, 1.0) @ b == pytest.approx(b.sum() / 3)
 
 
-def test_equations_of_motion_of_the_pendulum():
-    theta, psi, q, w = 0.7, 0.3, 5.0, -4.0
-    torque = 0.015
-    i, m, length = PENDULUM.inertia, PENDULUM.mass, PENDULUM.com_distance
-    ml2, mlr = m * length**2, m * length * PENDULUM.arm_length
-    a, b, c = i.z + ml2, mlr * math.cos(theta), i.x - i.y + ml2
-    turning = (i.x + ml2) * math.sin(theta) ** 2 + i.y * math.cos(theta) ** 2
-    j, mgl = i.disk + m * PENDULUM.arm_length**2 + turning, m * PENDULUM.gravity * length
-    r1 = c / 2 * w**2 * math.sin(2 * theta) + mgl * math.sin(theta)
-    r2 = torque - c * q * w * math.sin(2 * theta) + mlr * q**2 * math.sin(theta)
-    d = a * j - b**2
-    expected = [q, w, (j * r1 - b * r2) / d, (a * r2 - b * r1) / d]
-    state = np.array([theta, psi, q, w])
-    assert PENDULUM.derivative(state, np.array([torque])) == pytest.approx(expected)
-    energy = a * q**2 / 2 + b * q * w + j * w**2 / 2 + mgl * math.cos(theta)
-    assert PENDULUM.energy(state) == pytest.approx(energy)
-    assert PENDULUM.natural_frequency == pytest.approx(math.sqrt(mgl / a))
-    theta_ddot, found = driven(PENDULUM.coefficients, theta, q, w, expected[3])
-    assert found == pytest.approx(torque)
-    assert theta_ddot == pytest.approx((r1 - b * expected[3]) / a)
+def test_equations_of_motion_and_energy_of_the_pendulum():
+    """By the mass matrix; the energy changes by what the torque does."""
+    plant, torque = RotaryPendulum(), 0.015
+    constants = {f'plant.{name}': value for name, value in to_mapping(plant).items()}
+    rates = pendulum_rates(constants)
+    for state in RNG.normal(size=(5, 4)) * [3.0, 1.0, 5.0, 5.0]:
+        expected = rates(state.tolist(), [torque])
+        assert plant.derivative(state, np.array([torque])) == pytest.approx(expected)
+        slope = (plant.energy(state + 1e-6 * np.array(expected)) - plant.energy(state)) / 1e-6
+        assert slope == pytest.approx(torque * state[3], abs=1e-4)
+        theta_ddot, found = driven(plant.coefficients, state[0], *state[2:], expected[3])
+        assert (theta_ddot, found) == pytest.approx((expected[2], torque))
 
 
 @pytest.fixture(scope='module')

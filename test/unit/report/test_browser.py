@@ -14,11 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.util import find_spec
 import json
-import math
 import time
 from typing import Any, ClassVar
 
-from missions import ARENA_PARAMETERS, pendulum_mission, pendulum_states, robots_mission
+from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
 import numpy as np
 import pytest
 
@@ -28,6 +27,7 @@ if find_spec('selenium') is None:
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
 from tools.browser import chromium, open_browser, open_report, PATIENCE
@@ -39,11 +39,6 @@ if chromium() is None:
 
 DESKTOP, PHONE = (1280, 800), (390, 844)
 LOCAL = ('file:', 'data:', 'chrome:')  # the last of the browser's own first page
-EVIL = (
-    '</script><script>window.hacked=1</script>',
-    '<img src=x onerror="window.hacked=2">',
-    '<a href="javascript:window.hacked=3">x</a>{{data}}<!--',
-)
 
 
 class Page:
@@ -187,26 +182,16 @@ class TestNothing(Report):
     mission = Mission('Nothing known', '', ())
 
 
-def pendulum_points(theta: float, psi: float, arm: float, rod: float) -> tuple[Any, Any]:
-    """Pivot and tip by rotations: the rod about the arm, the arm about the vertical."""
-    c, s = math.cos(psi), math.sin(psi)
-    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    # theta turns the rod towards the tangent, y of the arm's frame: about -x
-    c, s = math.cos(theta), math.sin(theta)
-    about_x = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
-    pivot = about_z @ [arm, 0, 0]
-    return pivot, pivot + about_z @ about_x @ [0, 0, rod]
-
-
 class TestPendulum(ReadableReport):
     mission = pendulum_mission()
 
     def test_the_pendulum_stands_where_the_markers_put_it(self, page: Page) -> None:
         views = {'side': lambda p: (p[1], -p[2]), 'top': lambda p: (p[1], p[0])}
+        plant = self.mission.vehicles[0].view.problem.plant
         for t in (0.0, 0.37, 1.1, 2.0):
             page.set_time(t)
             theta, psi = pendulum_states(t)[:2]
-            pivot, tip = pendulum_points(theta, psi, 0.1, 0.12)
+            pivot, tip = pendulum_points(plant, theta, psi)
             for view, project in views.items():
                 scale = page.number(f'#scene-{view}', 'data-scale')
                 rod = page.points(f'#scene-{view} .vehicle.planned .line.body')[1]
@@ -324,7 +309,7 @@ class TestWhatARecordingSaysIsText(Report):
         names=EVIL,
         title=EVIL[0],
         problem=EVIL[2],
-        figures=(PlanFigures('1', 0.0, summary=EVIL[2], cost_terms={EVIL[1]: 1.0}),),
+        figures=(PlanFigures(0.0, summary=EVIL[2], cost_terms={EVIL[1]: 1.0}),),
         events=(Event(0.5, Severity.ERROR, EVIL[0], EVIL[1]),),
         missing=(EVIL[0], EVIL[1]),
         parameters=ARENA_PARAMETERS | {EVIL[0]: EVIL[1]},

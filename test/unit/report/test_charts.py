@@ -7,14 +7,17 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the animation and the charts draw is what was planned and measured, and nothing else."""
+"""Histories by name; animation and charts draw what was planned and measured, nothing else."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, cast
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from missions import (
     ARENA_PARAMETERS,
     DURATION,
@@ -23,9 +26,12 @@ from missions import (
     pendulum_states,
     robot_states,
     robots_mission,
+    unpacked,
 )
 import numpy as np
+import plotly.graph_objects as go
 import pytest
+from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_sim.report.animation import (
@@ -35,7 +41,7 @@ from tdm_sim.report.animation import (
     planned_frames,
     scene,
 )
-from tdm_sim.report.charts import Chart, Curve, Panel, plotly_figure, plotly_json, unpacked
+from tdm_sim.report.charts import Chart, Curve, Panel, plotly_json
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.histories import (
     control_chart,
@@ -44,10 +50,11 @@ from tdm_sim.report.histories import (
     margin_chart,
     plan_instants,
     state_chart,
-    switching_instants,
 )
 from tdm_sim.report.margins import MOST_PAIRS
-from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals, thinned_indices, Vehicle
+from tdm_sim.report.recorded_events import RecordedClock
+from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics
 
 
 def pendulum() -> Vehicle:
@@ -58,7 +65,7 @@ def pendulum() -> Vehicle:
 def replanned(second: float) -> Vehicle:
     """Return a pendulum whose plan starts once more."""
     plan = pendulum_plan()
-    plans = (FollowedPlan(plan, 0.0, '1', until=second), FollowedPlan(plan, second, '2'))
+    plans = (FollowedPlan(plan, 0.0, until=second), FollowedPlan(plan, second))
     return replace(pendulum(), plans=plans)
 
 
@@ -170,13 +177,12 @@ def test_a_plan_is_drawn_as_long_as_it_was_followed() -> None:
     assert planned.times[gaps] == pytest.approx([0.7, 0.7 + DURATION])
     first = planned.times[: gaps[0]]
     assert (first[0], first[-1]) == (0.0, pytest.approx(0.7))
-    switches = [switching_instants(plan) for plan in replanned(0.7).plans]
-    assert switches == [[], pytest.approx([1.5])]
+    assert state_chart(mission).panels[0].switches == pytest.approx([1.5])  # of the second
 
 
 @pytest.mark.parametrize('most', [20, 200, 3000])
 def test_instants_of_a_plan_increase_and_hold_its_switches(most: int) -> None:
-    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1, '1'), most)
+    at = plan_instants(FollowedPlan(pendulum_plan(), 0.1), most)
     assert (np.diff(at) > 0).all()
     assert at.size <= most + 2
     assert np.abs(at - 0.9).min() < 1e-9
@@ -213,7 +219,8 @@ def test_one_plotly_figure_for_a_chart() -> None:
     curve = Curve('planned', t, np.array([0.0, np.nan]), 0, 'x&y')
     first = Panel('a<b', 'm', (curve,), '', (2.0,))
     second = Panel('c', '', (Curve('measured', t, t, 9),))
-    data = plotly_json(plotly_figure(Chart('key', 'title', (first, second)), (0.0, 1.0)))
+    data = plotly_json(Chart('key', 'title', (first, second)), (0.0, 1.0))
+    go.Figure({**data, 'data': [t | {'x': [], 'y': []} for t in data['data']]})  # checks each name
     planned, limit, measured = data['data']
     assert planned['name'] == 'x&amp;y planned'
     assert (planned['yaxis'], measured['yaxis']) == ('y', 'y2')
@@ -224,3 +231,57 @@ def test_one_plotly_figure_for_a_chart() -> None:
     assert 0.0 <= domains[1][0] < domains[1][1] < domains[0][0] < domains[0][1] <= 1.0
     low, high = data['layout']['yaxis']['range']
     assert low < 0.0 < 2.0 < high
+
+
+def test_histories_by_name() -> None:
+    values = np.array([[0, 5], [2, np.nan], [4, 7.0]])
+    found = Signals(np.array([0.0, 1.0, 2.0]), values, ('a', 'b'), ('m', 's'))
+    assert 'a' in found
+    assert 'c' not in found
+    assert found.unit('b') == 's'
+    assert found.column('a').tolist() == [0, 2, 4]
+    chosen = found.select('b', 'a')
+    assert (chosen.names, chosen.units) == (('b', 'a'), ('s', 'm'))
+    assert chosen.values[2].tolist() == [7, 4]
+    assert found.between(0.5, 2.0).times.tolist() == [1, 2]
+    between = found.at(np.array([-1.0, 0.5, 1.5, 3.0]))
+    np.testing.assert_array_equal(between[:, 0], [np.nan, 1.0, 3.0, np.nan])
+    assert np.isnan(between[2, 1])
+    assert Signals(np.zeros(0), np.zeros((0, 1)), ('a',), ('',)).at(np.zeros(3)).shape == (3, 1)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 3000), st.integers(1, 3), st.integers(10, 400), st.integers(0, 2**31))
+def test_thinning_keeps_extremes_ends_and_gaps(n: int, m: int, most: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(n, m))
+    values[rng.random((n, m)) < 0.1] = np.nan
+    kept = thinned_indices(values, most)
+    assert (np.diff(kept) > 0).all()
+    assert kept.size <= max(most, 2 + 2 * m)
+    if n:
+        assert (kept[0], kept[-1]) == (0, n - 1)
+    for k in range(m):
+        if np.isfinite(values[:, k]).any():
+            assert np.nanmin(values[kept, k]) == np.nanmin(values[:, k])
+            assert np.nanmax(values[kept, k]) == np.nanmax(values[:, k])
+
+
+@pytest.mark.parametrize('speed', [0.5, 1.0, 4.0])
+def test_the_speed_and_instants_of_a_simulated_clock(speed: float) -> None:
+    def clock(count: int) -> RecordedClock | None:
+        messages = []
+        for k in range(count):
+            second, nanosecond = divmod(round(k * speed * SECOND), SECOND)
+            shown = SimpleNamespace(sec=100 + second, nanosec=nanosecond)
+            messages.append(Received(SimpleNamespace(clock=shown), (50 + k) * SECOND))
+        told, types = {'/clock': messages}, {'/clock': CLOCK}
+        return RecordedClock.of(RecordedTopics({}, told, types, malformed={}, not_finite={}))
+
+    found = clock(20)
+    assert found is not None
+    assert found.speed == pytest.approx(speed)
+    for recorded in (40.0, 50.0, 52.25, 69.0, 80.0):
+        expected = 100 + (recorded - 50) * speed
+        assert found.instant(round(recorded * SECOND)) / SECOND == pytest.approx(expected)
+    assert (clock(0), clock(1)) == (None, None)

@@ -19,11 +19,10 @@ from missions import (
     ANGLE_UNITS,
     ANGLES,
     DURATION,
+    formation_mission,
     pendulum_mission,
     RATES,
     robot_parameters,
-    robot_view,
-    robots_mission,
 )
 import numpy as np
 import pytest
@@ -65,12 +64,12 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     vehicle = Vehicle(
         'pendulum',
         PendulumView(problem=PendulumSwingUp()),
-        (FollowedPlan(plan, 0.0, '1'),),
+        (FollowedPlan(plan, 0.0),),
         states=Signals(at, measured, NAMES, ANGLE_UNITS),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
     figures = PlanFigures(
-        *('1', 0.0, DURATION, DURATION),
+        *(0.0, DURATION),
         solve_time=0.2,
         margins={'torque': Margin(0.006, 0.25, 'N m')},
         terminal_error={'theta': 2e-5},
@@ -80,9 +79,8 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
 
 
 def formation(after: float = 7.0, **changes: Any) -> Mission:
-    figures = PlanFigures('1', 0.0, DURATION, 1.0, cost_terms={'time': 0.1, 'gas': 0.9})
-    fields = {'parameters': robot_parameters(2), 'figures': (figures,)}
-    return robots_mission(after=after, view=robot_view(robot_parameters(2)), **(fields | changes))
+    figures = PlanFigures(0.0, 1.0, cost_terms={'time': 0.1, 'gas': 0.9})
+    return formation_mission(after=after, **({'figures': (figures,)} | changes))
 
 
 def states_of(mission: Mission) -> Signals:
@@ -108,7 +106,7 @@ def replanned(mission: Mission, start: float, duration: float = DURATION) -> Mis
     for vehicle in mission.vehicles:
         (first,) = vehicle.plans
         times = first.trajectory.times * duration / DURATION
-        second = FollowedPlan(replace(first.trajectory, times=times), start, '2')
+        second = FollowedPlan(replace(first.trajectory, times=times), start)
         vehicles.append(replace(vehicle, plans=(replace(first, until=start), second)))
     return replace(mission, vehicles=tuple(vehicles))
 
@@ -144,7 +142,6 @@ def test_a_swing_up_that_was_caught_and_held() -> None:
     torque = entry(comparison, 'margin of torque', 'pendulum')
     assert (torque.planned, torque.unit) == (pytest.approx(0.006), 'N m')
     assert (torque.achieved, torque.achieved_at) == pytest.approx((0.02 - 0.018, 0.5))
-    assert not torque.violated
     disk = entry(comparison, 'margin of disk_angle', 'pendulum')
     assert disk.planned == pytest.approx(1.5)  # of the planned states
     assert (disk.achieved, disk.achieved_at) == pytest.approx((2.0 - 0.9, 1.0))
@@ -153,7 +150,7 @@ def test_a_swing_up_that_was_caught_and_held() -> None:
 
 def test_a_violated_limit_and_a_goal_that_was_not_held() -> None:
     comparison = compare(swing_up(peak=0.025))
-    assert entry(comparison, 'margin of torque', 'pendulum').violated
+    assert entry(comparison, 'margin of torque', 'pendulum').achieved == pytest.approx(-0.005)
     assert comparison.verdict is not None
     assert not comparison.verdict.reached
     fallen = swing_up()
@@ -285,7 +282,6 @@ def test_a_robot_that_coasts_is_not_at_the_limit_of_its_thrust() -> None:
     assert (full.achieved, full.mark) == (pytest.approx(0.0, abs=1e-9), 'saturated')
     lower = entry(coasting(-0.1), 'margin of thrust, lower bound', 'robot1')
     assert lower.achieved == pytest.approx(-0.1)
-    assert lower.violated
 
 
 def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
@@ -295,7 +291,7 @@ def test_replans_refusals_deadlines_and_errors_are_counted() -> None:
         Event(0.2, Severity.ERROR, '/p/tracker', 'idle'),
         Event(0.3, Severity.WARN, '/p/planner', 'NO_STATE: none'),
     )
-    figures = tuple(PlanFigures(str(k), 0.2 * k, solve_time=0.3 * (k + 1)) for k in range(3))
+    figures = tuple(PlanFigures(0.2 * k, solve_time=0.3 * (k + 1)) for k in range(3))
     mission = replace(swing_up(), events=events, figures=figures)
     assert missed_deadlines(mission) == 4  # two plans took 0.6 s and 0.9 s of 0.5 s
     comparison = compare(mission)

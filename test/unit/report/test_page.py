@@ -19,11 +19,11 @@ from pathlib import Path
 import re
 from typing import Any
 
-from missions import Parts, pendulum_mission, robots_mission
+from missions import Parts, pendulum_mission, robots_mission, unpacked
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_sim.report.charts import json_for_html, packed, unpacked
+from tdm_sim.report.charts import json_for_html
 from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
@@ -89,11 +89,6 @@ def test_json_can_stand_in_html(text: str) -> None:
     assert not set('<>&\u2028') & set(written)
     with pytest.raises(ValueError, match='JSON'):
         json_for_html({'x': float('nan')})
-
-
-def test_numbers_are_packed_in_single_precision_with_gaps() -> None:
-    values = [0.0, -1.5, np.nan, 1e-20, 3.14159265]
-    assert unpacked(packed(values)) == pytest.approx(np.array(values, np.float32), nan_ok=True)
 
 
 @pytest.mark.parametrize(

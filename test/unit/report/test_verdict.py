@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from missions import instants, Item, joint_plan, joint_state, START, summary, write
 import numpy as np
-import pytest
+from recordings import recorded, write
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
@@ -97,7 +96,7 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     vehicle = Vehicle(
         'sled',
         StatedView(problem),
-        (FollowedPlan(motion, 0.0, '1'),),
+        (FollowedPlan(motion, 0.0),),
         states=Signals(at, states, ('x', 'v'), ('m', 'm/s')),
         commands=Signals(at, controls, ('a',), ('m/s^2',)),
     )
@@ -135,27 +134,8 @@ def test_limits_leave_the_feedback_some_room() -> None:
 
 
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
-    motion = plan(0.0)
-    columns = {
-        'positions': motion.states[:, :1] * [1.0, 0.0],
-        'velocities': motion.states[:, 1:] * [1.0, 0.0],
-        'effort': motion.controls * [0.0, 1.0],
-    }
-    table = {'runner': {'position': 'x', 'velocity': 'v'}, 'a': {'effort': 'a'}}
-    told = {'sled': {'interpolation': 'linear', 'joints': table}}
-    items = [
-        Item(
-            '/sled/trajectory', START, joint_plan(START, ('runner', 'a'), motion.times, **columns)
-        ),
-        Item('/sled/plan_summary', START, summary(START, 'sled', {'most': 2.0}, vehicles=told)),
-    ]
-    for t, at in instants(end=9.0):
-        (x, v), (a,) = (part.tolist() for part in motion.sample(np.clip(t, 0.0, LENGTH)))
-        state = joint_state(at, ('runner',), position=[x], velocity=[v], effort=[0.0])
-        items.append(Item('/sled/joint_states', at, state))
-        command = joint_state(at, ('a',), effort=[a if 0.0 <= t < LENGTH else 0.0])
-        items.append(Item('/sled/joint_command', at, command))
-    bag = write(tmp_path / 'bag', items)
+    sled = replace(mission(Sled(), 0.0), parameters={'most': 2.0})
+    bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
     found = verdict(bag, problem=Sled)
     assert found is not None
     assert found.reached, found
@@ -173,11 +153,3 @@ def test_held_from_the_last_time_outside() -> None:
     assert held_from(times, np.array([0, 0, 0, 0, 2.0])) == np.inf
     assert held_from(times, np.array([np.nan, 0, 0, 0, 0])) == 1.0
     assert held_from(times, np.zeros(5)) == 0.0
-
-
-@pytest.mark.parametrize('absent', ['states', 'commands', 'plans'])
-def test_too_little_to_judge_by(absent: str) -> None:
-    whole = mission(Sled(), 0.0)
-    (vehicle,) = whole.vehicles
-    without: Any = {absent: () if absent == 'plans' else None}
-    assert judge(replace(whole, vehicles=(replace(vehicle, **without),))) is None

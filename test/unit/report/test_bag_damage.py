@@ -1,0 +1,168 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Of a recording that is damaged or cut short what is left; what is none is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+from recordings import (
+    after,
+    check_pendulum,
+    filling,
+    Item,
+    joint_state,
+    odometry,
+    pendulum_recording,
+    robot_recording,
+    START,
+    string,
+    told,
+    write,
+)
+from tdm_planner.exceptions import TdmError
+from tdm_sim.report.bag_files import salvaged
+from tdm_sim.report.comparison import compare
+from tdm_sim.report.reader import read_mission
+
+
+def cut(file: Path, size: int) -> Path:
+    """Return a copy of the first bytes of a recording's file."""
+    copy = file.with_name(f'cut_{file.name}')
+    copy.write_bytes(file.read_bytes()[:size])
+    return copy
+
+
+@pytest.mark.parametrize(('storage', 'share'), [('mcap', 0.5), ('sqlite3', 0.95)])
+def test_a_recording_cut_short_is_read_as_far_as_it_goes(
+    tmp_path: Path, storage: str, share: float
+) -> None:
+    bag = write(tmp_path / 'bag', [*pendulum_recording(), *filling()], storage)
+    (bag / 'metadata.yaml').unlink()
+    (file,) = bag.iterdir()
+    mission = read_mission(cut(file, int(share * file.stat().st_size)))
+    assert told(mission, 'cut short') or told(mission, 'damaged')
+    (vehicle,) = mission.vehicles
+    assert vehicle.plans
+    assert vehicle.states is not None
+    assert vehicle.states.times[0] == pytest.approx(-1.0)
+    assert 0.4 * share < vehicle.states.times.size / 500 < 1.0
+
+
+@pytest.mark.parametrize('compression', ['', 'storage'])
+def test_of_a_file_cut_anywhere_all_messages_before_the_cut_are_read(
+    tmp_path: Path, compression: str
+) -> None:
+    """In whole blocks of messages."""
+    items = [item for item in pendulum_recording() if item.stamp < after(1.0)]
+    file = write(tmp_path / 'bag', [*items, *filling()], 'mcap', compression) / 'bag.mcap'
+    size = file.stat().st_size
+    notes: list[str] = []
+    every = list(salvaged(file, lambda *_: True, notes))
+    assert notes == []
+    total = sum(len(item.data) for item in every)
+    random = np.random.default_rng(5)
+    for at in random.integers(size // 50, size, 12).tolist():
+        found = list(salvaged(cut(file, at), lambda *_: True, notes))
+        assert found == every[: len(found)]
+        # 3 % are definitions and index, and a block is a megabyte at most
+        least = 0.97 * at / size * total - 1_100_000
+        assert compression or sum(len(item.data) for item in found) > least
+    assert all('cut short' in note for note in notes)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_damage_anywhere_is_read_around_or_refused(tmp_path: Path, storage: str) -> None:
+    bag = write(tmp_path / 'bag', robot_recording(), storage)
+    (file,) = (path for path in bag.iterdir() if path.suffix in ('.mcap', '.db3'))
+    whole, random = file.read_bytes(), np.random.default_rng(3)
+    damaged = tmp_path / file.name
+    outcomes = set()
+    for count in (1, 10, 100, 1000) * 2:
+        data = np.frombuffer(whole, dtype=np.uint8).copy()
+        data[random.integers(0, data.size, count)] = random.integers(0, 256, count)
+        damaged.write_bytes(data.tobytes())
+        try:
+            with np.errstate(all='ignore'):
+                outcomes.add(bool(compare(read_mission(damaged)).entries))
+        except TdmError as error:
+            assert '\n' not in str(error)
+    assert True in outcomes
+
+
+def test_what_sqlite_had_not_yet_moved_into_its_file_is_read(tmp_path: Path) -> None:
+    """A recorder that is killed leaves a write-ahead log beside the database."""
+    bag = write(tmp_path / 'bag', pendulum_recording(), 'sqlite3')
+    live, killed = tmp_path / 'live.db3', tmp_path / 'killed.db3'
+    shutil.copyfile(bag / 'bag.db3', live)
+    database = sqlite3.connect(live)
+    database.execute('PRAGMA journal_mode=WAL')
+    rows = database.execute('SELECT topic_id, timestamp, data FROM messages').fetchall()
+    database.execute('DELETE FROM messages')
+    database.commit()
+    database.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+    insert = 'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)'
+    database.executemany(insert, rows)
+    database.commit()
+    for ending in ('', '-wal'):
+        shutil.copyfile(f'{live}{ending}', f'{killed}{ending}')
+    database.close()
+    check_pendulum(read_mission(killed))
+
+
+def foreign() -> list[Item]:
+    joints = joint_state(START, ('wheel_left', 'wheel_right'), position=[0.0, 1.0])
+    return [
+        Item('/odom', START, odometry(START, 'base', [0.0] * 6, 'odom')),
+        Item('/joint_states', START, joints),
+        Item('/chatter', START, string('hello')),
+    ]
+
+
+def garbage(path: Path, name: str, data: bytes) -> Path:
+    path.mkdir()
+    (path / name).write_bytes(data)
+    return path / name
+
+
+def damaged_schema(path: Path) -> Path:
+    file = write(path, pendulum_recording(), 'sqlite3') / 'a.db3'
+    file.write_bytes(file.read_bytes().replace(b'CREATE TABLE topics', b'CREATE TA\x95LE topics'))
+    return file
+
+
+@pytest.mark.parametrize(
+    ('make', 'sentence'),
+    [
+        (lambda p: p / 'nothing', 'there is no file or folder'),
+        (lambda p: garbage(p, 'x.txt', b'hi').parent, 'is no recording: it holds neither'),
+        (lambda p: garbage(p, 'x.txt', b'hi'), 'is no recording: a report is made of'),
+        (lambda p: garbage(p, 'old.bag', b'#ROSBAG V2.0'), 'is a bag of ROS 1: convert it'),
+        (lambda p: garbage(p, 'x.mcap', b''), 'nothing can be read from the recording'),
+        (lambda p: garbage(p, 'x.mcap', bytes(range(256)) * 9), 'not a valid MCAP file'),
+        (lambda p: garbage(p, 'x.db3', bytes(range(256)) * 9), 'file is not a database'),
+        (lambda p: garbage(p, 'x.db3.zstd', b'(\xb5/\xfdxx'), 'nothing can be read'),
+        (lambda p: garbage(p, 'metadata.yaml', b'{: [').parent, 'nothing can be read'),
+        (damaged_schema, 'nothing can be read'),
+        (lambda p: write(p, foreign()), 'holds nothing of a planner, .* topics are /'),
+        (lambda p: write(p, []), 'it holds no messages'),
+    ],
+)
+def test_what_is_no_recording_of_ours_is_refused_in_one_sentence(
+    tmp_path: Path, make: Callable[[Path], Path], sentence: str
+) -> None:
+    with pytest.raises(TdmError, match=sentence) as caught:
+        read_mission(make(tmp_path / 'a'))
+    assert '\n' not in str(caught.value)
