@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from typing import Any
 
 from closed_loop import Loop, robot
 import numpy as np
@@ -27,7 +28,7 @@ THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
 DURATION = 12.0  # s
 ALPHA = np.eye(7)[6]
 # of a robot whose thruster takes 6 s to turn half round
-SLOW = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189}
+SLOW: dict[str, Any] = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189}
 
 
 def there_and_stop(turn: float = 1.0) -> Trajectory:
