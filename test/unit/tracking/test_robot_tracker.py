@@ -28,7 +28,9 @@ THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
 DURATION = 12.0  # s
 ALPHA = np.eye(7)[6]
 # of a robot whose thruster takes 6 s to turn half round
-SLOW: dict[str, Any] = {'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189}
+SLOW: dict[str, Any] = {
+    'limits__thrust': 0.315, 'limits__thruster_rate': 0.5, 'limits__torque': 0.00189,
+}  # fmt: skip
 
 
 def there_and_stop(turn: float = 1.0) -> Trajectory:
