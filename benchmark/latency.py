@@ -205,7 +205,7 @@ def _stream(seconds: float, domain: int, folder: Path) -> dict[str, Any]:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
-    from tdm_sim.connections import Connections
+    from tdm_sim.demo_scene import Connections
 
     weak = {'limits.torque': REGIMES['weak']}
     nodes = {
