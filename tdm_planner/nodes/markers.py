@@ -43,7 +43,7 @@ LIFETIME = 0.5  # s that something moving stays visible without news, at least
 LONGEST_PATH = 300  # points
 
 _TRAIL_POINTS = 100
-_SHORTEST_SPACING = 0.01  # s between places of a trail: every other state at 200 Hz
+_SHORTEST_SPACING = 0.02  # s between places of a trail
 _ROUNDING = 1e-6  # s
 _WIDTH = 0.012  # of lines, as a share of the drawing's size
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)

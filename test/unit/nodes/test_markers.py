@@ -146,7 +146,7 @@ def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
         return [place(p) for p in scene['trail', 1].points] if 'trail' in scene.namespaces else []
 
     _, tips = pendulum_points(PLANT, theta, np.array(0.3))
-    np.testing.assert_allclose(trail(), tips[100::2], atol=1e-9)
+    np.testing.assert_allclose(trail(), tips[100::4], atol=1e-9)
     picture.add(-7.0, np.zeros(4))  # the clock went back
     assert trail() == []
     picture.add(-6.98, np.zeros(4))
