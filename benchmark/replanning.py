@@ -47,6 +47,7 @@ from benchmark.closed_loop import (
     ROBOT_NOISE,
 )
 from benchmark.progress import counted
+from benchmark.receding import RecedingHorizon, Vehicle
 from benchmark.scenarios import crossing, MINIMUM_SEPARATION
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,6 @@ from tdm_planner.tracking import (
 from tdm_planner.tracking.tracker import wrapped
 from tdm_sim.disturbances import pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.receding import RecedingHorizon, Vehicle
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
