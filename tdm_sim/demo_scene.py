@@ -36,19 +36,13 @@ from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file
+from tdm_planner.starting import NODES
 from tdm_sim.plant_model import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
 NodeCommand = tuple[str, str, list[str]]
 
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
-_MODULES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-    'plant': 'tdm_sim.stated_plant',
-}
 
 
 # Of the parameters of each node, those that cover what takes real time.
@@ -171,7 +165,7 @@ class Scene:
                 arguments += ['-p', f'{key}:={told}']
             below = part.namespace.removeprefix(self.namespace).strip('/')
             name = f'{part.executable}_{below}' if below else part.executable
-            commands.append((name, _MODULES[part.executable], arguments))
+            commands.append((name, NODES[part.executable], arguments))
         return commands
 
     def listen(self, node: Node) -> None:
