@@ -237,7 +237,7 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> N
 
 
 def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
-    ros: Stepped,
+    ros: Stepped, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair = ('robot1', 'robot2')
     places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
@@ -250,13 +250,9 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
     }
     given = {**values, **places, 'robots': list(pair)}
     adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given)
-
-    class Told(Recovery):
-        def _on_found(self, trajectories: Any, start: int) -> None:
-            found.append((trajectories, start))
-
     node: Any = ros.node
-    Told(node, adapter.vehicles.values(), print)
+    recovery = Recovery(node, adapter.vehicles.values(), print)
+    monkeypatch.setattr(recovery, '_on_found', lambda *told: found.append(told))
     publishers = {
         robot: ros.publisher(f'{robot}/active_trajectory', JointTrajectory, LATCHED)
         for robot in pair

@@ -175,9 +175,9 @@ def values(kind: Any, source: str = 'measured', delay: float = 0.4) -> dict[str,
 
 
 def plan(kind: Any, adapter: Any = None, **request: Any) -> ActivePlan:
-    adapter = adapter or Adapter()
-    made = make_plan(kind, values(kind, **request), adapter, Problem.clock)  # type: ignore[arg-type]
-    assert Problem.clock.now() <= made.start
+    clock: Any = Problem.clock
+    made = make_plan(kind, values(kind, **request), adapter or Adapter(), clock)
+    assert clock.now() <= made.start
     return made
 
 
