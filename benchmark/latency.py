@@ -190,7 +190,7 @@ def command_stream(seconds: float) -> dict[str, Any]:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
-    from tdm_sim.connections import Connections
+    from tdm_sim.demo_scene import Connections
     from tdm_sim.processes import NodeProcesses
 
     weak = {'limits.torque': REGIMES['weak']}

@@ -35,6 +35,7 @@ import math
 from typing import Any
 
 from benchmark.progress import counted
+from benchmark.receding import RecedingHorizon
 from benchmark.scenarios import MINIMUM_SEPARATION
 from benchmark.vehicles import (
     ARRIVED,
@@ -61,7 +62,6 @@ from tdm_planner.tracking import Phase
 from tdm_planner.tracking.tracker import wrapped
 from tdm_sim.disturbances import pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched
-from tdm_sim.receding import RecedingHorizon
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import itertools
 from typing import Any
 
+from benchmark.receding import RecedingHorizon, Vehicle
 from benchmark.scenarios import crossing
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,6 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
 )
 from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.receding import RecedingHorizon, Vehicle
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]

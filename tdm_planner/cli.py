@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _what_is_missing(error: ImportError) -> str:
     """Say how to get ROS 2; others' errors are passed on."""
     if not isinstance(error, ModuleNotFoundError):
-        return str(error)  # ROS 2 is there twice, see tdm_planner.nodes.installation
+        return str(error)  # ROS 2 is there twice, see starting.require_one_ros
     if (error.name or '').partition('.')[0] != 'rclpy':
         raise error
     return NO_ROS

@@ -19,15 +19,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-import math
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.drawing import Disc, Line, Shape
+from tdm_planner.drawing import points_of, Shape
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plant_drawings import arena_drawing, Components, PendulumDrawing, RobotDrawing
 from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -39,13 +39,10 @@ from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
-Components = Mapping[str, Array]  # states or controls by name, (n,) each
 
 THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
 
 _ALLOWED = 0.05  # of a stated plant: share of a state's range, and of a limit
-_ARC = 60  # parts that an arc is drawn in
-_BODY = 0.62  # of the safety radius that a robot's body is drawn with
 
 
 class Tolerance(NamedTuple):
@@ -154,8 +151,11 @@ class PendulumView(PlantView):
 
     def __init__(self, kind: PlantKind = PENDULUM, problem: PendulumSwingUp | None = None) -> None:
         super().__init__(kind, problem)
-        self._plant = RotaryPendulum() if problem is None else problem.plant
         self._limits = None if problem is None else problem.limits
+        self._drawn = PendulumDrawing(RotaryPendulum())
+        if problem is not None:
+            limits = problem.limits
+            self._drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Both sides of the torque and of the disk's angle."""
@@ -166,34 +166,11 @@ class PendulumView(PlantView):
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Arm and rod in the frame `world`; the torque as an arc from the arm onwards."""
-        arm, rod = self._sizes
-        c, s = np.cos(x['psi']), np.sin(x['psi'])
-        across, up = rod * np.sin(x['theta']), rod * np.cos(x['theta'])
-        pivot = (arm * c, arm * s, 0.0)
-        tip = (arm * c - across * s, arm * s + across * c, up)
-        shapes = [Line(((0.0, 0.0, 0.0), pivot)), Line((pivot, tip), trail=True)]
-        if 'torque' in u:
-            most = 1.0 if self._limits is None else self._limits.torque
-            turn = np.nan_to_num(u['torque']) / most * math.pi / 2
-            angles = [x['psi'] + share * turn for share in np.linspace(0.0, 1.0, 9)]
-            arc = [(0.6 * arm * np.cos(a), 0.6 * arm * np.sin(a), 0.0) for a in angles]
-            shapes.append(Line(arc, 'force'))
-        return shapes
+        return self._drawn.drawing(x, u)
 
     def surroundings(self) -> Sequence[Shape]:
         """Disk, and how far the arm may turn."""
-        arm, _ = self._sizes
-        reach = math.pi if self._limits is None else min(self._limits.disk_angle, math.pi)
-        angles = np.linspace(-reach, reach, _ARC)
-        stops = [(1.15 * arm * math.cos(a), 1.15 * arm * math.sin(a), 0.0) for a in angles]
-        round_ = np.linspace(-math.pi, math.pi, _ARC)
-        disk = [(arm * math.cos(a), arm * math.sin(a), 0.0) for a in round_]
-        return [Line(disk, 'reach'), Line(stops, 'limit')]
-
-    @property
-    def _sizes(self) -> tuple[float, float]:
-        """Length of the arm, and of the rod, twice as far as its centre of mass [m]."""
-        return self._plant.arm_length, 2.0 * self._plant.com_distance
+        return self._drawn.surroundings()
 
 
 class RobotView(PlantView):
@@ -263,34 +240,14 @@ class RobotView(PlantView):
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Body and heading, the safety circle, and the jet against the force of the thruster."""
-        half = (self.separation or 0.3) / 2
-        body, centre = _BODY * half, (x['x'], x['y'])
-        ahead = (x['x'] + body * np.cos(x['yaw']), x['y'] + body * np.sin(x['yaw']))
-        shapes: list[Shape] = [Disc(centre, body, trail=True), Line((centre, ahead))]
-        if self.separation is not None:
-            shapes.append(Disc(centre, half, 'reach'))
-        if THRUST in u and 'alpha' in x:
-            share = np.nan_to_num(u[THRUST]) / self._most(THRUST)
-            turn = x['yaw'] + x['alpha'] + math.pi
-            far = body * (1.0 + 1.6 * share)
-            jet = [(x['x'] + r * np.cos(turn), x['y'] + r * np.sin(turn)) for r in (body, far)]
-            shapes.append(Line(jet, 'force'))
-        return shapes
+        return RobotDrawing(self.separation, self._most(THRUST)).drawing(x, u)
 
     def surroundings(self) -> Sequence[Shape]:
         """Walls, what the centres keep from them, and the zones to keep out of."""
         task = self._task
         if task is None:
             return ()
-        inner = task.separation / 2
-        far = task.length - inner, task.width - inner
-        walls = Line(_rectangle(0.0, 0.0, task.length, task.width))
-        zones = [Disc((x, y), r, 'limit') for x, y, r in task.obstacles.tolist()]
-        return [walls, Line(_rectangle(inner, inner, *far), 'limit'), *zones]
-
-
-def _rectangle(left: float, low: float, right: float, high: float) -> list[tuple[float, float]]:
-    return [(left, low), (right, low), (right, high), (left, high), (left, low)]
+        return arena_drawing(task.length, task.width, task.separation, task.obstacles.tolist())
 
 
 class StatedView(PlantView):
@@ -305,6 +262,12 @@ class StatedView(PlantView):
         self._statement = problem
         self._known: dict[Trajectory, tuple[Array, bool]] = {}
         self.name = self.title = problem.name
+
+    def checked(self) -> StatedView:
+        """Return this after a drawing of the start; raises InvalidProblem where that fails."""
+        start = np.nan_to_num(self._stated.start())
+        self.drawing(dict(zip(self.kind.state_names, start, strict=True)), {})
+        return self
 
     @cached_property
     def _end(self) -> Array:
@@ -348,12 +311,15 @@ class StatedView(PlantView):
         """Return what the statement draws."""
         values = [x[name] for name in self._statement.state_names]
         try:
-            return list(self._statement.drawing(values))
+            shapes = list(self._statement.drawing(values))
+            for shape in shapes:
+                points_of(shape, np.asarray(values[0]).size)
         except Exception as error:  # noqa: B902
             raise InvalidProblem(
                 f'drawing of {type(self._statement).__name__} raises '
                 f'{type(error).__name__}: {error}'
             ) from error
+        return shapes
 
 
 _VIEWS: Mapping[Any, Callable[[Any], PlantView]] = {

@@ -93,6 +93,25 @@ def _missing() -> str:
     return NO_ROS if is_node() and find_spec('rclpy') is None else ''
 
 
+def require_one_ros() -> None:
+    """
+    Go on only where ROS 2 is there once, natively or as wheels: both would be loaded at random.
+
+    Raises
+    ------
+    ImportError
+        Naming both, and the ways out.
+
+    """
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    native = [p for p in prefixes if p and any(Path(p).glob('lib/python*/*-packages/rclpy'))]
+    if native and find_spec('ros_wheels_bootstrapper') is not None:
+        raise ImportError(
+            f'ROS 2 is sourced from {native[0]} and also installed as wheels in {sys.prefix}: '
+            'use a shell in which ROS 2 is not sourced, or a Python environment without the wheels'
+        )
+
+
 def limit_threads() -> None:
     """
     Let BLAS use one thread, unless the environment says otherwise; before numpy is imported.

@@ -10,7 +10,6 @@
 """Simulated plants for tests, experiments and demonstrations, and the recorder of their topics."""
 
 import tdm_planner  # noqa: F401  first: see tdm_planner.starting
-from tdm_planner.plants.integrator import integrate, runge_kutta_step
 from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
@@ -22,10 +21,8 @@ __all__ = [
     'SimulatedPlant',
     'Walls',
     'WheeledRobot',
-    'integrate',
     'mismatched',
     'mismatched_gains',
     'pendulum_push',
     'robot_push',
-    'runge_kutta_step',
 ]

@@ -22,8 +22,8 @@ from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from tdm_planner.nodes.clocks import ros_clock
 from tdm_planner.nodes.messages import nanoseconds_of
-from tdm_planner.nodes.motion_clock import ros_clock
 from tdm_planner.nodes.qos import NEWEST
 
 _QUEUE = 10

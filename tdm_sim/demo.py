@@ -28,7 +28,6 @@ from rich.markup import escape
 from rich.table import Table
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import NoState, TdmError
-from tdm_planner.nodes.installation import require_one_ros
 from tdm_planner.parameters import ParameterSpec, Range
 from tdm_planner.plan_files import save_plan, UnusableFile
 from tdm_sim.demo_scene import make_scene, Scene
@@ -85,7 +84,6 @@ def run_demo(
         If a node did not come up, ended, or did not answer.
 
     """
-    require_one_ros()
     scene = make_scene(plant, parameters, output)
     scene.speed = SPEED.check(speed)
     _prepare_folder(output)

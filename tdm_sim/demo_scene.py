@@ -11,40 +11,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 import json
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from tdm_planner.nodes.diagnostics import TOPIC
 from tdm_planner.nodes.messages import LATCHED, seconds_of
 from tdm_planner.nodes.robot_nodes import robot_nodes
+from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_files import read_parameters
+from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file
-from tdm_sim.connections import Connections
-from tdm_sim.demo_speed import speed_settings
+from tdm_planner.starting import NODES
+from tdm_sim.plant_model import SimulationParameters
 from tdm_sim.report.verdict import HOLD_TIME
 
 NodeCommand = tuple[str, str, list[str]]
 
 _AFTER = 0.5  # s that are waited beyond what the verdict needs
-_MODULES = {
-    'planner': 'tdm_planner.nodes.planner',
-    'tracker': 'tdm_planner.nodes.tracker',
-    'pendulum_plant': 'tdm_sim.pendulum_plant',
-    'robot_plant': 'tdm_sim.robot_plant',
-    'plant': 'tdm_sim.stated_plant',
+
+
+# Of the parameters of each node, those that cover what takes real time.
+_COVER_REAL_TIME: Mapping[str, tuple[str, ...]] = {
+    'planner': ('start.delay', 'start.max_age', 'replan.delay'),
+    'tracker': ('state_timeout', 'replan.interval'),
+    'pendulum_plant': ('command_timeout',),
+    'robot_plant': ('command_timeout',),
+    'plant': ('command_timeout',),
 }
+_DECLARED: Mapping[str, Callable[[], Mapping[str, ParameterSpec]]] = {
+    'planner': lambda: specifications(RequestParameters),
+    'tracker': lambda: tracker_specifications('pendulum'),
+    'pendulum_plant': lambda: specifications(SimulationParameters),
+    'robot_plant': lambda: specifications(SimulationParameters),
+    'plant': lambda: specifications(SimulationParameters),
+}
+_NODES = 100  # that may speak at once
 
 
 class Part(NamedTuple):
@@ -53,6 +69,44 @@ class Part(NamedTuple):
     executable: str
     namespace: str
     parameters: Mapping[str, Any] = {}
+
+
+class Connections:
+    """
+    Which nodes have found each other, as they say themselves: figures of `/diagnostics` by name.
+
+    That one process sees two others does not mean that they see each other: the middleware may
+    bring some pairs together seconds after the rest. What one node receives, only that node knows.
+    """
+
+    def __init__(self) -> None:
+        self._figures: dict[str, Mapping[str, str]] = {}
+
+    def listen(self, node: Node) -> None:
+        """Subscribe to the diagnostics."""
+        node.create_subscription(DiagnosticArray, TOPIC, self.take, _NODES)
+
+    def take(self, message: DiagnosticArray) -> None:
+        """Keep the figures of a message."""
+        for status in message.status:
+            name = status.name.split(':', 1)[0]
+            self._figures[name] = {value.key: value.value for value in status.values}
+
+    def tracker(self, name: str) -> bool:
+        """Whether a tracker receives states and sees a planner."""
+        return math.isfinite(self._figure(name, 'state age [s]', math.inf)) and (
+            self._figure(name, 'planners', 0.0) >= 1.0
+        )
+
+    def plant(self, name: str) -> bool:
+        """Whether a plant receives commands."""
+        return self._figure(name, 'commands accepted', 0.0) >= 1.0
+
+    def _figure(self, name: str, key: str, default: float) -> float:
+        try:
+            return float(self._figures.get(name, {})[key])
+        except (KeyError, ValueError):
+            return default
 
 
 class Scene:
@@ -111,7 +165,7 @@ class Scene:
                 arguments += ['-p', f'{key}:={told}']
             below = part.namespace.removeprefix(self.namespace).strip('/')
             name = f'{part.executable}_{below}' if below else part.executable
-            commands.append((name, _MODULES[part.executable], arguments))
+            commands.append((name, NODES[part.executable], arguments))
         return commands
 
     def listen(self, node: Node) -> None:
@@ -260,3 +314,41 @@ def _robots(file: Path) -> Scene:
     ]
     ordered = sorted(parts, key=lambda part: part.executable == 'planner')
     return Scene(problem, space, tuple(ordered), file.resolve())
+
+
+def speed_settings(
+    executable: str,
+    file: Path,
+    speed: float,
+    drives_clock: bool,
+    rates: float = 1.0,
+    followers: Sequence[str] = ('joint_command',),
+    namespace: str | None = None,
+) -> dict[str, Any]:
+    """
+    Return what a node is told beside the parameter file, for a demo `speed` times real time.
+
+    One plant drives `/clock`, all others follow it. Solving takes real time, and so does sending a
+    message: where simulated time runs faster, what must cover them is longer in simulated time.
+    The rates are lowered so that the computer has no more to do in a second than it can.
+
+    `rates` is how many times more often than at real time the nodes may be called in a second;
+    `followers` are the topics whose publishers the clock waits for. Of the parameter file those
+    sections count that are for the node in `namespace`; None: in any.
+    """
+    if speed == 1.0:
+        return {}
+    declared = _DECLARED[executable]()
+    given = read_parameters(file, node=executable, namespace=namespace, required=False)
+    settings: dict[str, Any] = {'use_sim_time': not drives_clock}
+    if drives_clock:
+        settings |= {'publish_clock': True, 'real_time_factor': speed}
+        settings['clock_followers'] = list(followers)
+    for name in _COVER_REAL_TIME[executable]:
+        spec = declared[name]
+        value = float(given.get(name, spec.default)) * max(speed, 1.0)
+        settings[name] = min(value, spec.range.upper)
+    if 'rate' in declared:
+        rate = float(given.get('rate', declared['rate'].default))
+        settings['rate'] = rate * min(rates / speed, 1.0)
+    return settings

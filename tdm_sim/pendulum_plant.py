@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.nodes.pendulum_markers import PendulumPicture
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED, Validated
+from tdm_planner.plant_drawings import PendulumDrawing
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
@@ -104,7 +104,6 @@ class PendulumModel(PlantModel):
     def __init__(self, node: PlantNode) -> None:
         del node
         self._largest_disk_angle = 0.0
-        self.picture = self._drawn = PendulumPicture(RotaryPendulum(), math.pi, 1.0)
 
     def make_setup(self, parameters: PendulumPlantParameters) -> PlantSetup:
         """Return the pendulum, its limits and its disturbances as `parameters` say."""
@@ -119,10 +118,9 @@ class PendulumModel(PlantModel):
             command_loss=parameters.disturbance.command_loss,
         )
 
-    def parameters_changed(self, parameters: PendulumPlantParameters) -> None:
-        """Draw the rig as the parameters have it."""
-        limit = parameters.limits.disk_angle
-        self._drawn.set_up(parameters.plant, limit, parameters.markers.trail)
+    def drawn(self, parameters: PendulumPlantParameters) -> PendulumDrawing:
+        """Return the rig as the parameters have it."""
+        return PendulumDrawing(parameters.plant, parameters.limits.torque)
 
     def description(self, parameters: PendulumPlantParameters) -> str:
         """Return the URDF."""

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.nodes.markers import Picture
 from tdm_planner.parameters import parameter, POSITIVE, Range, SEED, Validated
+from tdm_planner.plant_drawings import Drawn
 from tdm_planner.plant_kind import PlantKind
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
@@ -93,16 +93,14 @@ class MarkerParameters(Validated):
 
 class PlantModel(ABC):
     """
-    A plant to be simulated: its joints, parameters and picture, and what a push does to it.
+    A plant to be simulated: its joints, parameters and drawing, and what a push does to it.
 
-    `parameters` has a group `markers`; `name` is the vehicle's, the child frame of its odometry.
-    The joints may have states that the simulation alone knows (the angle of a wheel).
+    `parameters` has a group `markers`. The joints may have states that the simulation alone knows
+    (the angle of a wheel).
     """
 
     parameters: type[SimulationParameters]
     kind: PlantKind
-    name: str = ''
-    picture: Picture | None = None
 
     @abstractmethod
     def make_setup(self, parameters: Any) -> PlantSetup:
@@ -114,9 +112,14 @@ class PlantModel(ABC):
     ) -> tuple[Callable[[Array], Array], str]:
         """Return what one push of `disturbance.impulse` does to a state, and a description."""
 
-    def parameters_changed(self, parameters: Any) -> None:
-        """Follow the parameters, at the start and when they were changed: draw them."""
+    @abstractmethod
+    def drawn(self, parameters: Any) -> Drawn:
+        """Return what the plant looks like with these parameters."""
+
+    def name(self, parameters: Any) -> str:
+        """Return the name of one of several plants, the child frame of its odometry."""
         del parameters
+        return ''
 
     def description(self, parameters: Any) -> str:
         """Return the plant's URDF, '' if it has none."""

@@ -24,8 +24,7 @@ from builtin_interfaces.msg import Time as TimeMessage
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType, JumpThreshold
-from rclpy.duration import Duration
+from rclpy.clock import Clock, ClockType
 from rclpy.time import Time
 from rclpy.time_source import CLOCK_TOPIC
 from rclpy.timer import Timer
@@ -33,15 +32,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
-from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH
+from tdm_planner.nodes.clocks import (
+    MotionClock,
+    pacing_clock,
+    RateWatch,
+    seconds_by,
+    watch_set_back,
+)
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report, SolePublisher
+from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, odometry
-from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
 from tdm_planner.nodes.qos import LATCHED, NEWEST
-from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.nodes.sole_publisher import SolePublisher
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_sim.clock_source import ClockSource
 from tdm_sim.plant_model import PlantModel
@@ -91,11 +94,13 @@ class PlantNode(ParameterNode):
         self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
         self._last = self._time.now()
-        self._has_time = self._time.runs
         self._left_out = 0.0
         self._published = self._accepted = self._refused = self._pushes = 0
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
+        given: Any = self.parameters
+        self._name = self.model.name(given)
+        self._picture = Picture(self.model.drawn(given), given.markers.trail, self._name)
         self._markers = self.create_publisher(MarkerArray, 'plant_markers', MARKER_DEPTH)
         self._joint_states = self.create_publisher(JointState, 'joint_states', QUEUE)
         self._odometry = self.create_publisher(Odometry, 'odom', QUEUE) if kind.odometry else None
@@ -107,12 +112,7 @@ class PlantNode(ParameterNode):
         self.create_subscription(JointState, 'joint_command', self._on_command, NEWEST)
         self.create_service(Trigger, 'reset', self._on_reset)
         self.create_service(Trigger, 'push', self._on_push)
-        self._jump = self.get_clock().create_jump_callback(
-            JumpThreshold(
-                min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
-            ),
-            post_callback=self._on_clock_jump,
-        )
+        self._jump = watch_set_back(self, self._on_clock_jump, on_change=True)
         self._timer = self._make_timer()
 
     def _make_clock_source(self) -> ClockSource | None:
@@ -147,7 +147,9 @@ class PlantNode(ParameterNode):
         """Let changed parameters act from now on."""
         self.advance()
         self.parameters = build(self.model.parameters, self.parameter_values)
-        self.simulation.setup = self.model.make_setup(self.parameters)
+        given = self.parameters
+        self.simulation.setup = self.model.make_setup(given)
+        self._picture.set_up(self.model.drawn(given), given.markers.trail, self._name)
         self._describe()
         source, speed = self._clock_source, self.parameters.real_time_factor
         if source is not None and source.speed != speed:
@@ -157,8 +159,7 @@ class PlantNode(ParameterNode):
             self._timer = self._make_timer()
 
     def _describe(self) -> None:
-        """Let picture and URDF follow the parameters, which have no mismatch."""
-        self.model.parameters_changed(self.parameters)
+        """Let the URDF follow the parameters, which have no mismatch."""
         description = self.model.description(self.parameters)
         if description != self._described:
             if self._description is None:
@@ -170,8 +171,6 @@ class PlantNode(ParameterNode):
         """Integrate up to the present and return its stamp."""
         now = self._time.now()
         stamp: Time = self.get_clock().now()
-        if not self._has_time:  # simulated time may begin anywhere
-            self._has_time, self._last = self._time.runs, now
         elapsed, self._last = now - self._last, now
         if elapsed > LONGEST_CATCH_UP:
             self._left_out += elapsed - LONGEST_CATCH_UP
@@ -207,23 +206,23 @@ class PlantNode(ParameterNode):
         values = dict(zip(plant.state_names, measured.tolist(), strict=True))
         applied = dict(zip(plant.control_names, self.simulation.control.tolist(), strict=True))
         message = joint_states(self._joints, values | applied)
-        message.header.stamp, message.header.frame_id = stamp, self.model.name
+        message.header.stamp, message.header.frame_id = stamp, self._name
         self._joint_states.publish(message)
         if self._odometry is not None:
             deviations = dict(zip(plant.state_names, noise.tolist(), strict=True))
-            self._odometry.publish(odometry(kind, values, deviations, stamp, self.model.name))
+            self._odometry.publish(odometry(kind, values, deviations, stamp, self._name))
 
     def _show(self, measured: Array, now: Time) -> None:
-        rate, picture = self.parameters.markers.rate, self.model.picture
-        if picture is None:
-            return
-        picture.add(now.nanoseconds, measured)
+        rate = self.parameters.markers.rate
+        self._picture.add(self._last, measured)
         elapsed = now.nanoseconds - self._drawn
         if rate == 0.0 or 0 <= elapsed * rate < 1e9 or not self._markers.get_subscription_count():
             return
         self._drawn = now.nanoseconds
         control = self.simulation.control
-        self._markers.publish(picture.draw(now.to_msg(), measured, control, lifetime_at(rate)))
+        shown = self._picture.draw(now.to_msg(), measured, control, lifetime_at(rate))
+        if shown.markers:
+            self._markers.publish(shown)
 
     def _on_command(self, message: JointState) -> None:
         self.advance()
@@ -245,8 +244,7 @@ class PlantNode(ParameterNode):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.advance()
         self.simulation.reset()
-        if self.model.picture is not None:
-            self.model.picture.clear()
+        self._picture.clear()
         response.success = True
         response.message = 'back in the initial state'
         return response

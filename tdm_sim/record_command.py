@@ -7,15 +7,45 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The command by which launch files record: that of ROS 2 where it is installed, else our own."""
+"""
+Which topics are recorded, and the command by which launch files do so.
+
+That of ROS 2 where it is installed, else our own.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
 import re
 
 from tdm_planner.resources import ament_prefixes, executable_of
-from tdm_sim.topic_choice import SHARED_TOPICS
+
+# Topics that belong to no namespace, and are recorded with any.
+SHARED_TOPICS = frozenset({'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'})
+
+
+@dataclass(frozen=True)
+class TopicChoice:
+    """
+    Topics by their full names, and all in a namespace; with neither, all there are.
+
+    With a namespace come `SHARED_TOPICS`. Hidden topics are recorded only if they are named.
+    """
+
+    names: frozenset[str] = frozenset()
+    namespace: str | None = None
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic, by its full name, is to be recorded."""
+        if topic in self.names:
+            return True
+        if any(part.startswith('_') for part in topic.split('/')):
+            return False
+        if self.namespace is None:
+            return not self.names
+        below = f'/{self.namespace.strip("/")}/'.replace('//', '/')
+        return topic.startswith(below) or topic in SHARED_TOPICS
 
 
 def record_command(namespace: str, bag: str = '', use_sim_time: bool = False) -> list[str]:

@@ -35,7 +35,7 @@ from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import make_progress
 from tdm_sim.progress import Progress as Shown
-from tdm_sim.topic_choice import TopicChoice
+from tdm_sim.record_command import TopicChoice
 from tdm_sim.wire_types import message_class, subscription_profile
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import (
     group,
@@ -31,6 +30,7 @@ from tdm_planner.parameters import (
     SIGNED,
     Validated,
 )
+from tdm_planner.plant_drawings import RobotDrawing
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.disturbances import robot_push
@@ -159,18 +159,15 @@ class RobotModel(PlantModel):
     def __init__(self, node: PlantNode) -> None:
         self._logger, self._namespace = node.get_logger(), node.get_namespace()
         self._collisions = 0
-        self.picture = self._drawn = RobotPicture(RobotLook(DEFAULT_NAME, 0.15, 0.4, 1.0), 60.0)
 
-    def parameters_changed(self, parameters: RobotPlantParameters) -> None:
-        """Draw the robot as the parameters have it."""
-        given = parameters.robot_name
-        self.name = given or self._namespace.rsplit('/', 1)[-1] or DEFAULT_NAME
-        radius, separation = parameters.arena.robot_radius, parameters.arena.minimum_separation
-        # A point has no picture: without a radius the body is drawn as large as the disc allows.
-        look = RobotLook(
-            self.name, radius or 0.375 * separation, separation, parameters.limits.thrust
-        )
-        self._drawn.set_up(look, parameters.markers.trail)
+    def drawn(self, parameters: RobotPlantParameters) -> RobotDrawing:
+        """Return the robot as the parameters have it."""
+        arena = parameters.arena
+        return RobotDrawing(arena.minimum_separation, parameters.limits.thrust, arena.robot_radius)
+
+    def name(self, parameters: RobotPlantParameters) -> str:
+        """Return the name that is given, or the last part of the node's namespace."""
+        return parameters.robot_name or self._namespace.rsplit('/', 1)[-1] or DEFAULT_NAME
 
     def make_setup(self, parameters: RobotPlantParameters) -> PlantSetup:
         """Return the robot, its limits and its disturbances as `parameters` say."""
@@ -193,10 +190,10 @@ class RobotModel(PlantModel):
             gains=gains,
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,
-            contact=self._walls(parameters.arena),
+            contact=self._walls(parameters.arena, self.name(parameters)),
         )
 
-    def _walls(self, arena: RobotArena) -> Walls | None:
+    def _walls(self, arena: RobotArena, name: str) -> Walls | None:
         if not arena.walls:
             return None
         if 2.0 * arena.robot_radius >= min(arena.length, arena.width):
@@ -204,12 +201,13 @@ class RobotModel(PlantModel):
                 f"parameter 'arena.robot_radius' = {arena.robot_radius:g} is not allowed: must be "
                 f'in [0, {min(arena.length, arena.width) / 2.0:g}) m, half of the shorter wall'
             )
-        return Walls(arena.length, arena.width, arena.robot_radius, self._on_collision)
+        collided = partial(self._on_collision, name)
+        return Walls(arena.length, arena.width, arena.robot_radius, collided)
 
-    def _on_collision(self, axis: str, speed: float) -> None:
+    def _on_collision(self, name: str, axis: str, speed: float) -> None:
         self._collisions += 1
         self._logger.warning(
-            f'{self.name} hit a wall with {speed:.3g} m/s along {axis}',
+            f'{name} hit a wall with {speed:.3g} m/s along {axis}',
             throttle_duration_sec=WARNING_PERIOD,
         )
 
@@ -224,7 +222,7 @@ class RobotModel(PlantModel):
             direction = simulation.disturbances.direction()
         return (
             lambda state: robot_push(plant.robot, state, impulse, direction),
-            f'pushed {self.name} with {impulse:g} N s towards {direction:.3f} rad',
+            f'pushed {self.name(parameters)} with {impulse:g} N s towards {direction:.3f} rad',
         )
 
     def conditions(self, parameters: RobotPlantParameters) -> tuple[list[str], Mapping[str, Any]]:

@@ -133,7 +133,7 @@ class SimulatedPlant:
     def step(self, duration: float) -> None:
         """Advance by `duration` s."""
         end = self.time + duration
-        if self.time < self._expiry < end:
+        if self.time < self._expiry <= end:
             self._advance(self._expiry)
             self.timeouts += 1
         self._advance(end)

@@ -21,10 +21,9 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.nodes.drawn_markers import DrawnPicture, has_drawing
+from tdm_planner.nodes.known_plants import stated_problem, with_parameters_of
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.stated_plants import stated_problem, with_parameters_of
 from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import (
     group,
@@ -36,6 +35,7 @@ from tdm_planner.parameters import (
     Validated,
 )
 from tdm_planner.plant_kind import kind_of
+from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct_plant import TracedPlant
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_sim.mismatch import mismatched
@@ -129,13 +129,9 @@ class StatedModel(PlantModel):
             held=parameters.held,
         )
 
-    def parameters_changed(self, parameters: Any) -> None:
-        """Draw the plant as its `drawing` has it with these parameters, if it has one."""
-        if has_drawing(self._problem):
-            problem = self._with(parameters)
-            self.picture = DrawnPicture(
-                problem, np.nan_to_num(TracedPlant(problem).stated.start())
-            )
+    def drawn(self, parameters: Any) -> StatedView:
+        """Return the plant as its `drawing` has it with these parameters."""
+        return StatedView(self._with(parameters)).checked()
 
     def push(
         self, parameters: Any, simulation: SimulatedPlant

@@ -12,7 +12,7 @@ What tests of trackers and of the replanner share: plans, and closed loops stepp
 
 `swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make
 a tracker with its simulated plant, a `Vehicle`; `Loop` steps one of them, `RecedingHorizon` of
-`tdm_sim.receding` several with a replanner. Nothing here looks at the computer's clock.
+`benchmark.receding` several with a replanner. Nothing here looks at the computer's clock.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import functools
 import math
 from typing import Any
 
+from benchmark.receding import Vehicle
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -37,7 +38,6 @@ from tdm_planner.tracking import (
 )
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.receding import Vehicle
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m

@@ -334,7 +334,7 @@ def quiet_plans(draw: Any, plant: str) -> Any:
 
 
 def states(plant: str) -> st.SearchStrategy[Any]:
-    """Draw a measured state, as `read_state` takes it."""
+    """Draw a measured state: joints, or odometry and joints."""
     joints = messages(message_type('sensor_msgs/JointState'))
     if plant == 'pendulum':
         return joints

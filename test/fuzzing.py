@@ -64,11 +64,13 @@ ALLOWANCE = 4.0  # s of processor time beyond it: the step under way, the check,
 
 def read_state(plant: str, value: Any) -> np.ndarray:
     """Read a state as the node does."""
-    if plant == 'pendulum':
-        return reading.read_state(BUILT_IN[plant], message('sensor_msgs/JointState', value))
-    odometry = message('nav_msgs/Odometry', value[0])
-    joints = message('sensor_msgs/JointState', value[1])
-    return reading.read_state(BUILT_IN[plant], joints, odometry)
+    kind, found = BUILT_IN[plant], {}
+    if kind.odometry:
+        found = reading.read_odometry(kind, message('nav_msgs/Odometry', value[0]))
+        value = value[1]
+    joints = message('sensor_msgs/JointState', value)
+    found |= reading.read_joints(kind.measured, joints, kind.state_names)
+    return np.array([found[name] for name in kind.state_names])
 
 
 def read_plan(plant: str, value: Any) -> Trajectory:

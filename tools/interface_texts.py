@@ -40,7 +40,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('planner', 'markers'): 'the active plan: paths, goals, safety circles',
     ('planner', 'plant_markers'): 'a real plant in its measured state',
     ('planner', '<robot>/plant_markers'): (
-        'a real plant in its measured state; goals that were refused'
+        'a real plant in its measured state; goals that were rejected'
     ),
     ('planner', 'plan_summary'): (
         'one line of JSON: figures, worst margins with their instants, parameters of the '

@@ -25,9 +25,11 @@ import re
 from typing import Any
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.planning import CODES, Failure, Plan, plan_answer, plan_summary
+from tdm_planner.nodes.answers import plan_answer, plan_summary
+from tdm_planner.nodes.planning import CODES, Failure
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.replanning import ActivePlan
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.node_tables import (
@@ -148,7 +150,9 @@ def json_keys() -> dict[str, tuple[str, ...]]:
     """Return the dotted keys of every document, by a sentence that says where it is found."""
     single = PendulumSwingUp.from_parameters({'limits.torque': 0.09})
     several = RobotFormation.from_parameters({})
-    plans = [Plan(problem, problem.solve(deadline=30.0), 1) for problem in (single, several)]
+    plans = [
+        ActivePlan(problem, problem.solve(deadline=30.0), 1.0) for problem in (single, several)
+    ]
     documents: dict[str, list[Any]] = {
         'Answer of the service `plan`, a plan': [
             json.loads(plan_answer(plans[0], 1, ['a sentence']))
@@ -156,7 +160,7 @@ def json_keys() -> dict[str, tuple[str, ...]]:
         'Answer of the service `plan`, no plan': [
             json.loads(Failure.of(InvalidProblem('a sentence')).to_json())
         ],
-        'Topic `plan_summary`': [json.loads(plan_summary(plan, 1)) for plan in plans],
+        'Topic `plan_summary`': [json.loads(plan_summary(plan, 1, 1)) for plan in plans],
         'Plan files (`tdm plan -o plan.json`)': [
             plan_document(plan.problem, plan.solution) for plan in plans
         ],

@@ -9,6 +9,6 @@
 
 """ROS 2 nodes: the planner and the tracker, and what every node of the package is built on."""
 
-from tdm_planner.nodes.installation import require_one_ros
+from tdm_planner.starting import require_one_ros
 
 require_one_ros()

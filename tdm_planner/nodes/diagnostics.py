@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A node's state on `/diagnostics`: once a second, and at once when it changes."""
+"""A node's state on `/diagnostics`, and who else publishes what only one node should."""
 
 from __future__ import annotations
 
@@ -90,3 +90,44 @@ class Diagnostics:
 
 def _text(value: Any) -> str:
     return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+class SolePublisher:
+    """
+    Counts who publishes `topic` (resolved); where there are several, `warning` says so.
+
+    `publishers` begins the sentence, `consequence` ends it; `changed` is called when the warning
+    comes or goes. A process that was killed counts until the middleware has given it up, with Fast
+    DDS some 20 s later.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        consequence: str,
+        changed: Callable[[], None],
+        publishers: str = 'planners',
+    ) -> None:
+        self._node, self._topic, self._publishers = node, topic, publishers
+        self._consequence, self._changed = consequence, changed
+        self.count = 0
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD, self.look, clock=clock)
+
+    @property
+    def warning(self) -> str:
+        """One sentence, '' where there is at most one publisher."""
+        if self.count < 2:
+            return ''
+        return f'{self.count} {self._publishers} publish {self._topic}: {self._consequence}'
+
+    def look(self) -> int:
+        """Count now, and return the count."""
+        before = self.warning
+        self.count = self._node.count_publishers(self._topic)
+        if self.warning != before:
+            if self.warning:
+                self._node.get_logger().warning(self.warning)
+            self._changed()
+        return self.count

@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-What all pictures for RViz and Foxglove are made of: a pen, colours, trails.
+Plants and plans as markers for RViz and Foxglove, drawn with the shapes of `tdm_planner.drawing`.
 
 There are two kinds of MarkerArrays. What belongs to a plan is latched and complete: every message
 deletes what the one before it drew. What moves is published again and again under the same
@@ -18,11 +18,11 @@ namespaces and numbers, and disappears by its lifetime when its publisher is gon
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 import math
 import re
-from typing import Protocol
+from typing import NamedTuple
 import zlib
 
 from builtin_interfaces.msg import Duration, Time
@@ -30,6 +30,8 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
+from tdm_planner.drawing import Box, Disc, Line, points_of, Shape
+from tdm_planner.plant_drawings import Drawn
 from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]
@@ -38,13 +40,23 @@ MARKER_DEPTH = 5  # messages a slow viewer may lag behind
 LONGEST_LIFETIME = 3600.0  # s
 LIFETIME = 0.5  # s that something moving stays visible without news, at least
 
-GREY = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
-DARK = ColorRGBA(r=0.25, g=0.25, b=0.3, a=1.0)
-WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
-RED = ColorRGBA(r=0.85, g=0.2, b=0.2, a=1.0)
-BLUE = ColorRGBA(r=0.2, g=0.5, b=1.0, a=0.9)
-GREEN = ColorRGBA(r=0.1, g=0.75, b=0.35, a=0.7)
-AMBER = ColorRGBA(r=0.95, g=0.7, b=0.1, a=0.8)
+LONGEST_PATH = 300  # points
+
+_TRAIL_POINTS = 100
+_SHORTEST_SPACING = 0.02  # s between places of a trail
+_ROUNDING = 1e-6  # s
+_WIDTH = 0.012  # of lines, as a share of the drawing's size
+_CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
+_WHITE = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+_TRAIL = ColorRGBA(r=0.5, g=0.5, b=0.52, a=1.0)
+_PATH = ColorRGBA(r=0.2, g=0.5, b=1.0, a=0.9)
+_COLOURS = {
+    'body': ColorRGBA(r=0.25, g=0.25, b=0.3, a=1.0),
+    'limit': ColorRGBA(r=0.85, g=0.2, b=0.2, a=0.7),
+    'reach': ColorRGBA(r=0.95, g=0.7, b=0.1, a=0.8),
+    'goal': ColorRGBA(r=0.1, g=0.75, b=0.35, a=0.7),
+    'force': _PATH,
+}
 
 # Okabe and Ito's colours, which colour-blind people can tell apart.
 _PALETTE = (
@@ -80,7 +92,7 @@ def lifetime_at(rate: float) -> float:
     return max(LIFETIME, min(3.0 / rate, LONGEST_LIFETIME))
 
 
-def points_of(positions: Array) -> list[Point]:
+def to_points(positions: Array) -> list[Point]:
     """Positions (n, 2) or (n, 3) [m] as messages."""
     return [Point(**dict(zip('xyz', row, strict=False))) for row in positions.tolist()]
 
@@ -139,7 +151,7 @@ class Pen:
     ) -> Marker:
         """Return white letters that face the viewer, capitals `height` m high."""
         kind, scale = Marker.TEXT_VIEW_FACING, (0.0, 0.0, height)
-        marker = self.solid(namespace, number, kind, WHITE, scale, position)
+        marker = self.solid(namespace, number, kind, _WHITE, scale, position)
         marker.text = text
         return marker
 
@@ -156,48 +168,168 @@ class Pen:
         return marker
 
 
-class Picture(Protocol):
-    """A plant in motion as markers: `add` every state, `draw` as often as it is to be shown."""
-
-    def add(self, instant: int, state: Array) -> None:
-        """Lengthen the trail by the place in a state (nx,) at an instant [ns]."""
-
-    def clear(self) -> None:
-        """Forget the trail, where the plant did not move but was put elsewhere."""
-
-    def draw(
-        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
-    ) -> MarkerArray:
-        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-
-
 class Trail:
-    """
-    Where something has been lately: places at least `spacing` s apart, not older than `age` s.
+    """Where something has been lately: places not older than `age` s."""
 
-    An instant [ns] before the last one starts a new trail.
-    """
-
-    def __init__(self, age: float, spacing: float) -> None:
+    def __init__(self, age: float) -> None:
         self.age = age
-        self._spacing = spacing
-        self._places: deque[tuple[int, Point]] = deque()
+        self._places: deque[tuple[float, Point]] = deque()
 
-    def add(self, instant: int, x: float, y: float, z: float) -> None:
-        """Remember a place [m], unless the last one is too recent."""
+    def add(self, instant: float, place: Point) -> None:
+        """Remember a place; an instant [s] before the last one starts a new trail."""
         places = self._places
         if places and instant < places[-1][0]:
             places.clear()
-        if not places or instant - places[-1][0] >= 1e9 * self._spacing:
-            places.append((instant, Point(x=x, y=y, z=z)))
-        while places and instant - places[0][0] > 1e9 * self.age:
+        places.append((instant, place))
+        while instant - places[0][0] > self.age + _ROUNDING:
             places.popleft()
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._places.clear()
 
     @property
     def points(self) -> list[Point]:
         """Return the places, oldest first."""
         return [point for _, point in self._places]
+
+
+class Picture:
+    """
+    A plant in motion: `add` states to the trails, `draw` as often as it is to be shown.
+
+    Namespaces are the styles of the shapes, `trail` and `name`; numbers are places in the drawing.
+    A plant with a name has its colour, and shows it.
+    """
+
+    def __init__(self, drawn: Drawn, trail: float, name: str = '') -> None:
+        self._trails: dict[int, Trail] = {}
+        self.set_up(drawn, trail, name)
+
+    def set_up(self, drawn: Drawn, trail: float, name: str = '') -> None:
+        """Draw another plant, with a trail of `trail` s, from now on."""
+        self._drawn, self._name = drawn, name
+        self._age, self._spacing = trail, max(trail / _TRAIL_POINTS, _SHORTEST_SPACING)
+        for kept in self._trails.values():
+            kept.age = trail
+        self._width = 0.0  # of lines [m], until the first drawing
+        self._due = -math.inf  # instant [s] of the next place of the trails
+
+    def add(self, instant: float, state: Array) -> None:
+        """Lengthen the trails by the places in a state (nx,) at an instant [s]."""
+        if self._due - self._spacing <= instant < self._due - _ROUNDING:
+            return
+        self._due = instant + self._spacing
+        for number, shape in enumerate(self._shapes(state, None)):
+            if shape.trail:
+                trail = self._trails.setdefault(number, Trail(self._age))
+                trail.add(instant, to_points(_followed(shape, 1))[0])
+
+    def clear(self) -> None:
+        """Forget the trails, where the plant did not move but was put elsewhere."""
+        self._trails.clear()
+        self._due = -math.inf
+
+    def draw(
+        self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
+    ) -> MarkerArray:
+        """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
+        pen, shapes = Pen(self._drawn.kind.frame, stamp, lifetime), self._shapes(state, control)
+        width, name = self._width, self._name
+        shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
+        for number, trail in self._trails.items():
+            if len(trail.points) > 1:
+                colour = colour_of(name) if name else _TRAIL
+                shown.append(pen.line('trail', number, trail.points, colour, 0.5 * width))
+        if name:
+            x, y, _ = _followed(shapes[0], 1)[0].tolist()
+            shown.append(pen.text('name', 0, name, (x, y - 20.0 * width, 0.0), 10.0 * width))
+        return MarkerArray(markers=shown)
+
+    def _shapes(self, state: Array, control: Array | None) -> Sequence[Shape]:
+        kind = self._drawn.kind
+        controls = () if control is None else control
+        shapes = self._drawn.drawing(
+            dict(zip(kind.state_names, state, strict=False)),
+            dict(zip(kind.control_names, controls, strict=False)),
+        )
+        self._width = self._width or _WIDTH * _size(shapes)
+        return shapes
+
+
+class Way(NamedTuple):
+    """States (n, nx) that a plant called `name` is to go through; one alone is its goal."""
+
+    drawn: Drawn
+    states: Array
+    name: str = ''
+
+
+def plan_markers(frame: str, surroundings: Sequence[Shape], ways: Sequence[Way]) -> MarkerArray:
+    """
+    Draw a plan: what is around, the ways of what has trails, and every plant at its goal.
+
+    What an earlier message drew is deleted first. Namespaces are those of `Picture`, and
+    `planned_path`; a hundred numbers belong to each plant, the first to the surroundings.
+    """
+    pen = Pen(frame)
+    shown = [pen.delete_all()]
+    ends = [list(_in_motion(way, way.states[-1])) for way in ways]
+    width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
+    shown += [_marker(pen, k, shape, width) for k, shape in enumerate(surroundings)]
+    for count, (way, end) in enumerate(zip(ways, ends, strict=True), start=1):
+        thin = np.linspace(0, len(way.states) - 1, min(LONGEST_PATH, len(way.states))).astype(int)
+        for place, shape in enumerate(_in_motion(way, way.states[thin])):
+            number = 100 * count + place
+            if shape.trail and thin.size > 1:
+                path = to_points(_followed(shape, thin.size))
+                colour = colour_of(way.name, 0.8) if way.name else _PATH
+                shown.append(pen.line('planned_path', number, path, colour, 0.5 * width))
+            last = end[place]
+            if last.style == 'body':
+                last = replace(last, style='goal')
+            if last.style in ('goal', 'reach'):
+                shown.append(_marker(pen, number, last, width, way.name))
+    return MarkerArray(markers=shown)
+
+
+def _in_motion(way: Way, states: Array) -> Sequence[Shape]:
+    return way.drawn.drawing(dict(zip(way.drawn.kind.state_names, states.T, strict=False)), {})
+
+
+def _followed(shape: Shape, count: int) -> Array:
+    """Return where the end of a line, or a centre, is at `count` instants, (count, 3)."""
+    points = points_of(shape, count)
+    places = points.mean(axis=1) if isinstance(shape, Box) else points[:, -1]
+    return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
+
+
+def _size(shapes: Iterable[Shape]) -> float:
+    """Return the largest extent of shapes in one state [m]."""
+    extents = [1e-3]
+    corners = []
+    for shape in shapes:
+        corners += points_of(shape, 1)[0][:, :2].tolist()
+        extents += [shape.radius] if isinstance(shape, Disc) else []
+    extents += np.ptp(corners, axis=0).tolist() if corners else []
+    return float(max(extents))
+
+
+def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
+    """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
+    style, colour = shape.style, _COLOURS[shape.style]
+    if name and not isinstance(shape, Line) and style in ('body', 'goal'):
+        colour = colour_of(name, colour.a)
+    points = points_of(shape, 1)[0]
+    if isinstance(shape, Disc) and style == 'reach' and points.shape[1] == 2:
+        circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
+        return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
+    if isinstance(shape, Disc):
+        ball, kind = [2.0 * shape.radius] * 3, Marker.SPHERE
+        if points.shape[1] == 2:
+            ball, kind = [*ball[:2], width], Marker.CYLINDER
+        return pen.solid(style, number, kind, colour, ball, points[0].tolist())
+    if isinstance(shape, Box):
+        size = [*map(float, shape.size), width][:3]
+        turned = to_quaternion(math.remainder(float(np.asarray(shape.turn)), math.tau))
+        centre = [float(np.asarray(part)) for part in shape.centre]
+        return pen.solid(style, number, Marker.CUBE, colour, size, centre, turned)
+    if points.shape[1] == 2:  # above what is drawn in the plane
+        points = np.pad(points, ((0, 0), (0, 1)), constant_values=width)
+    return pen.line(style, number, to_points(points), colour, width)

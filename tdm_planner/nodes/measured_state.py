@@ -45,7 +45,7 @@ class NewestMeasurement:
 
     `read` raises InvalidProblem for a message that does not hold the states; such messages are
     ignored (others may publish on the topic), but named when there is no better one, and told to
-    `ignored`. After every other message `observer` is called.
+    `ignored`. Every other message is the `newest`, and `observer` is called.
     """
 
     def __init__(
@@ -60,20 +60,15 @@ class NewestMeasurement:
         self._node = node
         self._read = read
         self._observer, self._ignored = observer, ignored
-        self._newest: Received | None = None
+        self.newest: Received | None = None
         self._fault = ''
-        self._subscription = node.create_subscription(message_type, topic, self._receive, NEWEST)
-        self.topic: str = self._subscription.topic_name
-
-    @property
-    def newest(self) -> Received | None:
-        """Return the newest message that holds the state."""
-        return self._newest
+        subscription = node.create_subscription(message_type, topic, self._receive, NEWEST)
+        self.topic: str = subscription.topic_name
 
     @property
     def missing(self) -> str:
         """Say that no state was received yet; '' once there is one."""
-        return '' if self._newest else f'no state was received on {self.topic}{self._last_fault}'
+        return '' if self.newest else f'no state was received on {self.topic}{self._last_fault}'
 
     @property
     def _last_fault(self) -> str:
@@ -81,7 +76,7 @@ class NewestMeasurement:
 
     def age(self, now: int) -> float | None:
         """Age of the newest message [s]; None if there is none."""
-        newest = self._newest
+        newest = self.newest
         return None if newest is None else (now - newest.instant) * NANOSECOND
 
     def fresh(self, now: int, max_age: float) -> Received:
@@ -94,7 +89,7 @@ class NewestMeasurement:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        newest, fault = self._newest, self._last_fault
+        newest, fault = self.newest, self._last_fault
         if newest is None:
             raise NoState(self.missing)
         age = (now - newest.instant) * NANOSECOND
@@ -120,7 +115,7 @@ class NewestMeasurement:
         self._fault = ''
         stamp = nanoseconds_of(message.header.stamp)
         arrival = self._node.get_clock().now().nanoseconds
-        self._newest = Received(message, states, stamp or arrival)
+        self.newest = Received(message, states, stamp or arrival)
         self._observer()
 
 

@@ -16,18 +16,23 @@ A planner that was killed and restarted gets the active plan back from the track
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from functools import partial
 import json
 import time
 
 from rclpy.node import Node
 from rclpy.timer import Timer
 from std_msgs.msg import String
-from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.diagnostics import SolePublisher
 from tdm_planner.nodes.managed import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.sole_publisher import SolePublisher
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'plan_summary'
 WINDOW = 10.0  # s from the start in which a plan that is followed is taken for an earlier own one
@@ -86,20 +91,36 @@ class Recovery:
     """
     Hands what the trackers follow when the node starts to `recover`, after `GRACE`.
 
-    That is: trajectories by vehicle, and the instant [ns] at which they start.
+    That is: trajectories by vehicle, and the instant [ns] at which they start; all of one, or they
+    are no parts of a plan.
     """
 
     def __init__(
         self,
         node: ManagedNode,
-        adapter: Adapter,
+        vehicles: Collection[Vehicle],
         recover: Callable[[Mapping[str, Trajectory], int], None],
     ) -> None:
-        self._node, self._recover = node, recover
+        self._node, self._recover, self._count = node, recover, len(vehicles)
         self._until = time.monotonic() + WINDOW
+        self._newest: dict[str, tuple[Trajectory | None, int]] = {}
         self._found: tuple[Mapping[str, Trajectory], int] | None = None
         self._timer: Timer | None = None
-        adapter.watch_plans_followed(self._on_found)
+        for vehicle in vehicles:
+            topic = f'{vehicle.prefix}active_trajectory'
+            take = partial(self._on_message, vehicle)
+            node.create_subscription(JointTrajectory, topic, take, LATCHED)
+
+    def _on_message(self, vehicle: Vehicle, message: JointTrajectory) -> None:
+        """Take what one tracker says it follows; an empty message means that it follows none."""
+        trajectory, start = None, nanoseconds_of(message.header.stamp)
+        with suppress(InvalidProblem):
+            trajectory = read_plan(vehicle.kind, message)
+        self._newest[vehicle.name] = trajectory, start
+        told = self._newest.items()
+        if len(told) == self._count and all(stamp == start for _, (_, stamp) in told):
+            whole = {name: plan for name, (plan, _) in told if plan is not None}
+            self._on_found(whole if len(whole) == self._count else {}, start)
 
     def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
         if self._timer is None and time.monotonic() > self._until:

@@ -12,36 +12,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 import gc
 import sys
-from typing import Any, NamedTuple
+from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
-from rclpy.duration import Duration
+from rclpy.clock import Clock, ClockType, TimeJump
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
-from tdm_planner.nodes.adapters import Adapter, adapter_class
-from tdm_planner.nodes.diagnostics import Level, Report
-from tdm_planner.nodes.managed import ManagedNode
-from tdm_planner.nodes.messages import LATCHED
-from tdm_planner.nodes.motion_clock import MotionClock, ros_clock
-from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
-from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
-from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import (
-    Failure,
-    make_plan,
-    Plan,
+from tdm_planner.nodes.adapter import Adapter
+from tdm_planner.nodes.answers import (
+    MovedGoal,
     plan_answer,
     plan_figures,
     plan_summary,
+    Request,
 )
+from tdm_planner.nodes.clocks import MotionClock, ros_clock, watch_set_back
+from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
+from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
+from tdm_planner.nodes.plan_queue import PlanQueue
+from tdm_planner.nodes.planning import Failure, make_plan
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import Answer, create_deferred_service
@@ -50,33 +48,13 @@ from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
-from tdm_planner.trajectory import NANOSECOND, Trajectory
+from tdm_planner.replanning import ActivePlan
+from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(RequestParameters)
 _CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have told that they follow it
 _SUPERSEDED = "another planner's plan is active"
-
-
-class _MovedGoal(NamedTuple):
-    """Parameters that a goal tool changes, which are set if there is a plan with them."""
-
-    changes: Mapping[str, Any]
-    purpose: str
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """
-    What somebody waits for an answer to: a request of `plan` or `plan_with`, or a moved goal.
-
-    `own` are the parameters of this request alone. Nobody waits for a review's or recovered plan.
-    """
-
-    message: Any = None
-    send: Answer = lambda _: None
-    own: Mapping[str, Any] = field(default_factory=dict)
-    title: str = 'no plan'  # of the log's line about a failure
 
 
 class Planner(ManagedNode):
@@ -95,8 +73,9 @@ class Planner(ManagedNode):
         super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] | None = load_problem(self.parameter_values['problem'])
         self._adapter: Adapter | None = None
-        self._queue = PlanQueue(self)
-        self._replanning = Replanning(self, self._queue, partial(self._settle, _Request()))
+        self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
+        publish = partial(self._settle, Request())
+        self._replanning = Replanning(self, self._time, self._queue, publish)
         self._fault = ''
         try:
             self._declare_problem()
@@ -104,15 +83,17 @@ class Planner(ManagedNode):
             self._problem_class, self._fault = None, str(error)
             self.get_logger().error(self._fault)
         self.warn_of_unknown_overrides()
-        self._plan: Plan | None = None
+        self._plan: ActivePlan | None = None
         self._plan_id = 0
         self._failure: Failure | None = None
         self._superseded = False
-        self._expected: int | None = None  # start [ns] of a plan that nobody may follow
+        self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
         self._unfollowed = ''
         self._requests = self._failures = 0
         self._prepares = self._prepared = False
-        self._watch_clock()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
+        self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
 
     # Lifecycle and parameters.
@@ -124,11 +105,12 @@ class Planner(ManagedNode):
         for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
             create_deferred_service(self, kind, name, self._on_request)
         if self._problem_class is not None:
-            self._adapter = adapter_class(self._problem_class)(self, self.parameter_values)
+            self._adapter = Adapter(self, self._time, self._problem_class, self.parameter_values)
             self._adapter.accept_requests(
-                lambda changes, purpose, done: self._on_request(_MovedGoal(changes, purpose), done)
+                lambda changes, purpose, done: self._on_request(MovedGoal(changes, purpose), done)
             )
-            Recovery(self, self._adapter, self._recover)
+            if self._adapter.recognises:
+                Recovery(self, self._adapter.vehicles.values(), self._recover)
         self._replanning.set_up(self._adapter, self.parameter_values)
         self._first = self.create_timer(
             0.0, self._on_first, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -201,9 +183,9 @@ class Planner(ManagedNode):
     def _on_request(self, message: Any, send: Answer) -> None:
         """Have a plan made, or answer at once why not."""
         self._requests += 1
-        request = _Request(message, send)
-        if isinstance(message, _MovedGoal):
-            request = replace(request, title=f'{message.purpose} refused')
+        request = Request(message, send)
+        if isinstance(message, MovedGoal):
+            request = replace(request, title=f'{message.purpose} rejected')
         problem_class, adapter, faults = self._problem_class, self._adapter, self.faults()
         try:
             if not self.active:
@@ -215,15 +197,14 @@ class Planner(ManagedNode):
                 raise InvalidProblem('; '.join(faults))
             if isinstance(message, SetParametersAtomically.Request):
                 request = replace(request, own=self._own_parameters(message.parameters))
-            changes = message.changes if isinstance(message, _MovedGoal) else request.own
-            values = {**self.parameter_values, **changes}
+            values = {**self.parameter_values, **request.changes}
             self._queue.request(
-                partial(make_plan, problem_class, values, adapter, self._now),
+                partial(make_plan, problem_class, values, adapter, self._time),
                 partial(self._settle, request),
             )
             self._diagnostics.update()
         except (Busy, Inactive) as error:
-            self._answer(request, Failure.of(error))
+            request.answer(Failure.of(error))
         except Exception as error:  # noqa: B902
             self._settle(request, error)
 
@@ -242,23 +223,24 @@ class Planner(ManagedNode):
         self.check_values({**self.parameter_values, **own})
         return own
 
-    def _settle(self, request: _Request, outcome: Plan | Exception) -> None:
+    def _settle(self, request: Request, outcome: ActivePlan | Exception) -> None:
         """Publish a plan, or keep the active one and say why there is no new one."""
-        answer: Plan | Failure
+        answer: ActivePlan | Failure
         try:
             if isinstance(outcome, Exception):
                 raise outcome
             assert self._adapter is not None
-            if isinstance(request.message, _MovedGoal):
+            if isinstance(request.message, MovedGoal):
                 self._set(request.message.changes)
             plan = replace(outcome, own={**outcome.own, **request.own})
-            self._adapter.publish(plan.problem, plan.solution, plan.start)
+            stamp = self._time.stamp(plan.start)
+            self._adapter.publish(plan, stamp)
             self._plan_id += 1
             self._failure, self._superseded = None, False
             self._follow(plan)
-            self._expected = plan.start
-            self._others.publishes(plan.start)
-            self._summary.publish(String(data=plan_summary(plan, self._plan_id)))
+            self._expected = stamp, plan.start
+            self._others.publishes(stamp)
+            self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             answer = plan
         except Exception as error:  # noqa: B902
@@ -269,27 +251,18 @@ class Planner(ManagedNode):
                 self.get_logger().error(f'{request.title}: {answer}')
             else:
                 self.get_logger().warning(f'{request.title}: {answer}')
-        self._answer(request, answer)
+        if isinstance(answer, Failure):
+            request.answer(answer)
+        elif request.wants_figures:
+            request.answer(self._figures_of(answer))
+        else:
+            request.answer('')
         self._diagnostics.update()
 
-    def _answer(self, request: _Request, outcome: Plan | Failure) -> None:
-        """Answer in the way in which was asked; nobody waits for a review."""
-        failure = outcome if isinstance(outcome, Failure) else None
-        if isinstance(request.message, _MovedGoal):
-            request.send('' if failure is None else f'{failure.code}: {failure.reason}')
-        elif request.message is not None:
-            success = failure is None
-            text = self._figures_of(outcome) if isinstance(outcome, Plan) else outcome.to_json()
-            if isinstance(request.message, Trigger.Request):
-                request.send(Trigger.Response(success=success, message=text))
-            else:
-                result = SetParametersResult(successful=success, reason=text)
-                request.send(SetParametersAtomically.Response(result=result))
-
-    def _figures_of(self, plan: Plan) -> str:
+    def _figures_of(self, plan: ActivePlan) -> str:
         """Return the answer to a request that was met, with what it is good to be warned of."""
         warnings = [] if self._adapter is None else self._adapter.warnings()
-        late = (self._now() - plan.start) * NANOSECOND
+        late = self._time.now() - plan.start
         if late > 0:
             warnings.append(
                 f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
@@ -306,7 +279,7 @@ class Planner(ManagedNode):
 
     # The active plan.
 
-    def _follow(self, plan: Plan | None) -> None:
+    def _follow(self, plan: ActivePlan | None) -> None:
         """Take note of the plan that is active from now on."""
         self._plan = plan
         self._expected, self._unfollowed = None, ''
@@ -314,10 +287,10 @@ class Planner(ManagedNode):
 
     def _look_who_follows(self) -> None:
         """Name the trackers that do not follow the active plan once it has begun."""
-        start, adapter = self._expected, self._adapter
-        if start is None or adapter is None or (self._now() - start) * NANOSECOND < _GRACE:
+        expected, adapter = self._expected, self._adapter
+        if expected is None or adapter is None or self._time.now() - expected[1] < _GRACE:
             return
-        self._expected, names = None, adapter.not_following(start)
+        self._expected, names = None, adapter.not_following(expected[0])
         if names:
             self._unfollowed = (
                 f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
@@ -325,8 +298,9 @@ class Planner(ManagedNode):
             self.get_logger().warning(self._unfollowed)
             self._diagnostics.update()
 
-    def _on_other_plan(self, start: int) -> None:
-        """Cease to review the own plan when another planner's starts after it."""
+    def _on_other_plan(self, stamp: int) -> None:
+        """Cease to review the own plan when another planner's starts [ns] after it."""
+        start = self._time.instant(stamp)
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
         self._superseded = True
@@ -335,54 +309,33 @@ class Planner(ManagedNode):
         self._follow(self._plan)
         self._diagnostics.update()
 
-    def _recover(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
-        """Publish again what trackers follow and no planner publishes any more."""
-        problem_class, adapter, values = self._problem_class, self._adapter, self.parameter_values
-        if problem_class is None or adapter is None or self._others.published(start):
+    def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
+        """Publish again what trackers follow from a start [ns] on, and no planner any more."""
+        adapter, values = self._adapter, self.parameter_values
+        if adapter is None or self._others.published(stamp):
             return
 
-        def compute() -> Plan:
-            return Plan(*adapter.recognised(problem_class, values, trajectories), start)
+        def compute() -> ActivePlan:
+            start = self._time.instant(stamp)
+            return ActivePlan(*adapter.recognised(values, trajectories), start)
 
-        def done(outcome: Plan | Exception) -> None:
+        def done(outcome: ActivePlan | Exception) -> None:
             if self._plan is not None:
                 return
-            self._settle(_Request(title='the plan of the trackers is not recovered'), outcome)
-            if isinstance(outcome, Plan):
+            self._settle(Request(title='the plan of the trackers is not recovered'), outcome)
+            if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
         self._queue.task(compute, done)
 
     # Time.
 
-    def _now(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
-
-    def _watch_clock(self) -> None:
-        """Notice when the time of day is set, or simulated time begins anew."""
-        self._time = MotionClock(self, self._on_clock_step)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
-        backwards = JumpThreshold(
-            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
-        )
-        self._jumps = self.get_clock().create_jump_callback(
-            backwards, post_callback=self._on_simulated_jump
-        )
-
     def _on_clock_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
 
     def _on_clock_step(self, step: float) -> None:
-        """Let the active plan go on as the plant does, which the clock is not told of."""
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
-        nanoseconds = round(step / NANOSECOND)
-        self._replanning.clock_was_set(nanoseconds)
-        if self._adapter is not None:
-            self._adapter.clock_was_set(nanoseconds)
-        if self._plan is not None:
-            self._follow(replace(self._plan, start=self._plan.start + nanoseconds))
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
         """Forget the active plan when simulated time is set back: trackers give it up."""
@@ -390,14 +343,14 @@ class Planner(ManagedNode):
             return
         self.get_logger().warning('simulated time was set back: the active plan is given up')
         if self._adapter is not None:
-            self._adapter.clock_was_set(None)
+            self._adapter.forget_plans()
         self._follow(None)
 
     # Diagnostics.
 
     def report(self) -> Report:
         """Return state, figures of the active plan, ages of the measured states."""
-        now = self._now()
+        now = self._time.now()
         level, message = self._state()
         values: dict[str, Any] = {
             'problem': self.parameter_values['problem'],

@@ -176,22 +176,6 @@ def read_joints(joints: Sequence[Joint], message: Any, names: Iterable[str]) -> 
     return found
 
 
-def read_state(kind: PlantKind, joint_states: Any, odometry: Any = None) -> Array:
-    """
-    Return the state (nx,) from joint states and, where the plant has one, its odometry.
-
-    Raises
-    ------
-    InvalidProblem
-        As `read_joints` and `read_odometry` do.
-
-    """
-    values = read_joints(kind.measured, joint_states, kind.state_names)
-    if kind.odometry:
-        values |= read_odometry(kind, odometry)
-    return np.array([values[name] for name in kind.state_names])
-
-
 def read_command(kind: PlantKind, message: Any) -> Array:
     """
     Return the controls (nu,) of a command.

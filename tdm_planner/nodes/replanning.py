@@ -17,16 +17,15 @@ from typing import Any
 
 from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
-from tdm_planner.nodes.adapters import Adapter
+from tdm_planner.nodes.adapter import Adapter
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock
 from tdm_planner.nodes.managed import ManagedNode
-from tdm_planner.nodes.motion_clock import pacing_clock
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import Failure, Plan
+from tdm_planner.nodes.planning import Failure
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
-from tdm_planner.trajectory import NANOSECOND
 
 LONGEST_PERIOD = 3600.0  # s between reviews, however low the rate
 _SELDOM: Mapping[str, Any] = MappingProxyType({'throttle_duration_sec': 5.0})  # of a kind
@@ -37,29 +36,28 @@ class Replanning:
     Has the active plan reviewed at a rate, and hands new plans to `publish`.
 
     A plan is reviewed for the problem that the node's parameters state now, except for those that
-    were given for this plan alone (`Plan.own`). Where nothing can be measured there is nothing to
-    review a plan by.
+    were given for this plan alone (`ActivePlan.own`). Where nothing can be measured there is
+    nothing to review a plan by. Instants are those of `clock` [s].
     """
 
     def __init__(
-        self, node: ManagedNode, queue: PlanQueue, publish: Callable[[Plan], None]
+        self,
+        node: ManagedNode,
+        clock: MotionClock,
+        queue: PlanQueue,
+        publish: Callable[[ActivePlan], None],
     ) -> None:
-        self._node, self._queue, self._publish = node, queue, publish
-        self._origin = int(node.get_clock().now().nanoseconds)
+        self._node, self._clock, self._queue, self._publish = node, clock, queue, publish
         self._timer: Timer | None = None
         self._adapter: Adapter | None = None
         self._values: Mapping[str, Any] = {}
-        self._plan: Plan | None = None
+        self._plan: ActivePlan | None = None
         self._replanner: Replanner | None = None
-        self._reviewed: Plan | None = None
+        self._reviewed: ActivePlan | None = None
         self._trackers: Mapping[str, Any] = {}
-        self._asked: tuple[Mapping[str, Any], Plan, Problem] | None = None
+        self._asked: tuple[Mapping[str, Any], ActivePlan, Problem] | None = None
         self._reviews = self._replans = 0
         self._last = ''
-
-    def clock_was_set(self, step: int) -> None:
-        """Take note that instants of the node's clock are `step` [ns] more than they were."""
-        self._origin += step
 
     def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
         """Follow changed parameters; the timer is made anew where its rate has changed."""
@@ -76,7 +74,7 @@ class Replanning:
                 min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
             )
 
-    def follow(self, plan: Plan | None) -> None:
+    def follow(self, plan: ActivePlan | None) -> None:
         """Review this plan from now on; what comes of a review under way is dropped."""
         self._plan = plan
         self._queue.drop_review()
@@ -87,16 +85,12 @@ class Replanning:
             return {}
         return {'reviews': self._reviews, 'replans': self._replans, 'last review': self._last}
 
-    def _seconds(self, instant: int) -> float:
-        """Instant [s]: small numbers keep their nanoseconds in a float."""
-        return (instant - self._origin) * NANOSECOND
-
     def _on_timer(self) -> None:
         plan, adapter = self._plan, self._adapter
-        if not self._node.active or plan is None or adapter is None or not adapter.replans:
+        if not self._node.active or plan is None or adapter is None or not adapter.measures:
             return
         values = {**self._values, **plan.own}
-        now = int(self._node.get_clock().now().nanoseconds)
+        now = self._clock.now()
         inactive = adapter.inactive if plan.start <= now else []
         if inactive:
             reason = f'no replanning: no tracker is active for {", ".join(inactive)}'
@@ -105,7 +99,7 @@ class Replanning:
                 self._node.get_logger().warning(reason)
             return
         try:
-            observations = adapter.observations(values, now, self._seconds)
+            observations = adapter.observations(values, now)
         except NoState as error:
             self._last = f'{error.code}: {error}'
             self._node.get_logger().warning(f'no replanning: {error}', **_SELDOM)
@@ -113,27 +107,29 @@ class Replanning:
 
         def review() -> Review:
             replanner = self._replanner_of(plan, adapter, values)
-            return replanner.review(self._problem(plan, values), observations, self._seconds(now))
+            return replanner.review(self._problem(plan, values), observations, now)
 
         self._queue.review(review, self._on_review)
 
-    def _replanner_of(self, plan: Plan, adapter: Adapter, values: Mapping[str, Any]) -> Replanner:
+    def _replanner_of(
+        self, plan: ActivePlan, adapter: Adapter, values: Mapping[str, Any]
+    ) -> Replanner:
         """Return the replanner for the active plan, made anew for every plan."""
         parameters = build(ReplanParameters, values, 'replan.')
-        replanner, trackers = self._replanner, adapter.tracker_parameters
+        replanner = self._replanner
+        trackers = {**adapter.tracker_parameters, '': parameters.deviation}
         if replanner is None or self._reviewed is not plan:
             earlier = () if replanner is None else replanner.history
             execution = adapter.execution(plan.problem)
             replanner = self._replanner = Replanner(execution, parameters)
-            start = self._seconds(plan.start)
-            replanner.adopt(ActivePlan(plan.problem, plan.solution, start, plan.whole), earlier)
+            replanner.adopt(plan, earlier)
             self._reviewed, self._trackers = plan, trackers
         elif trackers != self._trackers:
             replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
         replanner.parameters = parameters
         return replanner
 
-    def _problem(self, plan: Plan, values: Mapping[str, Any]) -> Problem:
+    def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
         """Return the problem that the parameters ask, from the start of the active plan."""
         if self._asked is None or self._asked[1] is not plan or self._asked[0] != values:
             # What start.* says is no matter here: it must not make the problem an invalid one.
@@ -166,13 +162,11 @@ class Replanning:
             )
 
     def _take_over(self, made: ActivePlan) -> None:
-        start = self._origin + round(made.start / NANOSECOND)
-        late = (int(self._node.get_clock().now().nanoseconds) - start) * NANOSECOND
+        late = self._clock.now() - made.start
         if late > 0.0:
             self._last = f'a new plan came {late:.3f} s late'
             self._node.get_logger().warning(f"{self._last}: raise 'replan.delay'", **_SELDOM)
             return
         self._replans += 1
         self._node.get_logger().info(f'new plan: {self._last}')
-        own = {} if self._plan is None else self._plan.own
-        self._publish(Plan(made.problem, made.solution, start, own, made.whole))
+        self._publish(made)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import sys
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,9 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
+from tdm_planner.nodes.diagnostics import Level, Report, SolePublisher
+from tdm_planner.nodes.known_plants import tracked_plant
 from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import (
@@ -38,15 +40,10 @@ from tdm_planner.nodes.messages import (
     joint_states,
     LATCHED,
     nanoseconds_of,
-    stamp_of,
 )
-from tdm_planner.nodes.motion_clock import MotionClock, NO_TIME, pacing_clock
-from tdm_planner.nodes.rate_watch import RateWatch, seconds_by
-from tdm_planner.nodes.ration import Ration
+from tdm_planner.nodes.plan_intake import Offer, PlanIntake
 from tdm_planner.nodes.reading import read_plan
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.sole_publisher import SolePublisher
-from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking.tracker import (
@@ -65,16 +62,7 @@ Array = NDArray[np.float64]
 QUEUE = 10  # messages
 FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
-_COMPUTED_WITH = ("'plant.*'", "'limits.*'", "'weights.*'", "'feedback.*'", "'estimator.*'")
 LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
-
-# Of a flood of plans as many are looked at as leave the commands their rate; the newest waits, but
-# not longer than until shortly before its start.
-_SHARE_FOR_PLANS = 0.01  # of the time
-_RESERVE_FOR_PLANS = 0.15  # s; some ten plans
-_IMMINENT = 0.15  # s before its start
-_WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
-_WORTH_AT_START = 1.0  # s, for plans about to start
 
 _WAITING = 'waiting for the first state'
 
@@ -89,22 +77,8 @@ _KIND = ParameterSpec(
 
 def tracker_specifications(kind: str) -> dict[str, ParameterSpec]:
     """Return every parameter of the tracker of a kind of plant, by dotted name."""
-    return {
-        _KIND.name: _KIND,
-        AUTOSTART.name: AUTOSTART,
-        **specifications(tracked_plant(kind).parameters),
-    }
-
-
-class _Offer(NamedTuple):
-    """
-    A trajectory that has arrived, as it came.
-
-    To take one apart costs milliseconds, which a plan that is replaced at once is not worth.
-    """
-
-    stamp: Any
-    data: bytes
+    own = specifications(tracked_plant(kind).parameters)
+    return {_KIND.name: _KIND, AUTOSTART.name: AUTOSTART, **own}
 
 
 class TrackerNode(ManagedNode):
@@ -128,8 +102,9 @@ class TrackerNode(ManagedNode):
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
         self._activated = 0.0
         self._newest: tuple[Array, float] | None = None
-        self._offered: _Offer | None = None
-        self._plans = Ration(_SHARE_FOR_PLANS, _RESERVE_FOR_PLANS, time.monotonic)
+        self._intake = PlanIntake(
+            self._time, lambda: self.active, lambda: self.tracker.lead, self._look_at
+        )
         self._timer: Timer | None = None
         self._rate: RateWatch | None = None
         self.bring_up()
@@ -170,7 +145,7 @@ class TrackerNode(ManagedNode):
         self._status.begin()
         if self._newest is not None:
             self.tracker.observe(*self._newest)
-        self._take_offered()
+        self._intake.look()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
         if self._newest is None:
@@ -189,7 +164,8 @@ class TrackerNode(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget what was received."""
-        self._newest = self._offered = self._answer = None
+        self._newest = self._answer = None
+        self._intake.clear()
 
     # Parameters.
 
@@ -198,7 +174,8 @@ class TrackerNode(ManagedNode):
             return self.plant.make_tracker(build(self.plant.parameters, values))
         except BREAKDOWN as error:
             raise InvalidProblem(
-                f'parameters {", ".join(_COMPUTED_WITH)} lie too far apart to be computed with: '
+                "parameters 'plant.*', 'limits.*', 'weights.*', 'feedback.*', 'estimator.*' lie "
+                'too far apart to be computed with: '
                 f'{" ".join(str(error).split())}'
             ) from None
 
@@ -225,11 +202,6 @@ class TrackerNode(ManagedNode):
         self._clock_steps += 1
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
-    def _instant(self, stamp: Any) -> float:
-        """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
-        nanoseconds = nanoseconds_of(stamp)
-        return self._time.instant(nanoseconds) if nanoseconds else self._time.now()
-
     def _on_state(self, state: Array, instant: int) -> None:
         """Take a state (nx,) of the instant [ns]; one from the future is ignored."""
         if not self._time.runs:
@@ -250,45 +222,13 @@ class TrackerNode(ManagedNode):
         self.get_logger().warning(f'state ignored: {reason}', throttle_duration_sec=WARNING_PERIOD)
 
     def _on_trajectory(self, data: bytes) -> None:
-        """
-        Make a trajectory the active one, or refuse it with a reason; the old one then stays.
-
-        The newest one waits while the node is not active, does not know the simulated time, or
-        has been offered more than it can look at beside its commands.
-        """
+        """Make a trajectory the active one, or refuse it with a reason; the old one then stays."""
         try:
-            stamp = stamp_of(data)
+            self._intake.offer(data)
         except InvalidProblem as error:
             self._refuse(error)
-            return
-        waiting, self._offered = self._offered, _Offer(stamp, data)
-        ready = self.active and self._time.runs
-        if ready and waiting is not None and self._instant(stamp) < self._instant(waiting.stamp):
-            # The one before may be the one to keep, see `_check_latest`.
-            if self._plans.allows:
-                self._look_at(waiting)
-            else:
-                self._offered = waiting
-        self._take_offered()
 
-    def _take_offered(self) -> None:
-        offered = self._offered
-        if offered is None or not self.active or not self._time.runs:
-            return
-        if self._plans.allows or self._plans.overdrawn < self._worth(offered):
-            self._offered = None
-            self._look_at(offered)
-
-    def _worth(self, offered: _Offer) -> float:
-        """How much more time than there is may go into looking at a plan [s]."""
-        if nanoseconds_of(offered.stamp) == 0:
-            return 0.0  # it means now, whenever that is: it can wait
-        wait = self._instant(offered.stamp) - self._time.now()
-        if abs(wait) < _IMMINENT:
-            return _WORTH_AT_START
-        return _WORTH_IN_LEAD if 0.0 < wait < self.tracker.lead else 0.0
-
-    def _look_at(self, offered: _Offer) -> None:
+    def _look_at(self, offered: Offer) -> None:
         """Accept or refuse; one active already, as a restarted planner repeats it, stays."""
         began = time.perf_counter()
         begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
@@ -297,7 +237,7 @@ class TrackerNode(ManagedNode):
             trajectory = read_plan(self.plant.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
-            start = self._instant(offered.stamp) + float(trajectory.times[0])
+            start = self._intake.instant(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)
@@ -314,8 +254,6 @@ class TrackerNode(ManagedNode):
                 f'trajectory of {trajectory.duration:.3f} s accepted, '
                 f'starts in {start - now:.3f} s'
             )
-        finally:
-            self._plans.spent(time.perf_counter() - began)
         self._diagnostics.update()
 
     def _refuse(self, error: Exception) -> None:
@@ -342,7 +280,7 @@ class TrackerNode(ManagedNode):
     def _on_tick(self) -> None:
         if self._rate is not None:
             self._rate.tick()
-        self._take_offered()
+        self._intake.look()
         now, stamp = self._time.now(), self.get_clock().now()
         command = self.tracker.command(now)
         self._send(command.control, stamp)
@@ -421,13 +359,9 @@ class TrackerNode(ManagedNode):
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         slow = '' if self._rate is None else self._rate.problem()
-        told = [
-            '' if self._time.runs else NO_TIME,
-            self._refusal,
-            self._planners.warning,
-            self.tracker.warning if self.configured else '',
-            f'commands at {slow}' if slow else '',
-        ]
+        warning = self.tracker.warning if self.configured else ''
+        timeless, slow = '' if self._time.runs else NO_TIME, f'commands at {slow}' if slow else ''
+        told = [timeless, self._refusal, self._planners.warning, warning, slow]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

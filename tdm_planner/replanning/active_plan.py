@@ -11,7 +11,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +31,14 @@ class ActivePlan:
     A verified plan and the problem it solves; its motion starts at the instant `start` [s].
 
     `whole` is the cost of the plan for the whole way, where this one was made on the way; its own
-    by default.
+    by default. `own` are the parameters that were given for this plan alone, by name.
     """
 
     problem: Problem
     solution: Solution
     start: float
     whole: float | None = None
+    own: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def whole_cost(self) -> float:

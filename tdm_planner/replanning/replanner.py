@@ -151,7 +151,7 @@ class Replanner:
         if decision.take_over:
             # A new swing-up after a fall, or another goal, is a new way; else it is the rest.
             whole = None if new.cost > plan.whole_cost or changed else plan.whole_cost
-            taking_over = ActivePlan(new_problem, new, at, whole)
+            taking_over = ActivePlan(new_problem, new, at, whole, plan.own)
         return Review(taking_over, decision.reason, outlook, necessary, self._spent(began))
 
     def _may_improve(self, plan: ActivePlan, outlook: Outlook, now: float) -> bool:

@@ -28,20 +28,15 @@ from stepped_ros import Stepped
 from tdm_planner.nodes.markers import LIFETIME, to_quaternion
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_planner.nodes.robot_markers import TRAIL_LIFETIME
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 PLANNER = 'tdm_planner.nodes.planner'
-RIG = {'base', 'disk', 'disk_limit', 'arm', 'rod', 'trail'}
-ROBOT = {'body', 'heading', 'separation', 'name', 'trail'}
-LIFETIMES = {
-    **dict.fromkeys(ROBOT | {'plume'}, LIFETIME),
-    'trail': TRAIL_LIFETIME * LIFETIME,
-    'refusal': 8.0,
-}
+RIG = {'body', 'force', 'trail'}
+ROBOT = {'body', 'reach', 'force', 'name', 'trail'}
+LIFETIMES = {**dict.fromkeys(ROBOT, LIFETIME), 'rejected': 8.0}
 
 
 class Viewer:
@@ -71,9 +66,15 @@ class Viewer:
         return [nanoseconds_of(array.markers[0].header.stamp) for array in self.arrays]
 
 
-def turned(marker: Marker) -> float:
-    """Angle about the vertical [rad]."""
-    return 2 * math.atan2(marker.pose.orientation.z, marker.pose.orientation.w)
+def turned(line: Marker) -> float:
+    """Return the direction of a line in the plane [rad]."""
+    begin, end = line.points
+    return math.atan2(end.y - begin.y, end.x - begin.x)
+
+
+def radius(line: Marker) -> float:
+    """Return how far a line leads from the origin [m]."""
+    return math.hypot(line.points[-1].x, line.points[-1].y)
 
 
 def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
@@ -83,7 +84,7 @@ def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     viewer = Viewer(ros, '/sim/plant_markers')
     assert viewer.shows(lambda scene: scene.namespaces == RIG), plant.output
     viewer.arrays.clear()
-    assert viewer.shows(lambda scene: len(scene['trail'].points) > 30)
+    assert viewer.shows(lambda scene: len(scene['trail', 1].points) > 30)
     for array in viewer.arrays:
         check_markers(array, 'world', LIFETIME)
         assert [(m.ns, m.id) for m in array.markers] == [
@@ -94,14 +95,14 @@ def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     assert ros.call('/sim/reset', Trigger).success
     ros.settle()
     viewer.arrays.clear()
-    assert viewer.shows(lambda scene: 0 < len(scene['trail'].points) < 20)
+    assert viewer.shows(lambda scene: 0 < len(scene['trail', 1].points) < 20)
     # The description follows the parameters, as do the markers.
     assert description[-1].data == pendulum_urdf(RotaryPendulum())
     node = '/sim/pendulum_plant'
     assert ros.set_parameters(node, plant__arm_length=0.2) == ['']
     ros.settle()
     assert description[-1].data == pendulum_urdf(RotaryPendulum(arm_length=0.2))
-    assert viewer.shows(lambda scene: scene['disk'].scale.x > 0.35)
+    assert viewer.shows(lambda scene: radius(scene['body', 0]) > 0.19)
     assert ros.set_parameters(node, markers__rate=0.0) == ['']
     assert viewer.shows_nothing()
     plant.end_cleanly()
@@ -118,13 +119,20 @@ def test_a_real_pendulum_is_drawn_by_the_planner(ros: Stepped) -> None:
         lambda: viewer.showing(lambda scene: scene.namespaces == RIG),
     ), planner.output
     check_markers(viewer.arrays[-1], 'world', LIFETIME)
-    assert turned(viewer.scene['disk']) == pytest.approx(0.7)
+    end = viewer.scene['body', 0].points[1]
+    assert math.atan2(end.y, end.x) == pytest.approx(0.7)
     ros.spin_for(0.5)
     assert viewer.shows_nothing()  # what is too old is drawn no more
     planner.end_cleanly()
 
 
 # The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
+
+
+def jet(scene: Scene) -> float:
+    """Return the length of a robot's jet [m]."""
+    begin, end = scene['force', 3].points
+    return math.hypot(end.x - begin.x, end.y - begin.y)
 
 
 class Robots:
@@ -170,7 +178,7 @@ class Robots:
 
     def refusals(self) -> list[Marker]:
         return [
-            m for a in self.live.arrays for m in a.markers if m.ns == 'refusal' and m.action == 0
+            m for a in self.live.arrays for m in a.markers if m.ns == 'rejected' and m.action == 0
         ]
 
 
@@ -182,9 +190,9 @@ def robots(ros: Stepped) -> Robots:
 def test_the_set_up_and_then_the_plan_is_shown(ros: Stepped, robots: Robots) -> None:
     array = robots.plan.arrays[-1]
     check_markers(array, 'arena', 0.0)
-    assert Scene(array).namespaces == {'arena', 'goal', 'safety_circle'}
+    assert Scene(array).namespaces == {'body', 'limit', 'goal', 'reach'}
     robots.set(arena__length=6.0)
-    assert robots.plan.shows(lambda scene: max(p.x for p in scene['arena'].points) == 6.0)
+    assert robots.plan.shows(lambda scene: max(p.x for p in scene['body', 0].points) == 6.0)
     robots.set(arena__length=4.0)
     done, answer = ros.trigger('/robots/plan')
     assert done, answer
@@ -195,8 +203,9 @@ def test_the_set_up_and_then_the_plan_is_shown(ros: Stepped, robots: Robots) -> 
     array = robots.plan.arrays[-1]
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
-    each = {(name, k) for name in ('goal', 'safety_circle', 'planned_path') for k in range(3)}
-    assert Scene(array).names == {('arena', 0)} | each
+    each = {('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)}
+    robots_own = {(name, 100 * k + place) for k in (1, 2, 3) for name, place in each}
+    assert Scene(array).names == {('body', 0), ('limit', 1)} | robots_own
 
 
 def test_a_goal_pose_moves_the_robots_place(ros: Stepped, robots: Robots) -> None:
@@ -208,8 +217,8 @@ def test_a_goal_pose_moves_the_robots_place(ros: Stepped, robots: Robots) -> Non
     c, s = math.cos(0.5), math.sin(0.5)
     expected = [c * 1.2 + s * 1.1, c * 1.1 - s * 1.2, 1.5]
     np.testing.assert_allclose(robots.place, expected, atol=1e-9)
-    assert robots.plan.shows(lambda scene: abs(scene['goal', 0].pose.position.x - 3.2) < 5e-3)
-    path = robots.plan.scene['planned_path', 0].points
+    assert robots.plan.shows(lambda scene: abs(scene['goal', 100].pose.position.x - 3.2) < 5e-3)
+    path = robots.plan.scene['planned_path', 100].points
     assert (path[-1].x, path[-1].y) == pytest.approx((3.2, 3.1), abs=5e-3)
     # The service goes on from there.
     robots.clear()
@@ -248,7 +257,7 @@ def test_a_refused_goal_changes_nothing_and_says_why(
     assert notice.type == Marker.TEXT_VIEW_FACING
     text = ' '.join(notice.text.split())
     assert all(word in text for word in words), text
-    (line,) = (line for line in robots.here.output[logged:].splitlines() if 'refused' in line)
+    (line,) = (line for line in robots.here.output[logged:].splitlines() if 'rejected' in line)
     assert text.removeprefix('robot1: ') in line
     assert robots.place == before
     assert not robots.trajectories
@@ -264,7 +273,7 @@ def test_a_goal_while_another_request_is_solved_is_busy(ros: Stepped, robots: Ro
     assert robots.end == pytest.approx((3.0, 3.3), abs=5e-3)
     # The accepted one takes the notice away.
     robots.goal(2.8, 3.3)
-    assert robots.live.shows(lambda scene: 'refusal' not in scene.namespaces)
+    assert robots.live.shows(lambda scene: 'rejected' not in scene.namespaces)
 
 
 def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Robots) -> None:
@@ -274,15 +283,15 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Rob
     )
     robots.clear()
     assert robots.live.shows(lambda scene: scene.namespaces >= ROBOT), plant.output
-    assert 'plume' not in robots.live.scene.namespaces
+    assert jet(robots.live.scene) < 1e-6
     names = ['thruster', 'reaction_wheel']
     command = JointState(name=names, velocity=[0.0, 0.0], effort=[0.5, 0.0])
     robots.clear()
     ros.publisher('/robots/robot1/joint_command', JointState).publish(command)
-    assert robots.live.shows(lambda scene: 'plume' in scene.namespaces)
+    assert robots.live.shows(lambda scene: jet(scene) > 0.01)
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
-    assert turned(robots.live.scene['plume']) == pytest.approx(1.5)
+    assert turned(robots.live.scene['force', 3]) == pytest.approx(1.5 - math.pi)
     # Both the plant and the planner could publish here: the planner leaves it to the plant.
     robots.clear()
     assert ros.spin_until(lambda: len(robots.live.arrays) > 10)
@@ -305,12 +314,13 @@ def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> N
         joints.publish(state)
 
     assert ros.publish_until(
-        publish, lambda: viewer.showing(lambda scene: scene.namespaces >= ROBOT | {'plume'})
+        publish,
+        lambda: viewer.showing(lambda scene: scene.namespaces >= ROBOT and jet(scene) > 0.01),
     ), robots.here.output
     for array in viewer.arrays:
         check_markers(array, 'arena', LIFETIMES)
     scene = viewer.scene
-    where = scene['body'].pose.position
+    where = scene['body', 0].pose.position
     assert (where.x, where.y) == (1.5, 2.5)
-    assert turned(scene['plume']) == pytest.approx(0.7)
+    assert turned(scene['force', 3]) == pytest.approx(0.7 - math.pi)
     assert scene['name'].text == 'robot2'

@@ -20,10 +20,11 @@ import pytest
 from rclpy.lifecycle import LifecycleNode
 from ros_harness import MODULES
 from stepped_ros import Stepped
-from tdm_planner.nodes.adapters.tracker_watch import TrackerWatch
+from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.tracker_status import goal_status
+from tdm_planner.nodes.tracker_watch import TrackerWatch
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 
@@ -78,12 +79,24 @@ def test_rclpy_has_what_managed_nodes_rely_on(ros: Stepped) -> None:
 # What the planner knows of a tracker: its mode, its plan, its parameters.
 
 
+class Unset(MotionClock):
+    """A clock whose instants are nanoseconds, of a time of day that may be set."""
+
+    step = 0
+
+    def __init__(self) -> None:
+        """Need no node."""
+
+    def instant(self, stamp: int) -> float:
+        return float(stamp - self.step)
+
+
 class Told:
     """A watch, and a publisher in the tracker's place."""
 
     def __init__(self, ros: Stepped) -> None:
         self.ros = ros
-        self.watch = TrackerWatch(ros.node, 'told/', PendulumTrackerParameters)
+        self.watch = TrackerWatch(ros.node, Unset(), 'told/', PendulumTrackerParameters)
         self.publisher = ros.publisher('told/tracker_status', GoalStatusArray, LATCHED)
 
     def tell(self, **statuses: int) -> TrackerWatch:
@@ -138,15 +151,16 @@ def test_the_mode_is_what_the_tracker_tells(
 
 def test_a_plan_goes_on_when_the_clock_is_set(told: Told) -> None:
     watch = told.tell(p5=EXECUTING)
-    watch.clock_was_set(100)
-    assert watch.followed(107) == 105
-    assert told.tell(p5=SUCCEEDED, p8=ACCEPTED).followed(107) == 105
-    watch.clock_was_set(None)
-    assert watch.followed(107) is None
+    Unset.step = 100
+    assert watch.followed(7) == 5
+    assert told.tell(p5=SUCCEEDED, p109=ACCEPTED).followed(7) == 5
+    assert watch.followed(9) == 9
+    watch.forget_plans()
+    assert watch.followed(9) is None
 
 
 def test_the_parameters_are_those_that_the_tracker_has_at_present(ros: Stepped) -> None:
-    watch = TrackerWatch(ros.node, 'tuned/', PendulumTrackerParameters)
+    watch = TrackerWatch(ros.node, MotionClock(ros.node), 'tuned/', PendulumTrackerParameters)
     values: dict[str, Any] = {'limits.torque': 0.02, 'weights.theta': 5.0}
 
     def knows(weight: float) -> bool:

@@ -112,15 +112,15 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
     assert shown['body', 2].pose.position.x == pytest.approx(loop.states[-1].position[0], abs=0.05)
     check_markers(plan[-1], 'world', 0.0)
     way = Scene(plan[-1])
-    assert way.names == {('planned_path', 2), ('goal', 1), ('goal', 2)}
-    path = way['planned_path', 2].points
+    assert way.names == {('planned_path', 102), ('goal', 101), ('goal', 102)}
+    path = way['planned_path', 102].points
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
     for node in loop.nodes:
         node.end_cleanly()
 
 
 def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
-    with pytest.raises(InvalidProblem, match='drawing fails with IndexError'):
+    with pytest.raises(InvalidProblem, match='drawing of Blurred raises IndexError'):
         ros.start('tdm_sim.stated_plant', {'problem': 'drawn_plant:Blurred'}, namespace='own')
 
 

@@ -33,14 +33,12 @@ from tdm_planner.nodes.reading import read_plan
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.trajectory import NANOSECOND
 from tdm_planner.verification import replay
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
 ANSWER = ['plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary']
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
-HOUR = 3600 * 1_000_000_000  # ns
 
 
 class Planner:
@@ -183,8 +181,9 @@ def test_a_later_plan_replaces_the_one_before_and_its_picture(planner: Planner) 
     check_markers(array, 'world', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     scene = Scene(array)
-    assert scene.names == {('planned_path', 0), ('goal', 0)}
-    start, goal = scene['planned_path'].points[0], scene['goal'].pose.position
+    around = {('reach', 0), ('limit', 1)}
+    assert scene.names == around | {('planned_path', 101), ('goal', 100), ('goal', 101)}
+    start, goal = scene['planned_path', 101].points[0], scene['goal', 101].points[1]
     assert start.z == pytest.approx(0.129 * math.cos(2.5))
     assert (goal.x, goal.y, goal.z) == pytest.approx((0.085, 0.0, 0.129), abs=1e-3)
     assert planner.set({'start.theta': math.pi, 'goal.turns': None}) == ['', '']
@@ -342,13 +341,17 @@ def test_two_clients_at_once_get_the_plan_they_asked_for_or_busy(
     assert planner.summary()['parameters']['goal.turns'] == met[-1]
 
 
-def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(planner: Planner) -> None:
-    planner.plan()
-    node = planner.here.node
-    start = node._plan.start
-    assert node._adapter.next_start(start - 1) == start
-    node._on_clock_step(-HOUR * NANOSECOND)
-    assert node._plan.start == start - HOUR
-    assert node._adapter.next_start(start - HOUR) is None
-    assert node._adapter.next_start(start - HOUR - 1) == start - HOUR
+def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros: Stepped) -> None:
+    planner = Planner(ros, start__source='parameters', use_sim_time=False)
+    start, node = begins(planner.plan()), planner.here.node
+    plan = node._plan
+    assert node._time.stamp(plan.start) == start
+    ros.time_of_day = -3600.0
+    ros.spin_for(0.2)
+    ros.time_of_day = 0.0
     assert 'the clock was set by -3.6e+03 s' in planner.here.output
+    assert node._plan is plan
+    assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
+    assert node._adapter.next_start(plan.start - 1e-6) == plan.start
+    assert node._adapter.next_start(plan.start) is None
+    planner.here.end_cleanly()

@@ -23,7 +23,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
-from tdm_planner.nodes.adapters.formation import FormationAdapter
+from tdm_planner.nodes.adapter import Adapter
+from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.messages import (
     LATCHED,
     nanoseconds_of,
@@ -31,6 +32,7 @@ from tdm_planner.nodes.messages import (
     to_quaternion,
     to_stamp,
 )
+from tdm_planner.nodes.other_planners import Recovery
 from tdm_planner.nodes.reading import read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
@@ -126,7 +128,7 @@ def test_a_plan_for_every_robot_is_published_and_told_of(ros: Stepped, fleet: Fl
         assert path.header.frame_id == fleet.motions[name][-1].header.frame_id == 'arena'
         assert len(path.poses) == plan.times.size
     assert len(starts) == 1
-    assert {m.ns for m in markers[-1].markers} >= {'arena', 'planned_path', 'goal'}
+    assert {m.ns for m in markers[-1].markers} >= {'limit', 'planned_path', 'goal', 'reach'}
     summary = json.loads(summaries[-1].data)
     assert summary['plan_id'] == answer['plan_id']
     assert sum(summary['cost_terms'].values()) == pytest.approx(summary['cost'])
@@ -235,7 +237,7 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> N
 
 
 def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
-    ros: Stepped,
+    ros: Stepped, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pair = ('robot1', 'robot2')
     places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
@@ -246,8 +248,11 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
         name: spec.default
         for name, spec in RobotFormation.parameter_specifications({'robots': list(pair)}).items()
     }
-    adapter = FormationAdapter(ros.node, {**values, **places, 'robots': list(pair)})
-    adapter.watch_plans_followed(lambda plans, start: found.append((plans, start)))
+    given = {**values, **places, 'robots': list(pair)}
+    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given)
+    node: Any = ros.node
+    recovery = Recovery(node, adapter.vehicles.values(), print)
+    monkeypatch.setattr(recovery, '_on_found', lambda *told: found.append(told))
     publishers = {
         robot: ros.publisher(f'{robot}/active_trajectory', JointTrajectory, LATCHED)
         for robot in pair

@@ -16,7 +16,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -69,29 +68,12 @@ def planners(ros: Stepped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
         node.end()
 
 
-class Status:
-    """The diagnostic status of a planner's planning."""
-
-    def __init__(self, ros: Stepped, namespace: str) -> None:
-        self.name = f'/{namespace}/planner: planning'
-        self.received = ros.subscribe('/diagnostics', DiagnosticArray)
-
-    @property
-    def newest(self) -> Any:
-        found = [s for array in self.received for s in array.status if s.name == self.name]
-        return found[-1] if found else None
-
-    def says(self, message: str) -> bool:
-        return self.newest is not None and self.newest.message == message
-
-
 def test_while_one_request_is_solved_everything_else_is_served(
     ros: Stepped, planners: Planners
 ) -> None:
-    status = Status(ros, 'slow')
     planners.start('slow', {'problem': 'slow_swing_up', 'thinking': 2.0, **STRONG})
     first = ros.request('/slow/plan', Trigger)
-    assert ros.spin_until(lambda: status.says('planning'))
+    assert ros.says('/slow/planner: planning', 'planning')
     done, answer = planners.plan('slow')
     assert not done
     assert answer['code'] == 'BUSY'
@@ -100,13 +82,13 @@ def test_while_one_request_is_solved_everything_else_is_served(
     assert ros.spin_until(first.done)
     assert first.result().success
     assert planners.plan('slow')[0]
-    assert ros.spin_until(lambda: status.says('plan 2 active'))
+    assert ros.says('/slow/planner: planning', 'plan 2 active')
 
 
 def test_failures_have_their_codes_and_show_in_the_diagnostics(
     ros: Stepped, planners: Planners
 ) -> None:
-    status = Status(ros, 'failing')
+    name = '/failing/planner: planning'
     planner = planners.start('failing', {'problem': 'failing_swing_up', **STRONG})
     expected = {
         'crash': ('INTERNAL', 'ZeroDivisionError: a bug in the solver', b'\x02'),
@@ -118,14 +100,13 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
         assert planners.plan('failing') == (False, {'code': code, 'reason': reason})
         message = f'{code}: {reason}'
         assert f'no plan: {message}' in planner.output
-        assert ros.spin_until(lambda wanted=message: status.says(wanted))  # type: ignore[misc]
-        assert status.newest.level == level
+        assert ros.says(name, message, level=level[0])
     ros.set_parameters('/failing/planner', failure='not')
     assert planners.plan('failing')[0]
-    assert ros.spin_until(lambda: status.says('plan 1 active'))
-    assert status.newest.level == b'\x00'
-    assert status.newest.hardware_id == '/failing/planner'
-    figures = {item.key: item.value for item in status.newest.values}
+    assert ros.says(name, 'plan 1 active', level=0)
+    status = ros.statuses[name]
+    assert status.hardware_id == '/failing/planner'
+    figures = {item.key: item.value for item in status.values}
     assert figures['requests'] == '4'
     assert figures['failures'] == '3'
     assert figures['age of joint_states [s]'] == 'never received'

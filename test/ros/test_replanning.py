@@ -28,7 +28,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.nodes.messages import LATCHED, seconds_of
-from tdm_planner.nodes.reading import read_state
+from tdm_planner.nodes.reading import read_joints
 from tdm_planner.plant_kind import PENDULUM
 from trajectory_msgs.msg import JointTrajectory
 
@@ -77,7 +77,7 @@ class Rig:
         assert self.ros.call(f'/{self.namespace}/push', Trigger).success
 
     def angle(self, state: JointState) -> float:
-        return float(read_state(PENDULUM, state)[0])
+        return read_joints(PENDULUM.measured, state, ['theta'])['theta']
 
     def upright_for(self, seconds: float) -> bool:
         """Whether the pendulum has been upright so long."""

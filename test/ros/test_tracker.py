@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes import tracker as tracker_node
+from tdm_planner.nodes import plan_intake
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
@@ -230,17 +230,17 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
 
 @pytest.fixture
 def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
-    """Let it take .02 s to look at a plan."""
+    """Let it take .04 s to look at a plan."""
     spent = 0.0
 
     def counter() -> float:
         nonlocal spent
-        spent += 0.02
+        spent += 0.04
         return spent
 
     stand_in = SimpleNamespace(**{**vars(ros.time.as_module()), 'perf_counter': counter})
-    monkeypatch.setattr(tracker_node, 'time', stand_in)
-    return 0.02
+    monkeypatch.setattr(plan_intake, 'time', stand_in)
+    return 0.04
 
 
 @pytest.mark.usefixtures('laborious')

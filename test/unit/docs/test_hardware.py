@@ -25,7 +25,7 @@ from ros_harness import SOURCE
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import command_message, plan_message, to_stamp
-from tdm_planner.nodes.reading import nanoseconds_of, read_command, read_state
+from tdm_planner.nodes.reading import nanoseconds_of, read_command, read_joints
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 import yaml
@@ -94,7 +94,8 @@ def test_topic_hardware_and_nodes_understand_each_other() -> None:
     state = JointState(
         name=['disk', 'another', 'pendulum'], position=[1.0, 9.0, 2.0], velocity=[3.0, 9.0, 4.0]
     )
-    assert read_state(PENDULUM, state).tolist() == [2.0, 1.0, 4.0, 3.0]
+    read_states = read_joints(PENDULUM.measured, state, PENDULUM.state_names)
+    assert read_states == {'theta': 2.0, 'psi': 1.0, 'theta_dot': 4.0, 'psi_dot': 3.0}
 
     def read(component: Component) -> list[float]:
         commanded = [name for name, found in component.items() if 'effort' in found['command']]

@@ -9,10 +9,14 @@
 
 """Where a plant will be when the next plan takes over, against its motion under the old plan."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 import pytest
-from tdm_planner.nodes.adapters.active_plans import ActivePlans, predicted_start
-from tdm_planner.nodes.adapters.formation import _CARRIED, _TRACKED, drifted
+from tdm_planner.nodes.planned_plants import PlannedRobots
+from tdm_planner.nodes.vehicle import ActivePlans, Vehicle
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import TimedTrajectory
@@ -28,17 +32,18 @@ def plan():
     return TimedTrajectory(solution.trajectories['robot1'].with_rates(plant.derivative), START)
 
 
+class Robot(Vehicle):
+    """A robot that follows a plan, measured in a state at an instant."""
+
+    def __init__(self, plan: TimedTrajectory | None, state: Any, measured: float) -> None:
+        self._plant = PlannedRobots(RobotFormation, {})
+        self._angles = np.isin(np.arange(7), (4, 6))
+        self.fresh = lambda *_: (state, measured)  # type: ignore[method-assign]
+        self.followed = lambda _: plan  # type: ignore[method-assign]
+
+
 def predict(plan, state, measured, start):
-    return predicted_start(
-        plan,
-        state,
-        measured,
-        start,
-        np.isin(np.arange(7), (4, 6)),
-        tracked=_TRACKED,
-        free=drifted,
-        carried=lambda away, wait: drifted(away, wait) * _CARRIED,
-    )
+    return Robot(plan, state, measured).predicted({'start.max_age': 1.0}, measured, start)
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
@@ -73,25 +78,23 @@ def test_after_its_end_the_plan_stays_at_the_goal(plan):
 
 
 def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
-    second, start = 10**9, 1_700_000_000_123_456_789
-    plans, now = ActivePlans(), start - second
-    assert plans.at(now) is None
-    assert plans.next_start(now) is None
-    plans.add(plan.trajectory, start, now)
-    assert plans.at(now) is None
-    assert plans.next_start(now) == start
-    found = plans.at(start + second)
-    assert (found.trajectory, found.start) == (plan.trajectory, -1.0)
-    plans.add(plan.trajectory, start + 9 * second, start + 8 * second)
-    assert plans.at(start + 8 * second).start == -8.0
-    plans.add(plan.trajectory, start + 10 * second, start + 8 * second + 1)
+    def begins(start):
+        return TimedTrajectory(plan.trajectory, start)
+
+    plans = ActivePlans()
+    assert plans.at(9.0) is plans.next_start(9.0) is None
+    first, third = begins(10.0), begins(20.0)
+    plans.add(first, 9.0)
+    assert plans.at(9.0) is None
+    assert plans.next_start(9.0) == 10.0
+    assert plans.at(11.0) is first
+    plans.add(begins(19.0), 18.0)
+    assert plans.at(18.0) is first
+    plans.add(third, 18.1)
     # The second one never begins.
-    assert plans.at(start + 9 * second).start == -9.0
-    assert plans.next_start(start + 10 * second - 1) == start + 10 * second
-    assert plans.next_start(start + 10 * second) is None
-    assert plans.at(start + 10 * second).start == 0.0
-    # Plans move with a clock that is set.
-    plans.clock_was_set(-3600 * second)
-    assert plans.at(start - 3590 * second).start == 0.0
-    plans.clock_was_set(None)
-    assert plans.at(start) is None
+    assert plans.at(19.0) is first
+    assert plans.next_start(19.9) == 20.0
+    assert plans.next_start(20.0) is None
+    assert plans.at(20.0) is third
+    plans.clear()
+    assert plans.at(20.0) is None

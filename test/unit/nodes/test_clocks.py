@@ -18,9 +18,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 from rclpy.clock import ClockType
-from tdm_planner.nodes.motion_clock import MotionClock, pacing_clock
-from tdm_planner.nodes.rate_watch import RateWatch
-from tdm_planner.nodes.ration import Ration
+from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
+from tdm_planner.nodes.plan_intake import Ration
 
 SECOND = 10**9
 
@@ -150,7 +149,7 @@ class SetClock:
 @pytest.fixture
 def day(monkeypatch: pytest.MonkeyPatch) -> Any:
     made = SetClock()
-    monkeypatch.setattr('tdm_planner.nodes.motion_clock.time', made)
+    monkeypatch.setattr('tdm_planner.nodes.clocks.time', made)
     return made
 
 

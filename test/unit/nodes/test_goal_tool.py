@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.adapters.goal_tool import arena_pose, place_in_arena, place_in_formation
+from tdm_planner.nodes.goal_tool import arena_pose, place_in_arena, place_in_formation
 from tdm_planner.problems import RobotFormation
 
 

@@ -7,11 +7,12 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What viewers are told to draw: colours, the pendulum, a robot, a formation."""
+"""What viewers are told to draw: colours, plants in motion, plans."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from hypothesis import given, settings
@@ -19,25 +20,26 @@ from hypothesis import strategies as st
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
-from tdm_planner.nodes.formation_markers import formation_markers, LONGEST_PATH
 from tdm_planner.nodes.markers import (
     colour_of,
-    GREY,
-    LIFETIME,
     lifetime_at,
+    LONGEST_PATH,
     Pen,
-    points_of,
-    Trail,
+    Picture,
+    plan_markers,
+    to_points,
+    Way,
 )
-from tdm_planner.nodes.pendulum_markers import LONGEST_PATH as LONGEST_PENDULUM_PATH
-from tdm_planner.nodes.pendulum_markers import PendulumPicture, plan_markers
-from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture, TRAIL_LIFETIME
+from tdm_planner.plant_drawings import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.problems.formation_parameters import Arena
-from tdm_planner.trajectory import Trajectory
 from visualization_msgs.msg import Marker, MarkerArray
+
+GREY = colour_of('grey')
+PLANT = RotaryPendulum()
+PENDULUM, ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
+number = st.floats(-20.0, 20.0)
 
 
 def rgb(name: str) -> tuple[float, float, float]:
@@ -54,7 +56,7 @@ def test_a_name_has_one_colour_and_numbered_names_different_ones() -> None:
 
 def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
     pen = Pen('map', Time(sec=3), lifetime=1.5)
-    line = pen.line('way', 4, points_of(np.eye(3)), GREY, 0.1)
+    line = pen.line('way', 4, to_points(np.eye(3)), GREY, 0.1)
     ball = pen.solid('ball', 0, Marker.SPHERE, GREY, (1.0, 2.0, 3.0), (4.0, 5.0))
     first = MarkerArray(markers=[line, ball, pen.text('note', 0, 'hello', (0.0, 1.0, 2.0), 0.2)])
     check_markers(first, 'map', 1.5)
@@ -68,265 +70,123 @@ def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
         assert 2 / rate < lifetime_at(rate) <= max(0.5, 5 / rate)
 
 
-def test_a_trail_keeps_its_distance_and_forgets() -> None:
-    trail = Trail(age=1.0, spacing=0.1)
-    for k in range(301):
-        trail.add(10_000_000 * k, 0.01 * k, 0.0, 0.0)
-    found = [point.x for point in trail.points]
-    np.testing.assert_allclose(found, np.arange(2.0, 3.05, 0.1))
-    trail.add(10_000_000, 7.0, 0.0, 0.0)  # the clock went back
-    assert [point.x for point in trail.points] == [7.0]
-    trail.clear()
-    assert trail.points == []
-
-
-# The pendulum.
-
-PLANT = RotaryPendulum()
-STATIC = {('base', 0), ('disk', 0), ('disk_limit', 0), ('arm', 0), ('rod', 0)}
-angles = st.floats(-20.0, 20.0)
-
-
-def posed(theta: float, psi: float) -> np.ndarray:
-    return np.array([theta, psi, 0.0, 0.0])
-
-
-def drawn(
-    picture: PendulumPicture, theta: float, psi: float, at: Time | None = None
-) -> MarkerArray:
-    return picture.draw(at or Time(), posed(theta, psi), np.zeros(1))
-
-
-def position(point) -> list[float]:
+def place(point: Any) -> list[float]:
     return [point.x, point.y, point.z]
 
 
-def plan(count: int, end: float = 0.0) -> Trajectory:
-    theta = np.linspace(math.pi, end, count)
-    return Trajectory(
-        times=np.linspace(0.0, 1.0, count),
-        states=np.stack([theta, 0.1 * theta, 0 * theta, 0 * theta], axis=1),
-        controls=np.zeros((count, 1)),
-        state_names=('theta', 'psi', 'theta_dot', 'psi_dot'),
-        control_names=('torque',),
-    )
-
-
-@given(st.lists(st.tuples(angles, angles), min_size=1, max_size=30))
-@settings(max_examples=30)
-def test_every_picture_of_a_pendulum_is_valid_with_the_same_names(states) -> None:
-    picture = PendulumPicture(PLANT, 2.0, trail=0.2)
-    scene = Scene()
-    for k, (theta, psi) in enumerate(states):
-        picture.add(10_000_000 * k, posed(theta, psi))
-        array = drawn(picture, theta, psi, Time(nanosec=10_000_000 * k))
-        check_markers(array, 'world', LIFETIME)
-        scene.apply(array)
-        trail = {('trail', 0)} if k > 0 else set()
-        assert scene.names == STATIC | trail
-        assert all(m.header.stamp.nanosec == 10_000_000 * k for m in array.markers)
-
-
-@given(angles, angles)
-@settings(max_examples=30)
-def test_rod_and_disk_are_where_the_state_has_them(theta, psi) -> None:
-    picture = PendulumPicture(PLANT, 2.0, trail=1.0)
-    scene = Scene(drawn(picture, theta, psi))
-    pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
-    np.testing.assert_allclose([position(p) for p in scene['rod'].points], [pivot, tip], atol=1e-9)
-    q = scene['disk'].pose.orientation
-    assert math.isclose(
-        math.remainder(2 * math.atan2(q.z, q.w) - psi, 2 * math.pi), 0, abs_tol=1e-9
-    )
-    end = position(scene['arm'].points[1])
-    np.testing.assert_allclose(end[:2], pivot[:2], atol=1e-9)
+def shown(drawn: Drawn, state: Any, thrust: float = 0.0) -> Scene:
+    state = np.array(state, dtype=float)
+    return Scene(Picture(drawn, 1.0).draw(Time(), state, np.array([thrust, 0.0, 0.0])))
 
 
 @pytest.mark.parametrize(
-    ('limit', 'span'), [(0.5, 0.5), (2.0, 2.0), (3.5, math.pi), (1e12, math.pi)]
+    ('drawn', 'name', 'always'),
+    [
+        (PENDULUM, '', {('body', 0), ('body', 1), ('force', 2)}),
+        (ROBOT, 'robot2', {('body', 0), ('body', 1), ('reach', 2), ('force', 3), ('name', 0)}),
+    ],
+    ids=['pendulum', 'robot'],
 )
-def test_the_arc_ends_at_the_limits_and_turns_red_beyond(limit, span) -> None:
-    picture = PendulumPicture(PLANT, limit, trail=1.0)
-    inside = Scene(drawn(picture, 0.0, 0.9 * limit))['disk_limit']
-    outside = Scene(drawn(picture, 0.0, -1.1 * limit))['disk_limit']
-    ends = [math.atan2(p.y, p.x) for p in (inside.points[0], inside.points[-1])]
-    np.testing.assert_allclose(np.abs(ends), span, atol=1e-9)
-    radii = [math.hypot(p.x, p.y) for p in inside.points]
-    np.testing.assert_allclose(radii, 1.25 * PLANT.arm_length)
-    assert inside.color != outside.color
-    assert outside.color.r > outside.color.g
-
-
-def test_the_trail_follows_the_tip_and_fades() -> None:
-    picture = PendulumPicture(PLANT, 2.0, trail=0.5)
-    theta = np.linspace(0.0, 1.0, 200)
-    for k, value in enumerate(theta):
-        picture.add(5_000_000 * k, posed(value, 0.3))
-    trail = Scene(drawn(picture, 1.0, 0.3))['trail']
-    _, tips = pendulum_points(PLANT, theta, np.array(0.3))
-    np.testing.assert_allclose([position(p) for p in trail.points], tips[100::2], atol=1e-9)
-    alphas = [colour.a for colour in trail.colors]
-    assert alphas == sorted(alphas)
-    assert alphas[-1] > 3 * alphas[0]
-    picture.clear()
-    assert 'trail' not in Scene(drawn(picture, 1.0, 0.3)).namespaces
-
-
-def test_a_new_plan_replaces_the_old_one() -> None:
-    long = plan(5000)
-    first, second = plan_markers(PLANT, long), plan_markers(PLANT, plan(2, end=2 * math.pi))
-    check_markers(first, 'world', 0.0)
-    check_markers(second, 'world', 0.0)
-    assert first.markers[0].action == Marker.DELETEALL
-    points = Scene(first)['planned_path'].points  # thinned, but with its ends
-    assert len(points) == LONGEST_PENDULUM_PATH
-    _, tips = pendulum_points(PLANT, long.states[[0, -1], 0], long.states[[0, -1], 1])
-    np.testing.assert_allclose([position(p) for p in (points[0], points[-1])], tips)
-    scene = Scene(first, second)
-    assert scene.names == {('planned_path', 0), ('goal', 0)}
-    assert len(scene['planned_path'].points) == 2
-    _, tip = pendulum_points(PLANT, np.array(2 * math.pi), np.array(0.2 * math.pi))
-    np.testing.assert_allclose(position(scene['goal'].pose.position), tip)
-
-
-# A robot.
-
-LOOK = RobotLook('robot2', radius=0.15, separation=0.4, thrust=1.05)
-LIFETIMES = {
-    **dict.fromkeys(('body', 'heading', 'separation', 'name', 'plume'), LIFETIME),
-    'trail': TRAIL_LIFETIME * LIFETIME,
-}
-angle, place = st.floats(-20.0, 20.0), st.floats(-10.0, 10.0)
-
-
-def robot(x: float, y: float, yaw: float, alpha: float = 0.0) -> np.ndarray:
-    return np.array([x, y, 0.0, 0.0, yaw, 0.0, alpha])
-
-
-states = st.tuples(st.builds(robot, place, place, angle, angle), st.floats(0.0, 2.0))
-
-
-def thrusting(thrust: float) -> np.ndarray:
-    return np.array([thrust, 0.0, 0.0])
-
-
-def yaw(marker) -> float:
-    q = marker.pose.orientation
-    return 2 * math.atan2(q.z, q.w)
-
-
-def in_arena(marker) -> np.ndarray:
-    """Points of a marker (n, 2), from its own frame to that of the arena."""
-    c, s = math.cos(yaw(marker)), math.sin(yaw(marker))
-    points = np.array([[p.x, p.y] for p in marker.points]) @ np.array([[c, s], [-s, c]])
-    return points + np.array([marker.pose.position.x, marker.pose.position.y])
-
-
-@given(st.lists(states, min_size=1, max_size=12))
-@settings(max_examples=30)
-def test_every_picture_of_a_robot_is_valid_with_the_same_names(motion) -> None:
-    picture, scene = RobotPicture(LOOK, trail=60.0), Scene()
-    for k, (state, thrust) in enumerate(motion):
-        picture.add(1_000_000_000 * k, state)
-        array = picture.draw(Time(sec=k), state, thrusting(thrust))
-        check_markers(array, 'arena', LIFETIMES)
+@given(states=st.lists(st.lists(number, min_size=7, max_size=7), min_size=1, max_size=12))
+@settings(max_examples=15)
+def test_every_picture_is_valid_with_the_same_names(drawn, name, always, states) -> None:
+    picture, scene = Picture(drawn, 60.0, name), Scene()
+    for k, values in enumerate(states):
+        state = np.array(values)
+        picture.add(float(k), state)
+        array = picture.draw(Time(sec=k), state, state[:3], lifetime=3.0)
+        check_markers(array, drawn.kind.frame, 3.0)
         scene.apply(array)
-        always = {(name, 0) for name in ('body', 'heading', 'separation', 'name')}
-        assert always <= scene.names <= always | {('plume', 0), ('trail', 0)}
-        assert (('plume', 0) in scene.names) == (thrust > 1.05e-3)
+        trail = {key for key in scene.names if key[0] == 'trail'}
+        assert (scene.names - trail, len(trail)) == (always, int(k > 0))
+        assert all(m.header.stamp.sec == k for m in array.markers)
 
 
-@given(states.filter(lambda drawn: drawn[1] > 0.01))
-@settings(max_examples=50)
-def test_the_plume_points_along_the_force_and_leaves_behind(moving) -> None:
-    state, thrust = moving
-    control = thrusting(thrust)
-    plume = Scene(RobotPicture(LOOK, 60.0).draw(Time(), state, control))['plume']
-    rates = FloatingRobot().derivative(state, control)
-    force = rates[2:4] / np.linalg.norm(rates[2:4])
-    direction = [math.cos(yaw(plume)), math.sin(yaw(plume))]
-    np.testing.assert_allclose(direction, force, atol=1e-9)
-    along = (in_arena(plume) - state[:2]) @ force
-    assert along.max() == pytest.approx(-LOOK.radius)
-    length = along.max() - along.min()
-    share = min(thrust / 1.05, 1.0)
-    assert length == pytest.approx(4 * LOOK.radius * share)
-    across = (in_arena(plume) - state[:2]) @ [-force[1], force[0]]
-    assert np.ptp(across) == pytest.approx((0.3 + 0.9 * share) * LOOK.radius)
+@given(number, number)
+@settings(max_examples=30)
+def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
+    scene = shown(PENDULUM, [theta, psi, 0.0, 0.0])
+    pivot, tip = pendulum_points(PLANT, np.array(theta), np.array(psi))
+    np.testing.assert_allclose(
+        [place(p) for p in scene['body', 1].points], [pivot, tip], atol=1e-9
+    )
+    np.testing.assert_allclose(place(scene['body', 0].points[1]), pivot, atol=1e-9)
 
 
-def test_heading_and_body_are_those_of_the_state() -> None:
-    scene = Scene(RobotPicture(LOOK, 60.0).draw(Time(), robot(1.0, 2.0, 0.7), thrusting(0.0)))
-    assert yaw(scene['heading']) == pytest.approx(0.7)
-    for name in ('body', 'heading', 'separation'):
-        where = scene[name].pose.position
-        assert (where.x, where.y) == (1.0, 2.0)
-    assert scene['separation'].scale.x == 0.4
-    assert scene['body'].scale.x == 0.3
-    assert scene['name'].text == 'robot2'
-    assert scene['body'].color.r == scene['separation'].color.r
+@pytest.mark.parametrize(('limit', 'reach'), [(0.5, 0.5), (3.5, math.pi), (1e12, math.pi)])
+def test_the_disk_has_its_limit_around_it(limit: float, reach: float) -> None:
+    around = PendulumDrawing(PLANT, 0.02, limit).surroundings()
+    drawn = plan_markers('world', around, [Way(PENDULUM, np.zeros((1, 4)))])
+    ends = [math.atan2(p.y, p.x) for p in Scene(drawn)['limit', 1].points[::59]]
+    np.testing.assert_allclose(np.abs(ends), reach, atol=1e-9)
 
 
-def test_markers_drawn_seldom_stay_longer() -> None:
-    picture = RobotPicture(LOOK, 60.0)
-    for k in range(2):
-        picture.add(1_000_000_000 * k, robot(0.1 * k, 0.0, 0.0))
-    array = picture.draw(Time(), robot(0.1, 0.0, 0.0), thrusting(0.0), lifetime=3.0)
-    check_markers(array, 'arena', {**dict.fromkeys(LIFETIMES, 3.0), 'trail': 12.0})
+def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
+    state = np.array([1.0, 2.0, 0.0, 0.0, 0.7, 0.0, 1.1])
+    scene = shown(ROBOT, state, thrust=0.5)
+    force = FloatingRobot().derivative(state, np.array([0.5, 0.0, 0.0]))[2:4]
+    begin, end = np.array([place(p)[:2] for p in scene['force', 3].points])
+    away = begin - state[:2]
+    np.testing.assert_allclose(away / 0.15, -force / np.linalg.norm(force), atol=1e-9)
+    np.testing.assert_allclose(end - state[:2], away * (1.0 + 1.6 * 0.5 / 1.05))
+    heading = scene['body', 1].points[1]
+    assert math.atan2(heading.y - 2.0, heading.x - 1.0) == pytest.approx(0.7)
+    assert scene['body', 0].scale.x == pytest.approx(0.3)
+    ring = [math.hypot(p.x - 1.0, p.y - 2.0) for p in scene['reach', 2].points]
+    np.testing.assert_allclose(ring, 0.2)
 
 
-def test_the_trail_is_repeated_now_and_then() -> None:
-    picture = RobotPicture(LOOK, 60.0)
-    for k in range(20):
-        picture.add(1_000_000_000 * k, robot(0.1 * k, 0.0, 0.0))
-    arrays = [picture.draw(Time(), robot(1.9, 0.0, 0.0), thrusting(0.0)) for _ in range(11)]
-    with_trail = [k for k, array in enumerate(arrays) if 'trail' in {m.ns for m in array.markers}]
-    assert with_trail == [0, 5, 10]
-    trail = Scene(arrays[0])['trail']
-    np.testing.assert_allclose([p.x for p in trail.points], 0.1 * np.arange(20))
+def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:
+    picture, theta = Picture(PENDULUM, 0.5), np.linspace(0.0, 1.0, 201)
+    for k, value in enumerate(theta):
+        picture.add(0.005 * k, np.array([value, 0.3, 0.0, 0.0]))
+
+    def trail() -> list[list[float]]:
+        scene = Scene(picture.draw(Time(), np.array([1.0, 0.3, 0.0, 0.0]), np.zeros(1)))
+        return [place(p) for p in scene['trail', 1].points] if 'trail' in scene.namespaces else []
+
+    _, tips = pendulum_points(PLANT, theta, np.array(0.3))
+    np.testing.assert_allclose(trail(), tips[100::4], atol=1e-9)
+    picture.add(-7.0, np.zeros(4))  # the clock went back
+    assert trail() == []
+    picture.add(-6.98, np.zeros(4))
+    assert len(trail()) == 2
     picture.clear()
-    after = picture.draw(Time(), robot(0.0, 0.0, 0.0), thrusting(0.0))
-    assert 'trail' not in Scene(arrays[0], after).namespaces
+    assert trail() == []
 
 
-# A formation.
-
-ARENA = Arena(length=5.0, width=3.0, obstacles=[1.0, 2.0, 0.3, 4.0, 1.0, 0.2])
-GOALS = {
-    'alice': np.array([1.0, 1.0, 0.5]),
-    'bob': np.array([2.0, 1.0, -2.0]),
-    'carol': np.array([3.0, 1.0, 3.0]),
-}
-WAY = np.linspace([0.5, 0.5], [3.0, 1.0], 1000)
+STATES = np.zeros((1000, 7))
+STATES[:, :2] = np.linspace([0.5, 0.5], [3.0, 1.0], 1000)
+STATES[:, 4] = 0.5
+ZONES = [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]]
 
 
-def test_set_up_and_plan() -> None:
-    array = formation_markers(ARENA, GOALS, {'carol': WAY})
+def formation(names: str, zones: list[list[float]]) -> MarkerArray:
+    ways = [Way(ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
+    return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
+
+
+def test_a_plan_is_shown_with_its_surroundings_and_replaces_the_one_before() -> None:
+    array = formation('abc', ZONES)
     check_markers(array, 'arena', 0.0)
     assert array.markers[0].action == Marker.DELETEALL
     scene = Scene(array)
-    corners = {(p.x, p.y) for p in scene['arena'].points}
+    corners = {(p.x, p.y) for p in scene['body', 0].points}
     assert corners == {(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)}
-    zone = scene['obstacles', 1]
+    zone = scene['limit', 3]
     assert (zone.pose.position.x, zone.pose.position.y, zone.scale.x) == (4.0, 1.0, 0.4)
-    goal = scene['goal', 1].pose
-    assert (goal.position.x, goal.position.y) == (2.0, 1.0)
-    assert 2 * math.atan2(goal.orientation.z, goal.orientation.w) == pytest.approx(-2.0)
-    ring = scene['safety_circle', 1].points
-    np.testing.assert_allclose([math.hypot(p.x - 2, p.y - 1) for p in ring], 0.2)
-    path = scene['planned_path', 2].points
-    assert len(path) == LONGEST_PATH
-    assert (path[0].x, path[-1].x) == (0.5, 3.0)
-    assert {number for name, number in scene.names if name == 'planned_path'} == {2}
-
-
-def test_robots_and_zones_that_are_gone_disappear() -> None:
-    paths = dict.fromkeys(GOALS, WAY)
-    fewer = {name: GOALS[name] for name in ('alice', 'bob')}
-    last = formation_markers(Arena(), fewer, {name: WAY for name in fewer})
-    scene = Scene(formation_markers(ARENA, GOALS, paths), last)
+    goal, heading = scene['goal', 200].pose.position, scene['goal', 201].points
+    assert (goal.x, goal.y) == (3.0, 1.0)
+    turned = math.atan2(heading[1].y - 1.0, heading[1].x - 3.0)
+    assert turned == pytest.approx(0.5)
+    ring = [math.hypot(p.x - 3.0, p.y - 1.0) for p in scene['reach', 302].points]
+    np.testing.assert_allclose(ring, 0.2)
+    path = scene['planned_path', 300].points  # thinned, but with its ends
+    assert (len(path), path[0].x, path[-1].x) == (LONGEST_PATH, 0.5, 3.0)
+    # Of the first robot only the goal is known.
+    paths = {number for name, number in scene.names if name == 'planned_path'}
+    assert paths == {200, 300}
+    last = formation('ab', [])
+    scene.apply(last)
     assert scene.names == Scene(last).names
-    assert ('goal', 2) not in scene.names
-    assert 'obstacles' not in scene.namespaces
-    incomplete = Arena(obstacles=[1.0, 2.0, 0.3, 4.0])
-    assert Scene(formation_markers(incomplete, {})).names == {('arena', 0), ('obstacles', 0)}
+    assert ('goal', 300) not in scene.names

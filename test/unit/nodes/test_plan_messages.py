@@ -36,8 +36,9 @@ from tdm_planner.nodes.messages import (
 from tdm_planner.nodes.reading import (
     nanoseconds_of,
     read_command,
+    read_joints,
+    read_odometry,
     read_plan,
-    read_state,
     seconds_of,
     yaw_of,
 )
@@ -215,6 +216,14 @@ def test_instants_durations_and_yaw_keep_their_values(
     assert abs(seconds_of(to_duration(seconds)) - seconds) <= 0.5e-9 + 1e-15 * abs(seconds)
     turned = yaw_of(to_quaternion(yaw))
     assert math.remainder(turned - yaw, 2 * math.pi) == pytest.approx(0, abs=1e-12)
+
+
+def read_state(kind: PlantKind, joints: JointState, moved: Odometry | None = None) -> np.ndarray:
+    """Return the state that messages hold, as MeasuredState puts it together."""
+    found = read_joints(kind.measured, joints, kind.state_names)
+    if moved is not None:
+        found |= read_odometry(kind, moved)
+    return np.array([found[name] for name in kind.state_names])
 
 
 @pytest.mark.parametrize('kind', [PENDULUM, ROBOT, CRANE])

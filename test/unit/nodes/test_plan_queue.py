@@ -20,7 +20,6 @@ import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import Plan
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.parameters import to_mapping
 from tdm_planner.problems.request import ReplanParameters
@@ -130,20 +129,20 @@ class Reviewed:
     """A planner's review under way, of a plan with parameters of its own."""
 
     def __init__(self) -> None:
-        self.published: list[Plan] = []
-        self.now, self.values = 10**9, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
-        clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
-        node = SimpleNamespace(get_clock=lambda: clock, get_logger=lambda: SILENT, active=True)
+        self.published: list[ActivePlan] = []
+        self.now, self.values = 0.0, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
+        clock: Any = SimpleNamespace(now=lambda: self.now)
+        node: Any = SimpleNamespace(get_logger=lambda: SILENT, active=True)
         queue: Any = self
-        self.replanning = Replanning(node, queue, self.published.append)  # type: ignore[arg-type]
+        self.replanning = Replanning(node, clock, queue, self.published.append)
         adapter: Any = SimpleNamespace(
-            replans=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
+            measures=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
         )
         self.seen: list[Any] = []
         self.replanning.set_up(adapter, self.values)
         problem: Any = 'problem'
         solution: Any = 'solution'
-        self.replanning.follow(Plan(problem, solution, 0, {'wide': 2.0}))
+        self.replanning.follow(ActivePlan(problem, solution, 0.0, own={'wide': 2.0}))
         self.replanning._on_timer()
 
     def drop_review(self) -> None:
@@ -157,13 +156,12 @@ class Reviewed:
         self.done(Review(made, 'the problem has changed', Outlook(), True))
 
 
-def test_a_new_plan_keeps_the_parameters_of_its_request_and_is_dropped_when_late() -> None:
+def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped() -> None:
     review = Reviewed()
     assert review.seen == [{**review.values, 'wide': 2.0}]
     review.finish()
-    assert [plan.start for plan in review.published] == [1_500_000_000]
-    assert review.published[0].own == {'wide': 2.0}
-    review.now += 600_000_000
+    assert [plan.start for plan in review.published] == [0.5]
+    review.now += 0.6
     review.finish()
     assert len(review.published) == 1
     assert review.replanning._last == 'a new plan came 0.100 s late'
@@ -178,10 +176,8 @@ class Restarted:
         self.taken: list[Any] = []
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         this: Any = self
-        other_planners.Recovery(this, this, lambda *found: self.taken.append(found))
-
-    def watch_plans_followed(self, found: Any) -> None:
-        self.told = found
+        recovery = other_planners.Recovery(this, [], lambda *found: self.taken.append(found))
+        self.told = recovery._on_found
 
     def create_timer(self, period: float, ring: Callable[[], None]) -> Callable[[], None]:
         self.timers.append(ring)

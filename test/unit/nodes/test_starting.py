@@ -11,14 +11,11 @@
 
 from __future__ import annotations
 
-import importlib.machinery
-import importlib.util
 from pathlib import Path
 import sys
 
 import pytest
 from tdm_planner import starting
-from tdm_planner.nodes.installation import MixedInstallations, native_prefixes, require_one_ros
 
 RECORD = ['tdm', 'record', '-o', 'bag']
 
@@ -55,16 +52,14 @@ def test_wheels_beside_a_sourced_installation_are_refused(
 ) -> None:
     (tmp_path / 'opt/ros/lib/python3.12/site-packages/rclpy').mkdir(parents=True)
     (tmp_path / 'workspace').mkdir()
-    sourced = {'AMENT_PREFIX_PATH': f'{tmp_path}/workspace:{tmp_path}/opt/ros'}
-    assert native_prefixes(sourced) == [f'{tmp_path}/opt/ros']
-    assert native_prefixes({}) == []
-    spec = importlib.machinery.ModuleSpec('x', None) if wheels else None
-    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: spec)
-    require_one_ros({})
+    monkeypatch.setattr(starting, 'find_spec', lambda name: wheels or None)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', '')
+    starting.require_one_ros()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{tmp_path}/workspace:{tmp_path}/opt/ros')
     if not wheels:
-        require_one_ros(sourced)
+        starting.require_one_ros()
         return
-    with pytest.raises(MixedInstallations) as error:
-        require_one_ros(sourced)
+    with pytest.raises(ImportError) as error:
+        starting.require_one_ros()
     assert f'{tmp_path}/opt/ros' in str(error.value)
     assert sys.prefix in str(error.value)

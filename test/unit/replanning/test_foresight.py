@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from benchmark.receding import RecedingHorizon
 from closed_loop import (
     crossing,
     FORMATION,
@@ -44,7 +45,6 @@ from tdm_planner.replanning import (
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import Execution
 from tdm_planner.tracking import RobotTrackerParameters
-from tdm_sim.receding import RecedingHorizon
 
 SETTINGS = settings(max_examples=20)
 TUNED = {'weights__psi': 30.0, 'weights__psi_dot': 10.0, 'weights__torque': 0.05}

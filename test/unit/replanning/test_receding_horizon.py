@@ -16,6 +16,7 @@ import itertools
 import math
 from typing import Any
 
+from benchmark.receding import RecedingHorizon
 from closed_loop import (
     crossing,
     FORMATION,
@@ -37,7 +38,6 @@ from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_sim.disturbances import pendulum_push
-from tdm_sim.receding import RecedingHorizon
 
 INTERVAL = 0.005  # s
 # Generous, so that a busy machine does not decide the outcome.

@@ -19,13 +19,13 @@ import re
 import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import pytest
 from tdm_planner.cli import _parser
 from tdm_planner.resources import config_file
-from tdm_sim.demo_speed import speed_settings
+from tdm_sim.demo_scene import Connections, speed_settings
 from tdm_sim.progress import LiveProgress, make_progress
-from tdm_sim.record_command import record_command, topics_pattern
-from tdm_sim.topic_choice import TopicChoice
+from tdm_sim.record_command import record_command, TopicChoice, topics_pattern
 
 FILE = config_file('pendulum.yaml')
 TRACKER, PLANT = '/pendulum/tracker', '/pendulum/pendulum_plant'
@@ -50,13 +50,11 @@ OTHERS = {'/robots/robot1/odom', '/robots2/path', '/odom', '/a/robots/odom', '/d
 def test_nodes_tell_in_their_diagnostics_whether_they_are_connected(
     node: str, figures: Mapping[str, str], connected: bool
 ) -> None:
-    msg = pytest.importorskip('diagnostic_msgs.msg')
-    from tdm_sim.connections import Connections
 
     def told(**shown: str) -> Any:
-        values = [msg.KeyValue(key=key, value=value) for key, value in shown.items()]
-        status = msg.DiagnosticStatus(name=f'{node}: something', values=values)
-        return msg.DiagnosticArray(status=[status])
+        values = [KeyValue(key=key, value=value) for key, value in shown.items()]
+        status = DiagnosticStatus(name=f'{node}: something', values=values)
+        return DiagnosticArray(status=[status])
 
     connections = Connections()
     ask = connections.tracker if node == TRACKER else connections.plant

@@ -21,6 +21,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.tracker_status import TOPIC
@@ -39,13 +40,16 @@ class TrackerWatch:
     Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
 
     `parameters` are the tracker's, of the class `kind`, None until they are known; they are asked
-    for when a tracker becomes active, and when one of them has changed. May be read in any thread.
+    for when a tracker becomes active, and when one of them has changed. Instants are those of
+    `clock` [s]. May be read in any thread.
     """
 
-    def __init__(self, node: Node, prefix: str, kind: type[TrackerParameters]) -> None:
-        self._node, self._kind = node, kind
+    def __init__(
+        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters]
+    ) -> None:
+        self._node, self._clock, self._kind = node, clock, kind
         self._statuses: dict[int, int] | None = None  # by start [ns] as published
-        self._moved: dict[int, int] = {}  # by how much the clock was set since [ns]
+        self._begins: dict[int, float] = {}  # instants of these starts, when they were first told
         self.parameters: TrackerParameters | None = None
         self._names = list(specifications(kind))
         self._wanted = False
@@ -77,19 +81,19 @@ class TrackerWatch:
             or self._node.count_publishers(self._topic) == 0
         )
 
-    def followed(self, now: int) -> int | None:
-        """Return the start [ns] of the plan followed at the instant `now` [ns], None for none."""
+    def followed(self, now: float) -> float | None:
+        """Return the start of the plan followed at the instant `now`, None for none."""
+        accepted, begins = GoalStatus.STATUS_ACCEPTED, self._begins
         begun = [
-            start + self._moved.get(start, 0)
+            begins[start]
             for start, status in (self._statuses or {}).items()
-            if status in _FOLLOWED
-            or (status == GoalStatus.STATUS_ACCEPTED and start + self._moved.get(start, 0) <= now)
+            if status in _FOLLOWED or (status == accepted and begins[start] <= now)
         ]
         return max(begun, default=None)
 
-    def mode(self, now: int) -> Mode:
+    def mode(self, now: float) -> Mode:
         """
-        Return what the tracker does at the instant `now` [ns].
+        Return what the tracker does at the instant `now`.
 
         Where none was heard, another controller is taken to follow the plan.
         """
@@ -103,18 +107,15 @@ class TrackerWatch:
         """Whether the tracker neither follows nor awaits the plan of instant `start` [ns]."""
         return self._statuses is not None and self._statuses.get(start) not in _ACTIVE
 
-    def clock_was_set(self, step: int | None) -> None:
-        """Let the plans told so far begin `step` [ns] later; None: forget them."""
-        if step is None:
-            self._statuses = None if self._statuses is None else {}
-        else:
-            self._moved = {s: self._moved.get(s, 0) + step for s in self._statuses or {}}
+    def forget_plans(self) -> None:
+        """Forget the plans told so far."""
+        self._statuses = None if self._statuses is None else {}
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._statuses = {
-            nanoseconds_of(item.goal_info.stamp): item.status for item in message.status_list
-        }
-        self._moved = {s: moved for s, moved in self._moved.items() if s in self._statuses}
+        told = {nanoseconds_of(item.goal_info.stamp): item.status for item in message.status_list}
+        known, instant = self._begins, self._clock.instant
+        self._begins = {s: known[s] if s in known else instant(s) for s in told}
+        self._statuses = told
         if self.parameters is None or not self._statuses:
             self._wanted, self._asked = True, None
             self._ask()

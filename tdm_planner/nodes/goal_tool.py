@@ -19,14 +19,18 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.adapters.base import PlanRequest
 from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.reading import yaw_of
 from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import ARENA_FRAME
 from visualization_msgs.msg import MarkerArray
 
-NOTICE_TIME = 8.0  # s that a refusal stays visible
+# Asks the planner node for a plan with some parameters changed, by name. They are set if there is
+# one. The second argument names the request in the log; the third is called with '' when the plan
+# is published, or with the reason why there is none; parameters and active plan then stay.
+PlanRequest = Callable[[Mapping[str, Any], str, Callable[[str], None]], None]
+
+NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 
 _QUEUE = 10
 _LETTERS = 0.1  # m
@@ -105,7 +109,7 @@ class GoalTool:
             pose = arena_pose(message)
         except InvalidProblem as error:
             reason = f'{error.code}: {error}'
-            self._node.get_logger().warning(f'{purpose} refused: {reason}')
+            self._node.get_logger().warning(f'{purpose} rejected: {reason}')
             place = values.get(parameter) or (0.0, 0.0, 0.0)
             self._tell(place_in_arena(anchor, place), reason)
             return
@@ -120,7 +124,7 @@ class GoalTool:
         pen = Pen(ARENA_FRAME, lifetime=NOTICE_TIME)
         if reason:
             text = textwrap.fill(f'{self._robot}: {reason}', _LINE)
-            marker = pen.text('refusal', 0, text, (pose[0], pose[1], 0.3), _LETTERS)
+            marker = pen.text('rejected', 0, text, (pose[0], pose[1], 0.3), _LETTERS)
         else:
-            marker = pen.delete('refusal', 0)
+            marker = pen.delete('rejected', 0)
         self._show(MarkerArray(markers=[marker]))

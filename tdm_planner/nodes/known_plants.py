@@ -7,27 +7,95 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The plants that a tracker can be told to track: their joints, parameters and feedback laws."""
+"""
+The plants that trackers and simulations can be told, by name: built-in ones and stated problems.
+
+A stated problem's parameters are among those of its nodes; they have the same names in the
+planner, the tracker and the plant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+import dataclasses
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_type_hints
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.stated_plants import problem_from, stated_problem, with_parameters_of
-from tdm_planner.parameters import shown, to_mapping
+from tdm_planner.parameters import shown, specifications, to_mapping
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.problems.registry import problem_names
+from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
+
+_NOT_OF_THE_PLANT = ('solver', 'start')
+
+
+def stated_problem(name: str) -> type[DirectProblem]:
+    """
+    Return the class of a stated problem, by its registered name or ``module:Class``.
+
+    Raises
+    ------
+    InvalidProblem
+        If there is none, or it brings its own transcription.
+
+    """
+    found = load_problem(name)
+    if not issubclass(found, DirectProblem):
+        raise InvalidProblem(
+            f"problem '{name}' brings nodes of its own: only a DirectProblem is simulated and "
+            'tracked by its statement'
+        )
+    return found
+
+
+def with_parameters_of(
+    base: type[Any], problem: type[DirectProblem], besides: Sequence[str] = _NOT_OF_THE_PLANT
+) -> type[Any]:
+    """
+    Return the dataclass of a node's parameters: those of `base`, and the problem's own.
+
+    Raises
+    ------
+    InvalidProblem
+        If both have one of the same name.
+
+    """
+    mine = {item.name for item in dataclasses.fields(base)}
+    added: list[tuple[str, Any, Any]] = []
+    kind: Any = problem
+    field: Any = dataclasses.field
+    hints = get_type_hints(problem)
+    for item in dataclasses.fields(kind):
+        if item.name in besides:
+            continue
+        if item.name in mine:
+            raise InvalidProblem(
+                f"parameter '{item.name}' of {problem.__name__} is one of the node's own: name it "
+                'otherwise'
+            )
+        copied: Any = field(
+            default=item.default, default_factory=item.default_factory, metadata=item.metadata
+        )
+        added.append((item.name, hints[item.name], copied))
+    return dataclasses.make_dataclass(
+        f'{problem.__name__}{base.__name__}', added, bases=(base,), frozen=True
+    )
+
+
+def problem_from(problem: type[DirectProblem], values: Mapping[str, Any]) -> DirectProblem:
+    """Make the problem from a node's parameters; its start and solver are the defaults."""
+    own = specifications(problem)
+    skipped = tuple(f'{name}.' for name in _NOT_OF_THE_PLANT)
+    given = {n: v for n, v in values.items() if n in own and not n.startswith(skipped)}
+    return problem.from_parameters(given)
 
 
 @dataclass(frozen=True)

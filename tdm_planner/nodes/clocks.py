@@ -7,15 +7,17 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Time as a plant in motion knows it, whatever happens to the clock that stamps are taken from."""
+"""Time as a plant in motion knows it, and whether a node keeps up with it."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import time
-from typing import cast
+from typing import Any, cast
 
-from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
+from rclpy.duration import Duration
 from rclpy.node import Node
 from tdm_planner.trajectory import NANOSECOND
 
@@ -23,6 +25,8 @@ NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /
 
 _SMALLEST_STEP = 1_000_000  # ns; less is the jitter of reading two clocks
 _QUICK = 500_000  # ns that reading them may take, lest a pause between looks like a step
+_WINDOW = 2.0  # s over which a rate is counted
+_SHARE = 0.9  # of the rate below which a node does not keep up
 
 
 def ros_clock(node: Node) -> ROSClock:
@@ -38,6 +42,14 @@ def pacing_clock(node: Node) -> Clock:
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
+def watch_set_back(node: Node, callback: Callable[[TimeJump], None], on_change: bool) -> Any:
+    """Have a node told when its clock is set back, or becomes simulated; keep the result."""
+    backwards = JumpThreshold(
+        min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=on_change
+    )
+    return node.get_clock().create_jump_callback(backwards, post_callback=callback)
+
+
 class MotionClock:
     """
     Seconds since the node began, by a clock that nobody sets.
@@ -47,7 +59,9 @@ class MotionClock:
     between both clocks as it is now; a step of the time of day is told to `on_step` [s].
 
     With `use_sim_time` the simulated clock is the plant's own, with its pauses and its speed:
-    instants are then its seconds.
+    instants are then its seconds since it was first known.
+
+    May be asked in any thread.
     """
 
     def __init__(self, node: Node, on_step: Callable[[float], None] | None = None) -> None:
@@ -56,7 +70,7 @@ class MotionClock:
         self._simulated = bool(self._clock.ros_time_is_active)
         self._begin = time.monotonic_ns()
         self._offset = int(self._clock.now().nanoseconds) - self._begin
-        self._simulated_begin = self._begin + self._offset
+        self._simulated_begin = self._begin + self._offset if self._simulated else 0
 
     @property
     def runs(self) -> bool:
@@ -67,8 +81,10 @@ class MotionClock:
     def now(self) -> float:
         """Present instant [s]."""
         if self._clock.ros_time_is_active:
+            stamp = int(self._clock.now().nanoseconds)
             self._simulated = True
-            return self.instant(int(self._clock.now().nanoseconds))
+            self._simulated_begin = self._simulated_begin or stamp
+            return self.instant(stamp)
         self._simulated = False
         before = time.monotonic_ns()
         stamp = int(self._clock.now().nanoseconds)
@@ -83,6 +99,11 @@ class MotionClock:
             return (stamp - self._simulated_begin) * NANOSECOND
         return (stamp - self._offset - self._begin) * NANOSECOND
 
+    def stamp(self, instant: float) -> int:
+        """Stamp [ns] of the node's clock at an instant [s]."""
+        begin = self._simulated_begin if self._simulated else self._offset + self._begin
+        return begin + round(instant / NANOSECOND)
+
     def _compare(self, offset: int) -> None:
         step = offset - self._offset
         if abs(step) < _SMALLEST_STEP:
@@ -90,3 +111,44 @@ class MotionClock:
         self._offset = offset
         if self._on_step is not None:
             self._on_step(step * NANOSECOND)
+
+
+def seconds_by(clock: Clock) -> Callable[[], float]:
+    """Return what tells the seconds of a ROS clock."""
+    return lambda: float(clock.now().nanoseconds) * NANOSECOND
+
+
+class RateWatch:
+    """Counts ticks of a timer of `rate` Hz; `clock` returns the seconds that the timer goes by."""
+
+    def __init__(self, rate: float, clock: Callable[[], float]) -> None:
+        self.rate = rate
+        self._clock = clock
+        self._began = clock()
+        self._ticks: deque[float] = deque()
+
+    def tick(self) -> None:
+        """Note that the timer has fired."""
+        now = self._clock()
+        self._ticks.append(now)
+        self._forget(now)
+
+    def measured(self) -> float:
+        """Return the rate of the last two seconds, or since the beginning [Hz]."""
+        now = self._clock()
+        self._forget(now)
+        return len(self._ticks) / max(min(now - self._began, _WINDOW), 1.0 / self.rate)
+
+    def problem(self) -> str:
+        """Return a sentence where the rate is not held, '' otherwise."""
+        # At rates of a few Hz a tick more or less is no matter.
+        measured = self.measured()
+        if self._clock() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
+            return ''
+        return (
+            f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'
+        )
+
+    def _forget(self, now: float) -> None:
+        while self._ticks and self._ticks[0] <= now - _WINDOW:
+            self._ticks.popleft()

@@ -1,0 +1,270 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What stands between a problem and ROS: its state topics, its messages, its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.goal_tool import GoalTool, PlanRequest
+from tdm_planner.nodes.markers import plan_markers, Way
+from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
+from tdm_planner.nodes.planned_plants import planned_plant, Values
+from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.nodes.vehicle import Vehicle
+from tdm_planner.plant_kind import plan_kind
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.replanning import ActivePlan, Execution, Observation
+from tdm_planner.trajectory import Trajectory
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+Array = NDArray[np.float64]
+T = TypeVar('T')
+
+
+class Adapter:
+    """
+    Gathers the measured states of a problem's plants, and publishes plans for them.
+
+    Made once by the planner node, with the values of its parameters. Instants are those of `clock`
+    [s]. Methods are called in the executor's thread, but for those that say otherwise.
+    """
+
+    def __init__(
+        self, node: Node, clock: MotionClock, problem: type[Problem], values: Values
+    ) -> None:
+        self._node, self._clock, self._problem, self._values = node, clock, problem, values
+        self._plant = planned_plant(problem, values)
+        self.vehicles = {
+            name: Vehicle(node, clock, name, self._plant, values)
+            for name in self._plant.names(values)
+        }
+        self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
+        self._others: dict[str, Any] = {}  # publishers of plans of vehicles that are not known
+        self._goal_tools: list[GoalTool] = []
+        self._drawn = False
+        self.values_changed(values)
+
+    @property
+    def trackers(self) -> dict[str, TrackerWatch]:
+        """Return what is known of the trackers, by vehicle."""
+        return {v.name: v.tracker for v in self.vehicles.values() if v.tracker is not None}
+
+    def values_changed(self, values: Values) -> None:
+        """Follow changed parameters; an active plan is drawn as it was made."""
+        self._values = values
+        for vehicle in self.vehicles.values():
+            vehicle.values_changed(values)
+        with suppress(InvalidProblem):
+            prospect = None if self._drawn else self._plant.prospect(values)
+            if prospect is not None:
+                self._markers.publish(plan_markers(self._plant.kind.frame, *prospect))
+
+    def accept_requests(self, request: PlanRequest) -> None:
+        """Let goal tools move the places of vehicles that are parameters."""
+        self._goal_tools = [
+            GoalTool(self._node, name, lambda: self._values, request, vehicle.markers.publish)
+            for name, vehicle in self.vehicles.items()
+            if f'formation.{name}' in self._values
+        ]
+
+    # The state.
+
+    @property
+    def measures(self) -> bool:
+        """Whether there is anything to measure: otherwise plans are made from parameters."""
+        return bool(self._plant.kind.state_names)
+
+    def missing(self) -> list[str]:
+        """Return a sentence for every topic on which no state was received yet. Any thread."""
+        if not self.measures:
+            return []
+        return [v.label + text for v in self.vehicles.values() for text in v.measured.missing]
+
+    def measured_start(self, values: Values, now: float, start: float) -> dict[str, Any]:
+        """
+        Return the start.* parameters that the measured state gives for the instant `start`.
+
+        `values` are the parameters of the request. Called in the worker's thread.
+
+        Raises
+        ------
+        InvalidProblem, NoState
+            Naming what is missing or too old, and how old it is.
+
+        """
+        return self._starts(self._of_all(lambda v: v.predicted(values, now, start)))
+
+    def rests(self, now: float) -> bool:
+        """Whether `measured_start` says the same for every start: a late one can be put off."""
+        plans = [vehicle.followed(now) for vehicle in self.vehicles.values()]
+        return self._plant.stays and all(plan is None or plan.end <= now for plan in plans)
+
+    def observations(self, values: Values, now: float) -> dict[str, Observation]:
+        """
+        Return the newest measured state of every vehicle, and what its tracker does.
+
+        Raises
+        ------
+        NoState
+            Naming what is missing or older than `start.max_age`, and how old it is.
+
+        """
+        return self._of_all(lambda vehicle: vehicle.seen(now, values['start.max_age']))
+
+    def ages(self, now: float) -> Mapping[str, float | None]:
+        """Age of every measured state [s] by name; None where none was received."""
+        stamp = self._clock.stamp(now)
+        ages = [vehicle.measured.ages(stamp) for vehicle in self.vehicles.values()]
+        return {topic: age for vehicle in ages for topic, age in vehicle.items()}
+
+    def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
+        """Return the answers of all vehicles; NoState names all that are missing."""
+        found: dict[str, T] = {}
+        missing: list[str] = []
+        for name, vehicle in self.vehicles.items():
+            try:
+                found[name] = ask(vehicle)
+            except NoState as error:
+                missing.append(f'{vehicle.label}{error}')
+        if missing:
+            raise NoState('; '.join(missing))
+        return found
+
+    def _starts(self, states: Mapping[str, Array]) -> dict[str, Any]:
+        return {
+            self.vehicles[name].parameter(key): value
+            for name, state in states.items()
+            for key, value in zip(self._plant.kind.state_names, state.tolist(), strict=True)
+        }
+
+    # Plans.
+
+    def next_start(self, now: float) -> float | None:
+        """
+        Instant at which the newest published plan begins; None where it has begun at `now`.
+
+        Until then `measured_start` reckons with the one before. Called in the worker's thread.
+        """
+        first = next(iter(self.vehicles.values()))  # all begin at once
+        return first.plans.next_start(now)
+
+    def publish(self, plan: ActivePlan, stamp: int) -> None:
+        """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
+        trajectories = plan.solution.trajectories
+        for name, trajectory in trajectories.items():
+            self._publish_motion(plan, name, trajectory, stamp)
+        self._drawn = True
+        view = view_of(plan.problem, next(iter(trajectories.values())))
+        named = self._plant.several
+        ways = [Way(view, t.states, name if named else '') for name, t in trajectories.items()]
+        try:
+            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), ways))
+        except InvalidProblem as error:  # a picture is not worth the plan
+            self._node.get_logger().warning(str(error))
+
+    def _publish_motion(
+        self, plan: ActivePlan, name: str, trajectory: Trajectory, stamp: int
+    ) -> None:
+        kind, problem = plan_kind(plan.problem, trajectory), plan.problem
+        vehicle = self.vehicles.get(name)
+        if vehicle is None and len(plan.solution.trajectories) == 1:
+            (vehicle,) = self.vehicles.values()
+        trajectory, besides = self._plant.complete(problem, trajectory)
+        message = plan_message(kind, trajectory, to_stamp(stamp), besides)
+        if vehicle is None:
+            if name not in self._others:
+                topic = f'{name}/trajectory'
+                self._others[name] = self._node.create_publisher(JointTrajectory, topic, LATCHED)
+            self._others[name].publish(message)
+            return
+        vehicle.trajectory.publish(message)
+        if vehicle.path is not None:
+            vehicle.path.publish(path_message(kind, trajectory, stamp))
+        if trajectory.state_names == vehicle.kind.state_names:
+            vehicle.plans.add(replace(plan.motion(name), trajectory=trajectory), self._clock.now())
+
+    def forget_plans(self) -> None:
+        """Forget the plans: simulated time began anew, and the trackers have given them up."""
+        for vehicle in self.vehicles.values():
+            vehicle.plans.clear()
+            if vehicle.tracker is not None:
+                vehicle.tracker.forget_plans()
+
+    @property
+    def recognises(self) -> bool:
+        """Whether the problem can assess plans made before."""
+        return self._problem.assess is not Problem.assess
+
+    def recognised(
+        self, values: Values, trajectories: Mapping[str, Trajectory]
+    ) -> tuple[Problem, Solution]:
+        """
+        Return the problem with parameters `values` that trajectories solve, and the plan.
+
+        Called in the worker's thread.
+
+        Raises
+        ------
+        TdmError
+            If they are no plan of such a problem.
+
+        """
+        starts = self._starts({name: t.states[0] for name, t in trajectories.items()})
+        problem = self._problem.from_parameters({**values, **starts})
+        return problem, problem.recognised(trajectories)
+
+    # Trackers.
+
+    def execution(self, problem: Any) -> Execution:
+        """Return what the trackers make of plans. In the worker's thread."""
+        return self._plant.execution(problem, self.tracker_parameters, self._values)
+
+    @property
+    def tracker_parameters(self) -> dict[str, Any]:
+        """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
+        return {
+            name: watch.parameters
+            for name, watch in self.trackers.items()
+            if watch.parameters is not None
+        }
+
+    def not_following(self, stamp: int) -> list[str]:
+        """Return the vehicles whose trackers do not follow the plan of a start [ns]."""
+        return [name for name, watch in self.trackers.items() if watch.rejects(stamp)]
+
+    @property
+    def inactive(self) -> list[str]:
+        """Vehicles whose trackers are there, or were, but execute nothing."""
+        return [name for name, watch in self.trackers.items() if watch.inactive]
+
+    def warnings(self) -> list[str]:
+        """Return a sentence for every one of several plants or trackers that is not connected."""
+        found = []
+        for vehicle in self.vehicles.values():
+            if not vehicle.prefix:
+                continue
+            if vehicle.trajectory.get_subscription_count() == 0:
+                found.append(
+                    f'{vehicle.label}no tracker listens to {vehicle.trajectory.topic_name}'
+                )
+            if self._node.count_publishers(vehicle.measured.topic) == 0:
+                found.append(f'{vehicle.label}no plant publishes {vehicle.measured.topic}')
+        return found

@@ -1,0 +1,291 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+How the planner node deals with the plants of a problem: one class a plant, the first for any.
+
+What is measured of it, how it moves until a plan begins, what its trackers make of plans, and what
+it looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from tdm_planner.drawing import Shape
+from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.goal_tool import place_in_arena
+from tdm_planner.nodes.known_plants import tracked_problem
+from tdm_planner.nodes.markers import Way
+from tdm_planner.parameters import build
+from tdm_planner.plant_drawings import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
+from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
+from tdm_planner.plant_views import StatedView
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem
+from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.formation_parameters import Arena
+from tdm_planner.problems.swing_up_task import VEHICLE as SWING_UP
+from tdm_planner.replanning import (
+    Execution,
+    FormationExecution,
+    GenericExecution,
+    SwingUpExecution,
+)
+from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
+from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
+from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+_START = 'start.'
+_OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
+_FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
+_FORESEEN = 2000.0  # rad of swinging at the natural frequency
+
+
+class PlannedPlant:
+    """
+    The plant of any problem, of which no more is known than what every problem has.
+
+    Its state is measured with the joints of a stated problem, or with the numbers X of the
+    parameters `start.X` for joints. A problem without such parameters has nothing to measure.
+    Until a plan begins, the tracker holds it where it can; how well deviations are taken away is
+    not known.
+
+    `tracker` is the class of its tracker's parameters, None where that is not one of this
+    package; `trail` the time [s] that is shown of its way.
+    """
+
+    kind: PlantKind
+    tracker: type[TrackerParameters] | None = None
+    trail: ClassVar[float] = 2.0
+    stays: ClassVar[bool] = True  # until a plan begins
+    several: ClassVar[bool] = False  # each with topics below its name
+
+    def __init__(self, problem: type[Problem], values: Values) -> None:
+        wanted = [
+            name.removeprefix(_START)
+            for name, value in values.items()
+            if name.startswith(_START) and name not in _OF_THE_NODE and isinstance(value, float)
+        ]
+        self._problem, self.kind = problem, named_kind(wanted)
+        if issubclass(problem, DirectProblem):
+            tracked = tracked_problem(problem)
+            self.tracker = tracked.parameters
+            names = tracked.kind.state_names
+            if set(wanted) <= set(names):
+                known = tuple(name for name in names if name in wanted)
+                self.kind = replace(tracked.kind, state_names=known)
+
+    def names(self, values: Values) -> Sequence[str]:
+        """Return the names of the vehicles."""
+        del values
+        return (VEHICLE,)
+
+    def tracked(self, plan: Trajectory, values: Values) -> Array:
+        """Return the largest deviations (nx,) of a plant that follows its plan."""
+        return np.asarray(values['replan.deviation'] * ranges_of(plan))
+
+    def free(self, state: Array, duration: float, values: Values) -> Array:
+        """
+        Return a state (nx,) `duration` s later, no plan being followed.
+
+        Raises
+        ------
+        InvalidProblem, NoState
+            If nothing can be said about it.
+
+        """
+        return state
+
+    def carried(self, away: Array, duration: float) -> Array:
+        """Return what is left of a deviation (nx,) from a plan that is followed, `duration` s."""
+        return away
+
+    def execution(self, problem: Any, trackers: Mapping[str, Any], values: Values) -> Execution:
+        """Return what trackers of these parameters make of plans. In the worker's thread."""
+        return GenericExecution(self.kind.state_names, values['replan.deviation'])
+
+    def complete(
+        self, problem: Any, trajectory: Trajectory
+    ) -> tuple[Trajectory, Mapping[str, Array]]:
+        """Return a motion to be published, and histories (N,) beside its states by name."""
+        return trajectory, {}
+
+    def drawn(self, values: Values) -> Drawn | None:
+        """Return what a plant looks like; None where not all of its state is measured."""
+        problem: Any = self._problem
+        stated = issubclass(problem, DirectProblem)
+        if not stated or self.kind.state_names != tuple(problem.state_names):
+            return None
+        return StatedView(problem()).checked()
+
+    def prospect(self, values: Values) -> tuple[Sequence[Shape], Sequence[Way]] | None:
+        """Return what is drawn before there is a plan: surroundings and goals; None: nothing."""
+        return None
+
+
+class PlannedPendulum(PlannedPlant):
+    """The rotary pendulum; between plans it swings without torque."""
+
+    kind = PENDULUM
+    tracker = PendulumTrackerParameters
+    trail = 1.0
+    stays = False
+
+    def __init__(self, problem: type[Problem], values: Values) -> None:
+        """Need no more than what the class says."""
+
+    def names(self, values: Values) -> Sequence[str]:
+        """Return its name."""
+        return (SWING_UP,)
+
+    def tracked(self, plan: Trajectory, values: Values) -> Array:
+        """Return the largest deviations (4,) of a pendulum that follows its plan."""
+        return np.array([0.5, 0.7, 6.0, 8.0])
+
+    def free(self, state: Array, duration: float, values: Values) -> Array:
+        """Return the state (4,) `duration` s later without torque; negative: earlier."""
+        plant = build(RotaryPendulum, values, 'plant.')
+        fastest = float(_FASTEST * plant.natural_frequency)
+        for joint, rate in zip(PENDULUM.joints, state[2:], strict=True):
+            if not abs(rate) <= fastest:
+                raise NoState(
+                    f'the measured velocity of joint {joint.name} is {rate:g} rad/s: must be in '
+                    f'[{-fastest:.3g}, {fastest:.3g}] rad/s to be planned from'
+                )
+        longest = _FORESEEN / plant.natural_frequency
+        if not abs(duration) <= longest:
+            raise InvalidProblem(
+                f"parameters 'start.delay' and 'start.max_age' lead from a state to a motion "
+                f'{duration:.3g} s later: a swinging pendulum can be foreseen for {longest:.3g} s'
+            )
+        no_torque = np.zeros(1)
+        result = solve_ivp(
+            lambda _, x: plant.derivative(x, no_torque),
+            (0.0, duration),
+            state,
+            method='DOP853',
+            rtol=1e-9,
+            atol=1e-11,
+        )
+        last: Array = result.y[:, -1]
+        return last
+
+    def carried(self, away: Array, duration: float) -> Array:
+        """Return nothing (4,): the feedback takes it away."""
+        return np.zeros_like(away)
+
+    def complete(
+        self, problem: PendulumSwingUp, trajectory: Trajectory
+    ) -> tuple[Trajectory, Mapping[str, Array]]:
+        """Return a motion with the rates of its states."""
+        rated = trajectory.rates is not None
+        return trajectory if rated else trajectory.with_rates(problem.plant.derivative), {}
+
+    def execution(
+        self, problem: PendulumSwingUp, trackers: Mapping[str, Any], values: Values
+    ) -> Execution:
+        """Return the tracker's feedback as a model."""
+        return SwingUpExecution(problem, trackers.get(SWING_UP))
+
+    def drawn(self, values: Values) -> Drawn:
+        """Return the rig as the parameters have it."""
+        plant = build(RotaryPendulum, values, 'plant.')
+        return PendulumDrawing(plant, values['limits.torque'], values['limits.disk_angle'])
+
+
+class PlannedRobots(PlannedPlant):
+    """The robots of a formation; between plans they drift."""
+
+    kind = ROBOT
+    tracker = RobotTrackerParameters
+    trail = 60.0
+    stays = False
+    several = True
+
+    def __init__(self, problem: type[Problem], values: Values) -> None:
+        """Need no more than what the class says."""
+
+    def names(self, values: Values) -> Sequence[str]:
+        """Return the names of the robots."""
+        return tuple(values['robots'])
+
+    def tracked(self, plan: Trajectory, values: Values) -> Array:
+        """Return the largest deviations (7,); the thruster's angle may be anything."""
+        return np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
+
+    def free(self, state: Array, duration: float, values: Values) -> Array:
+        """Return the state (7,) `duration` s later without thrust or torque."""
+        x, y, u, v, yaw, omega, alpha = state
+        moved = [x + u * duration, y + v * duration, u, v, yaw + omega * duration, omega, alpha]
+        return np.array(moved)
+
+    def carried(self, away: Array, duration: float) -> Array:
+        """Return a deviation (7,), drifting: the feedback is slow, but for the thruster's."""
+        return self.free(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+
+    def execution(
+        self, problem: RobotFormation, trackers: Mapping[str, Any], values: Values
+    ) -> Execution:
+        """Return the trackers' feedback as a model."""
+        return FormationExecution(problem, trackers)
+
+    def complete(
+        self, problem: RobotFormation, trajectory: Trajectory
+    ) -> tuple[Trajectory, Mapping[str, Array]]:
+        """Return a motion with its rates, and the change of the wheel's speed since the start."""
+        omega = trajectory.state('omega')
+        wheel = problem.plant.wheel_speed(omega, initial_omega=float(omega[0]))
+        return trajectory.with_rates(problem.plant.derivative), {'wheel_speed': wheel}
+
+    def drawn(self, values: Values) -> Drawn:
+        """Return a robot as the parameters have it."""
+        return RobotDrawing(values['arena.minimum_separation'], values['limits.thrust'])
+
+    def prospect(self, values: Values) -> tuple[Sequence[Shape], Sequence[Way]]:
+        """Return the arena, and the robots in their places of the formation."""
+        arena, drawn = build(Arena, values, 'arena.'), self.drawn(values)
+        zones = arena.obstacles[: len(arena.obstacles) // 3 * 3]
+        around = arena_drawing(
+            arena.length,
+            arena.width,
+            arena.minimum_separation,
+            np.reshape(zones, (-1, 3)).tolist(),
+        )
+        ways = []
+        for name in values['robots']:
+            place = values.get(f'formation.{name}')
+            if place is not None:
+                x, y, yaw = place_in_arena(values['formation.anchor'], place)
+                ways.append(Way(drawn, np.array([[x, y, 0.0, 0.0, yaw, 0.0, 0.0]]), name))
+        return around, ways
+
+
+_PLANTS: Sequence[tuple[type[Problem], type[PlannedPlant]]] = (
+    (PendulumSwingUp, PlannedPendulum),
+    (RobotFormation, PlannedRobots),
+    (Problem, PlannedPlant),
+)
+
+
+def planned_plant(problem: type[Problem], values: Values) -> PlannedPlant:
+    """Return the plant of a class of problems, with the values of a planner's parameters."""
+    made: Iterable[type[PlannedPlant]] = (p for kind, p in _PLANTS if issubclass(problem, kind))
+    return next(iter(made))(problem, values)

@@ -1,0 +1,194 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""One plant of a planner: its measured state, its tracker, its plans, its picture."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from nav_msgs.msg import Path
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.markers import MARKER_DEPTH, Picture
+from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.planned_plants import PlannedPlant, Values
+from tdm_planner.nodes.reading import read_joints
+from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.replanning import Mode, Observation
+from tdm_planner.trajectory import TimedTrajectory
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+Array = NDArray[np.float64]
+
+MARKER_RATE = 20.0  # Hz
+OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
+
+
+class ActivePlans:
+    """
+    The newest published plan, and the one that is carried out until the newest begins.
+
+    A plan that is replaced before it begins is never carried out. May be asked from any thread.
+    """
+
+    def __init__(self) -> None:
+        self._plans: tuple[TimedTrajectory, ...] = ()  # in the order of publication
+
+    def add(self, plan: TimedTrajectory, now: float) -> None:
+        """Take note of a plan published at the instant `now` [s]."""
+        carried_out = self.at(now)
+        self._plans = (*(() if carried_out is None else (carried_out,)), plan)
+
+    def at(self, now: float) -> TimedTrajectory | None:
+        """Return the plan carried out at an instant [s]; None before the first."""
+        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
+
+    def next_start(self, now: float) -> float | None:
+        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
+        start = self._plans[-1].start if self._plans else now
+        return start if start > now else None
+
+    def clear(self) -> None:
+        """Forget them."""
+        self._plans = ()
+
+
+class Vehicle:
+    """
+    The topics of a plant of a planner, one of several below its name: `prefix` is 'robot1/'.
+
+    Where its tracker has parameters of a known class, `tracker` is what it does. Instants are
+    those of `clock` [s].
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        clock: MotionClock,
+        name: str,
+        plant: PlannedPlant,
+        values: Values,
+    ) -> None:
+        self._node, self._clock, self._plant = node, clock, plant
+        self.name, self.kind = name, plant.kind
+        self.prefix = prefix = f'{name}/' if plant.several else ''
+        self._angles = np.array([state in self.kind.angles for state in self.kind.state_names])
+        self.plans = ActivePlans()
+        self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
+        self.path = (
+            node.create_publisher(Path, f'{prefix}path', LATCHED) if self.kind.odometry else None
+        )
+        self.tracker = (
+            None if plant.tracker is None else TrackerWatch(node, clock, prefix, plant.tracker)
+        )
+        self._picture: Picture | None = None
+        self.measured = MeasuredState(node, self.kind, prefix, self._observe)
+        self.markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
+        node.create_timer(1.0 / MARKER_RATE, self._show)
+        self.values_changed(values)
+
+    def values_changed(self, values: Values) -> None:
+        """Draw the plant as the parameters have it, unless they contradict each other."""
+        with suppress(InvalidProblem):
+            drawn, name = self._plant.drawn(values), self.name if self.prefix else ''
+            if drawn is None:
+                return
+            if self._picture is None:
+                self._picture = Picture(drawn, self._plant.trail, name)
+            else:
+                self._picture.set_up(drawn, self._plant.trail, name)
+
+    @property
+    def label(self) -> str:
+        """Begin of a sentence about one of several plants."""
+        return f"robot '{self.name}': " if self.prefix else ''
+
+    def parameter(self, state: str) -> str:
+        """Return the name of the parameter with which a state begins."""
+        return f'{self.name}.start.{state}' if self.prefix else f'start.{state}'
+
+    def mode(self, now: float) -> Mode:
+        """Return what the tracker does at the instant `now`; an unknown one follows."""
+        return Mode.FOLLOWING if self.tracker is None else self.tracker.mode(now)
+
+    def followed(self, now: float) -> TimedTrajectory | None:
+        """Return the plan that the plant follows; None without one."""
+        return self.plans.at(now) if self.mode(now) is Mode.FOLLOWING else None
+
+    def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
+        """
+        Return the newest state (nx,) and its instant, not older than `max_age` s at `now`.
+
+        Raises
+        ------
+        NoState
+            As `MeasuredState.fresh` does.
+
+        """
+        state, stamp = self.measured.fresh(self._clock.stamp(now), max_age)
+        return state, self._clock.instant(stamp)
+
+    def seen(self, now: float, max_age: float) -> Observation:
+        """Return the newest state and what the tracker does; raises NoState as `fresh` does."""
+        followed = None if self.tracker is None else self.tracker.followed(now)
+        return Observation(*self.fresh(now, max_age), self.mode(now), followed)
+
+    def predicted(self, values: Values, now: float, start: float) -> Array:
+        """
+        Return the state (nx,) at the instant `start`, measured not long before `now`.
+
+        Where a plan is being followed - no deviation from it is beyond those of a plant that does
+        so - the plant will be where that plan leads, plus what is left of the deviation then.
+        Otherwise it moves freely.
+
+        Raises
+        ------
+        InvalidProblem, NoState
+            Naming what is missing or too old, or why nothing can be said.
+
+        """
+        state, measured = self.fresh(now, values['start.max_age'])
+        plan, wait = self.followed(now), start - measured
+        if plan is not None:
+            away = state - plan.reference(measured)
+            away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
+            if (np.abs(away) <= self._plant.tracked(plan.trajectory, values)).all():
+                return np.asarray(plan.reference(start) + self._plant.carried(away, wait))
+        return self._plant.free(state, wait, values)
+
+    def _observe(self, state: Array, stamp: int) -> None:
+        if self._picture is not None:
+            self._picture.add(self._clock.instant(stamp), state)
+
+    def _show(self) -> None:
+        """Draw a plant that does not draw itself, as simulated ones do, while somebody looks."""
+        newest, markers, picture = self.measured.newest, self.markers, self._picture
+        if newest is None or picture is None or markers.get_subscription_count() == 0:
+            return
+        stale = self._clock.now() - self._clock.instant(newest[1]) > OLDEST_SHOWN
+        if stale or self._node.count_publishers(markers.topic_name) > 1:
+            return
+        now = self._node.get_clock().now().to_msg()
+        markers.publish(picture.draw(now, newest[0], self._applied()))
+
+    def _applied(self) -> Array:
+        """Efforts (nu,) that the plant's driver tells; 0 where it does not."""
+        told: dict[str, float] = {}
+        joints = self.measured.joints.newest
+        for joint in self.kind.actuated:
+            with suppress(InvalidProblem):
+                if joints is not None:
+                    told |= read_joints([joint], joints.message, [joint.effort])
+        return np.array([told.get(name, 0.0) for name in self.kind.control_names])
