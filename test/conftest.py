@@ -25,8 +25,6 @@ from tdm_planner.starting import limit_threads
 
 limit_threads()  # nothing above imports numpy
 
-# Shared memory of killed processes would stay behind, and block those that come later.
-os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13

@@ -18,6 +18,7 @@ from functools import cache
 import os
 import re
 from typing import Any
+from unittest.mock import patch
 
 import rclpy
 from rclpy.qos import DurabilityPolicy
@@ -86,20 +87,20 @@ def endpoints(name: str) -> tuple[Endpoint, ...]:
 @contextmanager
 def running(set_up: NodeSetUp) -> Iterator[Any]:
     """Make a node; nobody else can see it, and it logs nothing."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     arguments = ['--ros-args', '-r', f'__ns:={set_up.namespace}']
     for parameter, value in set_up.parameters.items():
         arguments += ['-p', f'{parameter}:={value}']
     arguments += ['--disable-stdout-logs', '--disable-external-lib-logs']
-    rclpy.init(args=arguments)
-    try:
-        node = set_up.make()
+    with patch.dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE='OFF'):
+        rclpy.init(args=arguments)
         try:
-            yield node
+            node = set_up.make()
+            try:
+                yield node
+            finally:
+                node.destroy_node()
         finally:
-            node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
+            rclpy.try_shutdown()
 
 
 def used_by(node: Any) -> Iterator[tuple[str, str, str, bool]]:

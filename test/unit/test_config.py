@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,9 @@ def sections(path: Path) -> dict[str, dict[str, Any]]:
 def test_generated_anew_nothing_differs(ros: Ros):
     """Parameter files, views, descriptions, the policy, the tables of the pages: `make config`."""
     generate = pytest.importorskip('tools.generate')
+    before = dict(os.environ)
     wanted = generate.generated()
+    assert dict(os.environ) == before  # or nodes of later tests would not find each other
     assert {path: path.read_text(encoding='utf-8') for path in wanted} == wanted
 
 
