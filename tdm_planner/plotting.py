@@ -108,7 +108,7 @@ def _histories(
     kept = {m.name: m.unit for found in margins.values() for m in found}
     axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
     bounds, colours = view.bounds(), _coloured(plans)
-    switches = switching_instants(*plans.values()).tolist() if len(plans) == 1 else []
+    switches = [t for plan in plans.values() if len(plans) == 1 for t in plan.times[plan.switches]]
     for axis, name in zip(axes, names, strict=False):
         for vehicle, plan in plans.items():
             _draw_planned(axis, plan, name, colours[vehicle])
@@ -130,15 +130,6 @@ def _histories(
         handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
     _legend(axes[0], handles)
     axes[-1].set_xlabel(TIME_LABEL)
-
-
-def switching_instants(trajectory: Trajectory) -> Array:
-    """Return the instants at which a held control jumps [s]."""
-    if trajectory.interpolation != 'zero_order_hold':
-        return np.zeros(0)
-    jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
-    instants: Array = trajectory.times[1:-1][jumps]
-    return instants
 
 
 def _draw_planned(axis: Axes, trajectory: Trajectory, name: str, colour: str) -> None:

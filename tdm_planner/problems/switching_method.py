@@ -26,9 +26,9 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.base import Solution
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_pump import pumped, VARIANTS
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
@@ -40,7 +40,7 @@ from tdm_planner.problems.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import starts
+from tdm_planner.problems.switching_seeds import pumped, starts, VARIANTS
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class SwitchingMethod(Search[Candidate]):
         arrivals = self._pumped() if self._pumping else self._arrivals()
         return self._polished(arrivals)[:_CHECKED]
 
-    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the motion under the finely polished arcs, without those too short to matter."""
         shorter = without_short_arcs(self._task, candidate)
         fine, violation = shorter, math.inf

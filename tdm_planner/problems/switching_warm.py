@@ -22,19 +22,20 @@ import math
 
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.problems.search import Plan
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_search import (
     Candidate,
     corrected,
     distinct,
+    FEWEST_ARCS,
     FINE_STEPS,
     land,
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import Arcs, FEWEST_ARCS
+from tdm_planner.problems.switching_seeds import Arcs
 
 _CHANGES = (0.0, 0.03, 0.1)  # of the logarithms of the arcs' durations, tried one after the other
 _STEPS = (FINE_STEPS // 2, FINE_STEPS)  # RK4 steps an arc of the polish; more if the check fails
@@ -80,7 +81,7 @@ class WarmSwitchingMethod(SwitchingMethod):
             if tried >= _TRIED or self.budget.elapsed > until:
                 return
 
-    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """
         Yield the motion under the polished arcs, first with half the steps.
 

@@ -138,11 +138,7 @@ def _signal_curve(
 
 def switching_instants(plan: FollowedPlan) -> list[float]:
     """Return the instants at which a held control of the plan jumps while it is followed [s]."""
-    trajectory = plan.trajectory
-    if trajectory.interpolation != 'zero_order_hold':
-        return []
-    jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
-    instants = plan.start + trajectory.times[1:-1][jumps]
+    instants = plan.start + plan.trajectory.times[plan.trajectory.switches]
     return [float(at) for at in instants[instants <= plan.carried_out_until]]
 
 

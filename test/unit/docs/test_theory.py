@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.virtual_arc import bernstein_basis, bernstein_integral
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.rotary_pendulum import driven
 from tdm_planner.problems import RobotFormation

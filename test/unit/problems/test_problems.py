@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.problems import PendulumSwingUp, Plan, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.problems.search import Search
@@ -46,15 +46,15 @@ class Scripted(Search[float]):
     def candidates(self) -> Iterable[float]:
         return self.rounds[self.round]
 
-    def plans(self, candidate: float) -> Iterator[Plan]:
+    def plans(self, candidate: float) -> Iterator[Solution]:
         for k in range(3):
             self.checked.append((candidate, k))
             ok = self.passing.get(candidate, 9) == k
             reasons = () if ok else (f'plan {k} of {candidate:g} fails',)
             check = Verification(ok=ok, terminal_error=np.zeros(1), reasons=reasons)
-            yield Plan({}, check, candidate, np.zeros(0), 0.0)
+            yield Solution({}, check, candidate, np.zeros(0), 0.0)
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         return self.satisfying is None or plan.cost in self.satisfying
 
     def widen(self) -> bool:
