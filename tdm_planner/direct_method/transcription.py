@@ -151,7 +151,7 @@ class Transcription(NonlinearProgram):
         wz, _ = self._nodes(self._w(self.basis, xi))
         (both,) = Call(self._graphs.motion, len(wz))(wz, self._numbers)
         rates, nx = self.basis.layout.rates, len(self._stated.state_names)
-        motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:], wz[:, 0])
+        motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:])
         return motion, np.split(wz, [self.basis.layout.size], axis=1)[1]
 
     @property

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from planned_apart import planned_apart
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
@@ -170,6 +171,11 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
 
     with pytest.raises(VerificationFailed, match='cannot assess'):
         Silent.from_parameters({}).recognised(solution.trajectories)
+
+
+def test_processes_and_the_order_of_sets_change_nothing() -> None:
+    """The same request and seed give the same plan to the last bit."""
+    assert planned_apart(PYTHONHASHSEED='0') == planned_apart(PYTHONHASHSEED='1')
 
 
 @pytest.fixture

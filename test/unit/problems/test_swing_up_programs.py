@@ -55,10 +55,6 @@ OPTIONS = TrustRegionOptions(
 )
 
 
-def task(*start: float, torque: float = TORQUE) -> SwingUpTask:
-    return SwingUpTask(PLANT, np.array(start), torque, torque, 2.0, None)
-
-
 def program(arcs: int, disk_angle: float = 2.0) -> ArcProgram:
     return arc_program(PLANT, START, 0.09 * (-1.0) ** np.arange(arcs), 0, disk_angle, 12)
 
@@ -170,6 +166,3 @@ def test_when_the_minimiser_gives_up():
     found = minimise(program(4), np.full(4, 1e6), OPTIONS, Budget(60.0))  # nothing is computed
     assert found.point.violation == np.inf
     assert found.iterations == 0
-
-
-TASK = SwingUpTask(PLANT, np.array([3.0, 0.4, 1.0, -3.0]), 0.09, 0.09, 2.0, None)
