@@ -237,17 +237,8 @@ def verify(
     is free. `until` is the time allowed for the replay.
     """
     times, states = resolved(fly(plant, trajectory, until), trajectory, constraints)
-    return judge(
-        plant,
-        trajectory,
-        times,
-        states,
-        goal,
-        tolerance,
-        constraints,
-        consistency=consistency,
-        start=start,
-    )
+    given = plant, trajectory, times, states, goal, tolerance, constraints
+    return judge(*given, consistency=consistency, start=start)
 
 
 def resolved(

@@ -148,11 +148,10 @@ class DirectProblem(Formulation, Problem):
             return 0.0
         rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
         rest, trace = rest.with_rates(stated.derivative), Trace.of(stated)
-        middle = rest.sample(0.5 * (rest.times[1:] + rest.times[:-1]))
+        ends = np.stack([rest.times[:-1], rest.times[1:]], axis=1)
+        middle = rest.sample(ends.mean(axis=1))
+        times = np.insert(ends, 1, ends.mean(axis=1), axis=1)
         last = rest.controls[:-1] if rest.interpolation == 'zero_order_hold' else rest.controls[1:]
-        times = np.stack(
-            [rest.times[:-1], 0.5 * (rest.times[1:] + rest.times[:-1]), rest.times[1:]], axis=1
-        )
         states = np.stack([rest.states[:-1], middle.state, rest.states[1:]], axis=1)
         controls = np.stack([rest.controls[:-1], middle.control, last], axis=1)
         return trace.cost_along(trace.values(self), times, states, controls)

@@ -99,6 +99,7 @@ class DirectSearch(Search[Candidate]):
         check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._warm = self._as_it_is = False
+        self._coarse_error = 0.0  # of J on few intervals, as far as that is known
         self._closest = np.inf
         self._nearest_miss = ''
 
@@ -184,7 +185,8 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._as_it_is = False
             best = min(found.cost for found in solved)
-            again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
+            alike = _ALIKE * abs(best) + self._coarse_error
+            again = sum(found.cost <= best + alike for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if again >= _AGREED or len(solved) >= _ENOUGH or late:
                 break
@@ -241,7 +243,7 @@ class DirectSearch(Search[Candidate]):
 
     def _settled(self, motion: Motion) -> Motion:
         """Solve on more intervals, as many as J asks for."""
-        intervals = FINE
+        intervals, coarse = FINE, motion.cost
         while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
@@ -250,6 +252,7 @@ class DirectSearch(Search[Candidate]):
             motion, intervals = finer, 2 * intervals
             if gain <= _SETTLED * abs(motion.cost):
                 break
+        self._coarse_error = abs(coarse - motion.cost)
         return motion
 
     # The direct method by itself.

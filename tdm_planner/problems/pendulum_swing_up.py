@@ -40,7 +40,6 @@ from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_minimiser import compile_minimiser
 from tdm_planner.problems.switching_seeds import arcs_of
-from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -170,9 +169,7 @@ class PendulumSwingUp(Problem, Validated):
         if self.method != 'switching':
             return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
         arcs = None if previous is None else arcs_of(previous.trajectory)
-        if arcs is None:
-            return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)
-        return WarmSwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of torque and disk angle."""

@@ -48,6 +48,7 @@ _PATIENCE, _RANK = 30.0, 3.0  # times that weight: at most, and where variants a
 _TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
 _EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
 _POLISHED = 16  # last arcs whose time is minimised
+_STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
 _STEPS = 32  # RK4 steps an arc once a sequence has landed
 
 
@@ -216,3 +217,35 @@ def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate
 def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
     """Return what takes so much, times drive; as if the drive were at least 1e-6."""
     return max(work / max(task.drive, 1e-6), least)
+
+
+def warm_starts(
+    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int, change: float
+) -> list[Candidate]:
+    """
+    Return the arcs of an earlier plan, their durations changed at random.
+
+    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
+    put before or after them, or both, where a new switch may grow; there are at most `most`.
+    """
+    sizes, found = np.abs(previous.torques), list[Candidate]()
+    held = np.clip(previous.torques, -task.torque, task.torque)
+    if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
+        held = np.copysign(task.torque, held)
+    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
+        after = max(after, FEWEST_ARCS + 1 - before - held.size)
+        count = before + held.size + after
+        if count > max(most, FEWEST_ARCS + 1):
+            continue
+        end = -math.copysign(task.torque, held[-1]) * (-1.0) ** np.arange(after)
+        first = np.full(before, -math.copysign(task.torque, held[0]))
+        durations = previous.durations * np.exp(change * rng.normal(size=held.size))
+        found.append(
+            Candidate(
+                np.concatenate([np.zeros(before), durations, np.zeros(after)]),
+                np.concatenate([first, held, end]),
+                0,
+                max(count - _STEERED_ARCS, 0),
+            )
+        )
+    return found
