@@ -125,23 +125,27 @@ class Integrator:
         where it cannot go on, or the time of `until` is up.
         """
         step, size = Call(self._step), self._size
+        x, a, b, length, step.given[-1][...] = *step.given[:-1], numbers
         instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
         proposed = np.inf
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
             whole, change = end - now, last[k] - first[k]
+            a[:], b[:], held = first[k], last[k], not change.any()
             while now < end:
                 left = end - now
                 h = left if proposed >= left else proposed
                 late = len(rows) >= _MOST_STEPS or (until is not None and until.spent)
                 if h < _LEAST_STEP * whole or late:
                     return None
-                a = last[k] - left / whole * change
-                b = a + h / whole * change
-                error, found = step(state, a, b, h, numbers)
-                factor = _SAFETY * float(error[0]) ** _EXPONENT if error[0] else _LARGEST
-                if not error[0] < 1.0:
-                    if not np.isfinite(error[0]):
+                if not held and h < whole:
+                    a[:] = last[k] - left / whole * change
+                    b[:] = a + h / whole * change
+                x[:], length[0] = state, h
+                (error,), found = step.run()
+                factor = _SAFETY * float(error) ** _EXPONENT if error else _LARGEST
+                if not error < 1.0:
+                    if not np.isfinite(error):
                         return None
                     proposed = h * max(_SMALLEST, factor)
                     continue

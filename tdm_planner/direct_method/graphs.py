@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+
 
 class Call:
     """A CasADi function on numpy arrays without copies, for `count` nodes at once if given."""
@@ -30,10 +32,10 @@ class Call:
         def flat(size: tuple[int, int]) -> tuple[int, ...]:
             return (size[0] * size[1],) if count is None else (size[1], size[0])
 
-        self._given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
+        self.given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
         self._found = [np.zeros(flat(mapped.size_out(i))) for i in range(mapped.n_out())]
         for arrays, attach in (
-            (self._given, self._buffer.set_arg),
+            (self.given, self._buffer.set_arg),
             (self._found, self._buffer.set_res),
         ):
             for index, values in enumerate(arrays):
@@ -43,8 +45,12 @@ class Call:
 
     def __call__(self, *arguments: Any) -> list[Array]:
         """Return the values, (m,) each, or (count, m); they are overwritten by the next call."""
-        for values, argument in zip(self._given, arguments, strict=True):
+        for values, argument in zip(self.given, arguments, strict=True):
             values[...] = argument
+        return self.run()
+
+    def run(self) -> list[Array]:
+        """Return the values for what stands in `given`, one array an argument."""
         self._run()
         return self._found
 

@@ -37,8 +37,6 @@ from tdm_planner.exceptions import InvalidProblem
 Array = NDArray[np.float64]
 T = TypeVar('T')
 
-ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
-
 _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
 _SAME = 1e-9, 1e-11  # by which a traced function may differ from numpy's: share, at least
