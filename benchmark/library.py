@@ -22,8 +22,8 @@ from typing import Any
 
 from benchmark.progress import report
 import numpy as np
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.problems import DirectSolverParameters
 
 PLANTS = {

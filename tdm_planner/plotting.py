@@ -109,7 +109,7 @@ def _histories(
     axes = part.subplots(len(names) + len(kept), 1, sharex=True, squeeze=False)[:, 0]
     bounds, colours = view.bounds(), _coloured(plans)
     first = next(iter(plans.values()))
-    switches = first.switching_instants.tolist() if len(plans) == 1 else []
+    switches = first.times[first.switches] if len(plans) == 1 else ()
     for axis, name in zip(axes, names, strict=False):
         for vehicle, plan in plans.items():
             _draw_planned(axis, plan, name, colours[vehicle])

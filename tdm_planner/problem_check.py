@@ -17,10 +17,10 @@ import time
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.direct_problem import DirectProblem

@@ -115,6 +115,21 @@ class Trajectory:
             **dict(zip(self.control_names, self.control_units, strict=False)),
         }
 
+    @cached_property
+    def switches(self) -> NDArray[np.intp]:
+        """Indices of the samples at which a held control jumps, (m,); none of other controls."""
+        if self.interpolation != 'zero_order_hold':
+            return np.zeros(0, dtype=np.intp)
+        return np.flatnonzero((np.diff(self.controls[:-1], axis=0) != 0).any(axis=1)) + 1
+
+    @property
+    def smooth_pieces(self) -> list[int]:
+        """Indices of the samples between which the controls run smoothly, both ends included."""
+        last = self.times.size - 1
+        if self.interpolation == 'linear':
+            return list(range(last + 1))
+        return [0, *self.switches.tolist(), last]
+
     @classmethod
     def of(
         cls,
@@ -185,15 +200,6 @@ class Trajectory:
         """Read the controls alone at time(s) `t` [s], as `sample` does."""
         at = np.clip(np.asarray(t, dtype=float), self.times[0], self.times[-1])
         return self._control_at(at)
-
-    @property
-    def switching_instants(self) -> Array:
-        """Instants at which a control jumps that is held [s]."""
-        if self.interpolation != 'zero_order_hold':
-            return np.zeros(0)
-        jumps = (np.diff(self.controls[:-1], axis=0) != 0).any(axis=1)
-        instants: Array = self.times[1:-1][jumps]
-        return instants
 
     def control_integral(self, t: ArrayLike) -> Array:
         """

@@ -25,7 +25,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import OdeSolution, solve_ivp
-from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, NotFinite
 from tdm_planner.plants.base import Plant
@@ -92,6 +91,17 @@ class SelfReplaying(Protocol):
         """States at `times` (n,) from the first state of `trajectory`, (n, nx); None: cannot."""
 
 
+class Flight(Protocol):
+    """A motion as it was integrated."""
+
+    @property
+    def steps(self) -> Array:
+        """Instants at which steps of the integration begin or end [s]."""
+
+    def states(self, times: Array) -> Array:
+        """States at `times` (n,), (n, nx); NaN where the integration could not go on."""
+
+
 @runtime_checkable
 class SelfFlying(Protocol):
     """A plant whose equations of motion are compiled, and integrated to the same tolerances."""
@@ -116,10 +126,10 @@ def replay(plant: Plant, trajectory: Trajectory, times: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
-    """A motion as it was integrated: `pieces` between jumps of the controls, of `size` states."""
+class _Pieces:
+    """A motion that scipy integrated: `pieces` between jumps of controls, of `size` states."""
 
-    pieces: Sequence[OdeSolution | Flown]
+    pieces: Sequence[OdeSolution]
     size: int
 
     @property
@@ -157,10 +167,10 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
     short = trajectory.interpolation == 'linear'  # pieces, that mostly take one step
     # Of cubics no step overlooks an interval, in which a control may jump from one sample on.
     longest = _FEW * float(np.diff(trajectory.times).max())
-    for first, last in itertools.pairwise(_smooth_pieces(trajectory)):
+    for first, last in itertools.pairwise(trajectory.smooth_pieces):
         ends = float(trajectory.times[first]), float(trajectory.times[last])
         result = solve_ivp(
-            _limited(_right_hand_side(plant, trajectory, first), left, until),
+            _rate(plant, trajectory, first, left, until),
             ends,
             current,
             method='DOP853',
@@ -175,72 +185,34 @@ def fly(plant: Plant, trajectory: Trajectory, until: Budget | None = None) -> Fl
         assert result.sol is not None
         pieces.append(result.sol)
         current = result.y[:, -1]
-    return Flight(pieces, trajectory.states.shape[1])
+    return _Pieces(pieces, trajectory.states.shape[1])
 
 
-def _smooth_pieces(trajectory: Trajectory) -> list[int]:
-    last = trajectory.times.size - 1
-    if trajectory.interpolation == 'cubic':
-        return [0, last]
-    if trajectory.interpolation == 'linear':
-        return list(range(last + 1))
-    jumps = np.flatnonzero((np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)) + 1
-    return [0, *jumps.tolist(), last]
-
-
-def _right_hand_side(
-    plant: Plant, trajectory: Trajectory, first: int
+def _rate(
+    plant: Plant, trajectory: Trajectory, first: int, left: Iterator[None], until: Budget | None
 ) -> Callable[[float, Array], Array]:
-    control = _control_from(trajectory, first)
+    """Return the rates of the states in the smooth piece from sample `first` on."""
+    held = trajectory.controls[first] if trajectory.interpolation == 'zero_order_hold' else None
 
     def rate(t: float, x: Array) -> Array:
+        if next(left, 0) is not None:
+            raise FloatingPointError('the motion is too fast to be replayed')
+        if until is not None and until.spent:
+            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
         try:
-            return plant.derivative(x, control(t))
+            return plant.derivative(x, trajectory.controls_at(t) if held is None else held)
         except NotFinite as error:
             raise NotFinite(f'{error} at t = {t:.3g} s of the replay') from error
 
     return rate
 
 
-def _control_from(trajectory: Trajectory, first: int) -> Callable[[float], Array]:
-    """Return the controls as a function of time in the smooth piece from sample `first` on."""
-    times, controls = trajectory.times, trajectory.controls
-    if trajectory.interpolation == 'cubic':
-        return trajectory.controls_at
-    begin = controls[first]
-    if trajectory.interpolation == 'zero_order_hold':
-        return lambda t: begin
-    slope = (controls[first + 1] - begin) / (times[first + 1] - times[first])
-    return lambda t: begin + slope * (t - times[first])
-
-
-def _limited(
-    right_hand_side: Callable[[float, Array], Array], left: Iterator[None], until: Budget | None
-) -> Callable[[float, Array], Array]:
-    def evaluated(t: float, x: Array) -> Array:
-        if next(left, 0) is not None:
-            raise FloatingPointError('the motion is too fast to be replayed')
-        if until is not None and until.spent:
-            raise DeadlineExceeded(f'its replay took longer than {until.seconds:.3g} s')
-        return right_hand_side(t, x)
-
-    return evaluated
-
-
 def dense_times(trajectory: Trajectory, resolution: float) -> Array:
-    """Every sample instant and instants between them, see `evenly_spaced`."""
-    grid = evenly_spaced(trajectory.times[0], trajectory.times[-1], resolution)
-    return np.union1d(grid, trajectory.times)
-
-
-def evenly_spaced(first: float, last: float, resolution: float) -> Array:
-    """
-    Instants from `first` to `last`, `resolution` s apart or less, at most MOST_INSTANTS.
-
-    A check must end in the time allowed, however long the motion.
-    """
-    count = math.ceil(min((last - first) / resolution, MOST_INSTANTS)) + 1
-    return np.linspace(first, last, count)
+    """Every sample instant and instants between them, `resolution` s apart or less, not many."""
+    count = math.ceil(min(trajectory.duration / resolution, MOST_INSTANTS)) + 1
+    return np.union1d(
+        np.linspace(trajectory.times[0], trajectory.times[-1], count), trajectory.times
+    )
 
 
 def verify(
@@ -250,7 +222,6 @@ def verify(
     tolerance: Array,
     constraints: Sequence[Constraint],
     *,
-    resolution: float | None = None,
     consistency: Array | None = None,
     start: Array | None = None,
     until: Budget | None = None,
@@ -259,29 +230,15 @@ def verify(
     Replay and check a trajectory.
 
     `goal` and `tolerance` (nx,): the replayed final state must be within `tolerance` of `goal`
-    (infinite where a state is free). The constraints are checked on the replayed states at
-    instants at most `resolution` s apart; by default as finely as the motion asks, see
-    `resolved`. The states written in the trajectory must agree with the replayed ones within
-    `consistency` (nx,), by default `tolerance`, and `usual_tolerance` where that is infinite; the
-    first of them with `start` (nx,), where that is given; NaN where a state is free. `until` is
-    the time allowed for the replay.
+    (infinite where a state is free). The constraints are checked on the replayed states, as finely
+    as the motion asks, see `resolved`. The states written in the trajectory must agree with the
+    replayed ones within `consistency` (nx,), by default `tolerance`, and `usual_tolerance` where
+    that is infinite; the first of them with `start` (nx,), where that is given; NaN where a state
+    is free. `until` is the time allowed for the replay.
     """
-    if resolution is None:
-        times, states = resolved(fly(plant, trajectory, until), trajectory, constraints)
-    else:
-        times = dense_times(trajectory, resolution)
-        states = replay(plant, trajectory, times)
-    return judge(
-        plant,
-        trajectory,
-        times,
-        states,
-        goal,
-        tolerance,
-        constraints,
-        consistency=consistency,
-        start=start,
-    )
+    times, states = resolved(fly(plant, trajectory, until), trajectory, constraints)
+    given = plant, trajectory, times, states, goal, tolerance, constraints
+    return judge(*given, consistency=consistency, start=start)
 
 
 def resolved(

@@ -36,7 +36,7 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
-from tdm_planner.problems.direct_plant import TracedPlant
+from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_sim.mismatch import mismatched
 from tdm_sim.pendulum_plant import PendulumModel
@@ -113,8 +113,8 @@ class StatedModel(PlantModel):
     def make_setup(self, parameters: Any) -> PlantSetup:
         """Return the plant, its limits and its disturbances as `parameters` say."""
         problem = self._with(parameters)
-        plant = TracedPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
-        begin = np.nan_to_num(TracedPlant(problem).stated.start())
+        plant = DirectPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
+        begin = np.nan_to_num(DirectPlant(problem).stated.start())
         limits = plant.stated.control_limits
         wide = (-_LARGEST_CONTROL, _LARGEST_CONTROL)
         bounds = np.array([limits.get(name, wide) for name in problem.control_names])

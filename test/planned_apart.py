@@ -12,7 +12,7 @@ Plans made in processes of their own, as digests: the same request and seed give
 
 As in the nodes, one thread does the linear algebra (`tdm_planner.starting.limit_threads`). The
 deadlines are long: one that cuts a search short makes the plan depend on the machine's speed.
-Used by `unit/problems/test_determinism.py` and `nightly/problems/test_determinism.py`.
+Used by `unit/problems/test_problems.py` and `nightly/problems/test_determinism.py`.
 """
 
 from __future__ import annotations

@@ -56,7 +56,6 @@ def judge_pendulum(task: SwingUpTask, motion: Trajectory) -> tuple[str, ...]:
         task.goal_nearest(motion.states[-1]),
         PENDULUM_TOLERANCE,
         constraints,
-        resolution=5e-3,
         consistency=anywhere,
     ).reasons
 
@@ -76,7 +75,6 @@ def judge_formation(task: FormationTask, motions: Mapping[str, Trajectory]) -> t
             np.array([*goal[i], 0.0, 0.0]),
             ROBOT_TOLERANCE,
             constraints,
-            resolution=_RESOLUTION,
             consistency=np.full(7, np.inf),
         ).reasons
     apart = [

@@ -39,7 +39,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plants.rotary_pendulum import accelerations, RotaryPendulum
-from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp, Plan
+from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp, Solution
 from virtual_arc_method import VirtualArcMethod
 from virtual_arc_program import reference_shape, VirtualArcProgram
 
@@ -142,7 +142,7 @@ def problem(theta: float, torque: float, method: str = 'virtual_arc') -> Pendulu
     )
 
 
-def along_arc(made: PendulumSwingUp) -> Plan:
+def along_arc(made: PendulumSwingUp) -> Solution:
     """Plan by the mended scheme."""
     budget, rng = Budget(DEADLINE), np.random.default_rng(0)
     return VirtualArcMethod(made.task, budget, rng, made.switching_arcs, 1e-8).run()

@@ -28,7 +28,8 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_steering import ArcBatch
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems import Solution
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import FINE_STEPS, steered, trajectory
 from tdm_planner.trajectory import Trajectory
@@ -92,7 +93,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
                 found.append(candidate)
         return sorted(found, key=lambda candidate: candidate.cost)
 
-    def plans(self, candidate: ArcCandidate) -> Iterator[Plan]:
+    def plans(self, candidate: ArcCandidate) -> Iterator[Solution]:
         """Yield the motion under the switching times found with more and more nodes."""
         program, xi = candidate.program, candidate.point
         for steps in _REFINED_STEPS:

@@ -12,7 +12,8 @@ The virtual arc as matrices: everything at a node is linear in the varied parame
 
 At a point s of the unit interval let w = (mu, mu', ..., t, X, X', X'', ... of every output), with
 mu = dt/ds. Then w = table(s) (c, b, a): c the coefficients of mu, a the free parameters of the
-outputs, and b the boundary values by s, which alone are a nonlinear function, of c.
+outputs, and b the boundary values by s, which alone are a nonlinear function, of c. What is stated
+is a graph of one w.
 """
 
 from __future__ import annotations
@@ -25,12 +26,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Duration, Output
 from tdm_planner.direct_method.graphs import Call, Differentiated
 from tdm_planner.direct_method.output_basis import OrthonormalBasis, output_basis
-from tdm_planner.direct_method.virtual_domain import (
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.virtual_arc import (
     arc_derivatives,
+    bernstein_basis,
+    bernstein_integral,
     reciprocal,
     time_derivatives,
 )
@@ -189,3 +193,47 @@ def _scale(output: Output, duration: Duration) -> float:
     for given in (start, end):
         sizes += [abs(v) * duration.guess**k for k, v in given.items() if k > 0]
     return max(sizes)
+
+
+class NodeGraphs:
+    """
+    The graphs of a node: from w (see `ArcBasis`) and the integrated states z to all values.
+
+    `motion` gives states and controls, `node` the integrand of J by s and the margins, `start`
+    and `end` the conditions there (`end` after the final cost), `step` a Runge-Kutta step of z.
+    """
+
+    def __init__(self, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> None:
+        names = list(stated.integrated())
+        w, z = ca.SX.sym('w', layout.size), ca.SX.sym('z', len(names))
+        p = ca.SX.sym('p', trace.invert.numel_in(2))
+        mu, t, y = layout.read(w)
+        wz = ca.vertcat(w, z)
+        jets = ca.vertcat(*(value for jet in y.values() for value in jet))
+        both = trace.invert(jets, z, p)
+        x, u = ca.vertsplit(both, [0, len(stated.state_names), both.numel()])
+        self.motion = ca.Function('motion', [wz, p], [both])
+        rows = ca.vertcat(trace.running(t, x, u, p) * mu, trace.margins(t, x, u, p))
+        ends = ca.vertcat(trace.final(t, x, p), trace.end_conditions(t, x, p))
+        self.node = Differentiated('node', wz, p, rows)
+        self.start = Differentiated('start', wz, p, trace.start_conditions(t, x, p))
+        self.end = Differentiated('end', wz, p, ends)
+        self.starts, self.ends = int(trace.start_conditions.numel_out()), int(ends.numel()) - 1
+        if not names:
+            return
+        index = [stated.state_names.index(name) for name in names]
+        rate = ca.Function('rate', [w, z, p], [trace.rates(x, u, p)[index] * mu])
+        here, middle, there = (ca.SX.sym(name, layout.size) for name in 'amb')
+        h = ca.SX.sym('h')
+        k1 = rate(here, z, p)
+        k2 = rate(middle, z + h / 2 * k1, p)
+        k3 = rate(middle, z + h / 2 * k2, p)
+        k4 = rate(there, z + h * k3, p)
+        following = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        arguments = ca.vertcat(here, middle, there, z), ca.vertcat(p, h)
+        self.step = Differentiated('step', *arguments, following)
+
+    @classmethod
+    def of(cls, trace: Trace, layout: ArcLayout, stated: CheckedFormulation) -> NodeGraphs:
+        """Return the graphs of this kind, made once."""
+        return trace.once(layout, lambda: cls(trace, layout, stated))

@@ -27,12 +27,11 @@ _SAME = 1e-9  # share by which a state passed on may differ from itself
 
 @dataclass(frozen=True, eq=False)
 class ArcMotion:
-    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu), rate mu (K,)."""
+    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu)."""
 
     times: Array
     states: Array
     controls: Array
-    rate: Array
 
 
 def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.checks import number, shown
+from tdm_planner.direct_method.checks import number, raised, shown
 from tdm_planner.direct_method.formulation import (
     components,
     Duration,
@@ -33,7 +33,6 @@ from tdm_planner.direct_method.formulation import (
     Outputs,
     stack,
 )
-from tdm_planner.direct_method.hints import raised
 from tdm_planner.exceptions import InvalidProblem, TdmError
 
 Array = NDArray[np.float64]

@@ -7,11 +7,16 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Checks of what users pass in: numbers, orders of derivatives, ends of an arc."""
+"""Checks of what users pass in, and what to write instead of what went wrong in a function."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from importlib.util import find_spec
+import inspect
+import linecache
+from pathlib import Path
+import traceback
 from typing import Any
 
 import numpy as np
@@ -19,6 +24,24 @@ from tdm_planner.exceptions import InvalidProblem
 
 HIGHEST_ORDER = 60  # of a derivative
 _LARGEST = 1e100  # its cube can still be computed
+_HINTS = {
+    'math.': "use numpy's functions, such as np.sqrt(x)",
+    'float(': 'leave the conversion to float out',
+    'if ': 'use np.where(condition, this, that) in place of `if` on a value',
+    ' and ': 'use np.logical_and(...) in place of `and` on values',
+    ' or ': 'use np.logical_or(...) in place of `or` on values',
+    ' & ': 'use np.logical_and(...) in place of & on values',
+    ' | ': 'use np.logical_or(...) in place of | on values',
+    'min(': 'use np.minimum and np.maximum',
+    'max(': 'use np.minimum and np.maximum',
+    'np.linalg': 'write the formula by components',
+    'pline': 'use a formula in place of a spline',
+    'mean(': 'write what holds at one node: there are no sums over nodes',
+    'sum(': 'write what holds at one node: there are no sums over nodes',
+}
+_SPECS = [find_spec(name) for name in ('casadi', 'numpy', __name__)]
+_LIBRARIES = tuple(f'{Path(spec.origin).parent}/' for spec in _SPECS if spec and spec.origin)
+_HINT = "use numpy's functions of single values (np.sqrt, np.arctan2, np.where, np.maximum)"
 
 
 def shown(value: Any, longest: int = 60) -> str:
@@ -82,3 +105,46 @@ def check_orders(where: str, orders: Iterable[Any]) -> tuple[int, ...]:
             f'the derivatives given at the {where}, {list(found)}, must be distinct'
         )
     return found
+
+
+def _line(error: Exception) -> tuple[str, str]:
+    """Return where in the user's source an error came up, in words, and that line."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not frame.filename.startswith(_LIBRARIES):
+            source = linecache.getline(frame.filename, frame.lineno or 0).strip() or frame.name
+            where = f' in line {frame.lineno} of {frame.filename.rsplit("/", 1)[-1]}, `{source}`'
+            return where, source
+    return '', ''
+
+
+def refusal(formulation: Any, function: str, error: Exception) -> str:
+    """Return the sentence that says which line cannot be traced, and what to write instead."""
+    where, source = _line(error)
+    hint = next((hint for word, hint in _HINTS.items() if word in source), _HINT)
+    return f'{function} of {type(formulation).__name__} cannot be traced{where}: {hint}'
+
+
+def raised(formulation: Any, function: str, error: Exception) -> str:
+    """Return the sentence that says which line raises what, and what to write if that is known."""
+    where, source = _line(error)
+    known = isinstance(error, TypeError | ValueError)  # what numpy's arrays raise
+    hint = next((hint for word, hint in _HINTS.items() if known and word in source), None)
+    what = ' '.join(str(error).split())
+    return (
+        f'{function} of {type(formulation).__name__} raises {type(error).__name__}{where}: '
+        f'{hint or what}'
+    )
+
+
+def suspect(formulation: Any, function: str) -> str:
+    """Return what may be the cause, from words in the function's source."""
+    try:
+        lines, first = inspect.getsourcelines(getattr(type(formulation), function))
+    except (OSError, TypeError):
+        return _HINT
+    words = {w: h for w, h in _HINTS.items() if w not in ('if ', ' and ', ' or ')}
+    for number, line in enumerate(lines):
+        hint = next((hint for word, hint in words.items() if word in line), None)
+        if hint:
+            return f'line {first + number}, `{line.strip()}`: {hint}'
+    return 'it must depend on its arguments at the same node alone'

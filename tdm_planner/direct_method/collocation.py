@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.graphs import Call, Rounded
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.rounding import Rounded
 from tdm_planner.direct_method.tracing import Trace
 
 Array = NDArray[np.float64]
@@ -291,7 +290,11 @@ class Collocation:
         to every limit at the nodes, and between them.
         """
         n, (nx, nu) = self.intervals, self._sizes
-        sx, su = _scales(guess.states), _scales(guess.controls)
+        # A guess may be no motion at all: what the ends ask for counts as well.
+        sx, su = (
+            _scales(np.vstack([values, np.nan_to_num(given)]))
+            for values, given in ((guess.states, ends.states), (guess.controls, ends.controls))
+        )
         st = guess.duration
         z = np.concatenate(
             [

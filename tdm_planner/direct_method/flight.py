@@ -8,25 +8,26 @@
 # language governing permissions and limitations under the License.
 
 """
-The independent replay of a plan with piecewise linear controls, by DOP853, compiled.
+The replay of plans with held or linear controls, by DOP853, compiled.
 
 Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, II.10: one step, its error
 and its dense output are one CasADi function; the coefficients are scipy's, and so is the choice of
-the steps. It is the replay of `tdm_planner.verification`, a tenth of the time.
+the steps. It is the replay of `tdm_planner.verification`, a tenth of the time, for every plant
+whose right-hand side can be traced.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
-from tdm_planner.direct_method.flown import Flown
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -34,18 +35,43 @@ TOLERANCES = 1e-9, 1e-11  # relative and absolute, of a step
 _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to the next
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
+_MOST_STEPS = 40_000
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """
+    A motion as it was integrated: polynomials between the instants `steps` (m + 1,) [s].
+
+    `begins` (m, nx) are the states there, `coefficients` (m, 7, nx) those of the dense output.
+    """
+
+    steps: Array
+    begins: Array
+    coefficients: Array
+
+    def states(self, times: Array) -> Array:
+        """States at `times` (n,), (n, nx)."""
+        last = len(self.begins) - 1
+        step = np.clip(np.searchsorted(self.steps, times, side='right') - 1, 0, last)
+        share = ((times - self.steps[step]) / np.diff(self.steps)[step])[:, None]
+        rows = self.coefficients[step]
+        value = np.zeros_like(rows[:, 0])
+        for index in range(rows.shape[1]):
+            value = (value + rows[:, -1 - index]) * ((1.0 - share) if index % 2 else share)
+        return np.asarray(value + self.begins[step])
 
 
 class Integrator:
-    """The integration of a traced plant, made once a kind."""
+    """The integration of a plant's `rates` (x, u, p) -> (nx,), a CasADi function."""
 
-    def __init__(self, trace: Trace) -> None:
-        size, controls, numbers = (trace.rates.size1_in(i) for i in range(3))
+    def __init__(self, rates: Any) -> None:
+        size, controls, numbers = (rates.size1_in(i) for i in range(3))
         x, p, h = ca.SX.sym('x', size), ca.SX.sym('p', numbers), ca.SX.sym('h')
         first, last = ca.SX.sym('a', controls), ca.SX.sym('b', controls)
 
         def rate(share: float, state: Any) -> Any:
-            return trace.rates(state, first + share * (last - first), p)
+            return rates(state, first + share * (last - first), p)
 
         def combined(rows: list[Any], weights: Array) -> Any:
             return sum(float(w) * row for w, row in zip(weights, rows, strict=True) if w)
@@ -69,36 +95,57 @@ class Integrator:
         self._step = ca.Function('step', [x, first, last, h, p], [error, ca.vertcat(*rows)])
         self._size = size
 
-    @classmethod
-    def of(cls, trace: Trace) -> Integrator:
-        """Return the integrator of this kind, made once."""
-        return trace.once(cls, lambda: cls(trace))
+    def along(
+        self, trajectory: Trajectory, numbers: Array, until: Budget | None = None
+    ) -> Flown | None:
+        """Integrate along a trajectory's controls; None as below, and where they are cubic."""
+        if trajectory.interpolation == 'cubic':
+            return None
+        times, controls = (
+            values[trajectory.smooth_pieces] for values in (trajectory.times, trajectory.controls)
+        )
+        first, last = controls[:-1], controls[1:]
+        if trajectory.interpolation == 'zero_order_hold':
+            last = first
+        return self(times, first, last, trajectory.states[0], numbers, until)
 
     def __call__(
-        self, times: Array, controls: Array, state: Array, numbers: Array, until: Budget | None
+        self,
+        times: Array,
+        first: Array,
+        last: Array,
+        state: Array,
+        numbers: Array,
+        until: Budget | None = None,
     ) -> Flown | None:
         """
-        Integrate from `state` (nx,) under controls (n, nu), linear between `times` (n,) [s].
+        Integrate from `state` (nx,) over the intervals between `times` (n + 1,) [s].
 
-        None where it cannot go on, or the time of `until` is up.
+        Controls are linear in each, from those in `first` (n, nu) to those in `last` (n, nu). None
+        where it cannot go on, or the time of `until` is up.
         """
         step, size = Call(self._step), self._size
-        instants, begins, rows = [float(times[0])], [], []
+        x, a, b, length, step.given[-1][...] = *step.given[:-1], numbers
+        instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
         proposed = np.inf
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
-            whole, change = end - now, controls[k + 1] - controls[k]
+            whole, change = end - now, last[k] - first[k]
+            a[:], b[:], held = first[k], last[k], not change.any()
             while now < end:
                 left = end - now
                 h = left if proposed >= left else proposed
-                if h < _LEAST_STEP * whole or (until is not None and until.spent):
+                late = len(rows) >= _MOST_STEPS or (until is not None and until.spent)
+                if h < _LEAST_STEP * whole or late:
                     return None
-                a = controls[k + 1] - left / whole * change
-                b = a + h / whole * change
-                error, found = step(state, a, b, h, numbers)
-                factor = _SAFETY * float(error[0]) ** _EXPONENT if error[0] else _LARGEST
-                if not error[0] < 1.0:
-                    if not np.isfinite(error[0]):
+                if not held and h < whole:
+                    a[:] = last[k] - left / whole * change
+                    b[:] = a + h / whole * change
+                x[:], length[0] = state, h
+                (error,), found = step.run()
+                factor = _SAFETY * float(error) ** _EXPONENT if error else _LARGEST
+                if not error < 1.0:
+                    if not np.isfinite(error):
                         return None
                     proposed = h * max(_SMALLEST, factor)
                     continue

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
+
 
 class Call:
     """A CasADi function on numpy arrays without copies, for `count` nodes at once if given."""
@@ -30,10 +32,10 @@ class Call:
         def flat(size: tuple[int, int]) -> tuple[int, ...]:
             return (size[0] * size[1],) if count is None else (size[1], size[0])
 
-        self._given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
+        self.given = [np.zeros(flat(mapped.size_in(i))) for i in range(mapped.n_in())]
         self._found = [np.zeros(flat(mapped.size_out(i))) for i in range(mapped.n_out())]
         for arrays, attach in (
-            (self._given, self._buffer.set_arg),
+            (self.given, self._buffer.set_arg),
             (self._found, self._buffer.set_res),
         ):
             for index, values in enumerate(arrays):
@@ -43,8 +45,12 @@ class Call:
 
     def __call__(self, *arguments: Any) -> list[Array]:
         """Return the values, (m,) each, or (count, m); they are overwritten by the next call."""
-        for values, argument in zip(self._given, arguments, strict=True):
+        for values, argument in zip(self.given, arguments, strict=True):
             values[...] = argument
+        return self.run()
+
+    def run(self) -> list[Array]:
+        """Return the values for what stands in `given`, one array an argument."""
         self._run()
         return self._found
 
@@ -61,3 +67,57 @@ class Differentiated:
         # Rows contiguous in memory.
         self.linear = ca.Function(f'{name}_j', [x, p], [f, jacobian.T.reshape((-1, 1))])
         self.second = ca.Function(f'{name}_h', [x, p, multipliers], [hessian.reshape((-1, 1))])
+
+
+class Rounded:
+    """
+    A traced function f(..., p), such as |u|, with rounded kinks: Ipopt needs second derivatives.
+
+    The graph is written again with sqrt(a^2 + e^2) in place of |a|, likewise where a maximum,
+    minimum, square root or hypotenuse has its kink.
+    `value` (..., p, e) -> f, with e (k,) how far each kink is rounded; `sizes` (..., p) -> (k,)
+    what stands in every kink, to choose e by; `count` is k.
+    """
+
+    def __init__(self, function: Any) -> None:
+        given = function.sx_in()
+        found: list[Any] = [None] * function.sz_w()
+        radius: list[Any] = []
+        inside: list[Any] = []
+        results = [ca.SX.zeros(function.size_out(i)) for i in range(function.n_out())]
+
+        def root(square: Any, size: Any) -> Any:
+            radius.append(ca.SX.sym('e'))
+            inside.append(size)
+            return ca.sqrt(square + radius[-1] ** 2)
+
+        for index in range(function.n_instructions()):
+            operation = function.instruction_id(index)
+            takes, gives = function.instruction_input(index), function.instruction_output(index)
+            if operation == ca.OP_CONST:
+                found[gives[0]] = ca.SX(function.instruction_constant(index))
+            elif operation == ca.OP_INPUT:
+                found[gives[0]] = given[takes[0]].nz[takes[1]]
+            elif operation == ca.OP_OUTPUT:
+                results[gives[0]].nz[gives[1]] = found[takes[0]]
+            else:
+                values = [found[place] for place in takes]
+                found[gives[0]] = _operated(operation, values, root)
+        self.count = len(radius)
+        e = ca.vertcat(ca.SX(0, 1), *radius)
+        self.value = ca.Function('rounded', [*given, e], results)
+        self.sizes = ca.Function('kinks', given, [ca.vertcat(ca.SX(0, 1), *inside)])
+
+
+def _operated(operation: int, values: list[Any], root: Any) -> Any:
+    a, b = values[0], values[-1]
+    if operation == ca.OP_FABS:
+        return root(a**2, a)
+    if operation == ca.OP_SQRT:
+        return root(a, ca.sqrt(a))
+    if operation == ca.OP_HYPOT:
+        return root(a**2 + b**2, ca.hypot(a, b))
+    if operation in (ca.OP_FMAX, ca.OP_FMIN):
+        apart = root((a - b) ** 2, a - b)
+        return 0.5 * (a + b + (apart if operation == ca.OP_FMAX else -apart))
+    return ca.SX.unary(operation, a) if len(values) == 1 else ca.SX.binary(operation, a, b)

@@ -27,16 +27,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.checks import refusal, suspect
+from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
-from tdm_planner.direct_method.hints import refusal, suspect
 from tdm_planner.direct_method.statement_numbers import numbers, structure, twin_of
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
-
-ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
 _SAMPLES = 7
 _KEPT = 64  # kinds of problems, of which many only where statements are made by a program
@@ -168,6 +167,23 @@ class Trace:
             self._made_of_it[key] = make()
         made: T = self._made_of_it[key]
         return made
+
+    def cost_along(self, numbers: Array, times: Array, states: Array, controls: Array) -> float:
+        """
+        Return J of a motion given at begin, middle and end of its m intervals.
+
+        Shapes: `times` (m, 3), `states` (m, 3, nx), `controls` (m, 3, nu), which may jump between
+        intervals. By Simpson's rule.
+        """
+        t, x, u = (a.reshape(times.size, -1) for a in (times, states, controls))
+        rows = Call(self.running, times.size)(t, x, u, numbers)[0].reshape(-1, 3)
+        final = Call(self.final)(t[-1], x[-1], numbers)[0]
+        return float((times[:, 2] - times[:, 0]) @ (rows @ [1.0, 4.0, 1.0]) / 6.0 + final[0])
+
+    @property
+    def integrator(self) -> Integrator:
+        """Return the replay of this kind, made once."""
+        return self.once(Integrator, lambda: Integrator(self.rates))
 
     def values(self, formulation: Formulation) -> Array:
         """Return the numbers that are arguments of the traced functions, (p,)."""

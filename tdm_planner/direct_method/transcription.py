@@ -30,13 +30,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_basis import ArcBasis
+from tdm_planner.direct_method.arc_basis import ArcBasis, NodeGraphs
 from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite, check_integrated
-from tdm_planner.direct_method.arc_nodes import quadrature_weights
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
-from tdm_planner.direct_method.node_graphs import NodeGraphs
 from tdm_planner.direct_method.nonlinear_program import (
     Linearisation,
     Multipliers,
@@ -44,6 +42,7 @@ from tdm_planner.direct_method.nonlinear_program import (
     Point,
 )
 from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.virtual_arc import quadrature_weights
 
 Array = NDArray[np.float64]
 
@@ -152,7 +151,7 @@ class Transcription(NonlinearProgram):
         wz, _ = self._nodes(self._w(self.basis, xi))
         (both,) = Call(self._graphs.motion, len(wz))(wz, self._numbers)
         rates, nx = self.basis.layout.rates, len(self._stated.state_names)
-        motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:], wz[:, 0])
+        motion = ArcMotion(wz[:, rates], both[:, :nx], both[:, nx:])
         return motion, np.split(wz, [self.basis.layout.size], axis=1)[1]
 
     @property

@@ -19,10 +19,10 @@ against the Maratos effect.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import daqp
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import (
@@ -32,17 +32,16 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
 
 Array = NDArray[np.float64]
 
-_SLACK_CURVATURE = 1e-4
-_PRESSURE = 5.0  # factor by which violations are charged more
+_INFINITE = 1e30
+SLACK_CURVATURE = 1e-4
+PRESSURE = 5.0  # factor by which violations are charged more
 _NEARER = 0.9  # share of the slack that must be left at most for that to be worth it
 
 
-@dataclass(frozen=True)
-class TrustRegionOptions:
+class TrustRegionOptions(NamedTuple):
     """
     How the minimiser goes about it.
 
@@ -50,22 +49,22 @@ class TrustRegionOptions:
     where they do not make the search feasible; `radius` the first trust region and
     `largest_radius` its limit, in units of the scaled varied parameters; `cost_tolerance` the
     predicted decrease, relative to J, below which the search ends once every group's violation is
-    within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` a
+    within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` the
     cost above which a nearly feasible search is given up, as another one is already better. With
     `steering`, penalties are raised as soon as that takes a step nearer to the linearised
     constraints, not only where the search stalls: for ends that are hard to reach.
     """
 
-    penalties: Sequence[float] = (1.0,)
+    penalties: tuple[float, ...] = (1.0,)
     largest_penalty: float = 200.0
     radius: float = 0.3
     largest_radius: float = 4.0
     iterations: int = 40
     cost_tolerance: float = 1e-3
-    feasibility: Sequence[float] = (2e-3,)
+    feasibility: tuple[float, ...] = (2e-3,)
     corrections: int = 0
     steering: bool = False
-    cutoff: float | None = None
+    cutoff: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ class _Search:
             before, missed = self.penalties, step.slacks > self.feasibility
             if not missed.any() or before[missed].max() >= self.options.largest_penalty:
                 break
-            self.penalties = np.where(missed, _PRESSURE * before, before)
+            self.penalties = np.where(missed, PRESSURE * before, before)
             harder = _quadratic_step(self, at)
             if harder is None or harder.slacks.sum() > _NEARER * step.slacks.sum():
                 self.penalties = before
@@ -196,7 +195,7 @@ class _Search:
             return
         self.stalled += 1
         if self.stalled >= 2 and self.penalties.max() < self.options.largest_penalty:
-            self.penalties[self.point.violations > self.feasibility] *= _PRESSURE
+            self.penalties[self.point.violations > self.feasibility] *= PRESSURE
             self.radius = max(self.radius, 0.5 * self.options.radius)
             self.stalled = 0
 
@@ -219,8 +218,7 @@ class _Search:
             self.radius = min(2.0 * self.radius, self.options.largest_radius)
         elif ratio < 0.25:
             self.radius *= 0.5
-        cutoff = self.options.cutoff
-        if cutoff is not None and self.iterations >= 5 and trial.cost > cutoff:
+        if self.iterations >= 5 and trial.cost > self.options.cutoff:
             self.failed = trial.violation < 1e-3
 
     def _shrink(self, length: float) -> None:
@@ -228,7 +226,7 @@ class _Search:
         if self.radius >= 1e-6:
             return
         if not self.feasible and self.penalties.max() < self.options.largest_penalty:
-            self.penalties[self.point.violations > self.feasibility] *= _PRESSURE
+            self.penalties[self.point.violations > self.feasibility] *= PRESSURE
             self.radius = 0.5 * self.options.radius
             self.at = None
         else:
@@ -249,7 +247,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     hessian = np.zeros((size, size))
     hessian[:n, :n] = at.hessian
     diagonal = np.arange(n, size)
-    hessian[diagonal, diagonal] = _SLACK_CURVATURE
+    hessian[diagonal, diagonal] = SLACK_CURVATURE
     gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
     rows, least = _elastic_rows(at, n, na, ng)
     lower, upper = np.zeros(size), np.full(size, 1e12)
@@ -321,3 +319,36 @@ def _correct(search: _Search, at: Linearisation, step: _Step, trial: Point) -> P
             break
         trial = better
     return trial
+
+
+@dataclass(frozen=True)
+class QuadraticSolution:
+    """The minimiser d (n,) and the multipliers (>= 0) of the rows A d >= b, (m,)."""
+
+    step: Array
+    multipliers: Array
+
+
+def solve_quadratic_program(
+    hessian: Array, gradient: Array, rows: Array, least: Array, lower: Array, upper: Array
+) -> QuadraticSolution | None:
+    """
+    Minimise d'H d / 2 + g'd subject to A d >= b, lower <= d <= upper, H positive definite.
+
+    By the library DAQP; None if the program is infeasible or ill conditioned.
+
+    Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
+    """
+    n, m = gradient.size, least.size
+    step, _, flag, info = daqp.solve(
+        np.ascontiguousarray(hessian),
+        np.ascontiguousarray(gradient),
+        np.ascontiguousarray(rows),
+        np.concatenate([np.minimum(upper, _INFINITE), np.full(m, _INFINITE)]),
+        np.concatenate([np.maximum(lower, -_INFINITE), least]),
+        np.zeros(n + m, dtype=np.int32),
+    )
+    if flag < 1 or not np.isfinite(step).all():
+        return None
+    multipliers = np.abs(np.asarray(info['lam'])[n:])
+    return QuadraticSolution(np.asarray(step), multipliers)

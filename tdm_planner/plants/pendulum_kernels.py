@@ -8,14 +8,11 @@
 # language governing permissions and limitations under the License.
 
 """
-Compiled motion of the rotary pendulum: under arcs of torque, replayed, under a feedback law.
+Compiled motion of the rotary pendulum: under arcs of torque, under a feedback law.
 
 States are (theta, psi, theta', psi'). Arcs of constant torque are integrated by the classical
-method of fourth order, with their derivatives. A replay, which must not share its errors, takes
-the twelve-stage formula of Dormand and Prince (Hairer, Norsett and Wanner, "Solving Ordinary
-Differential Equations I"), with the coefficients of scipy's DOP853, at steps so short that its
-error is that of rounding. The feedback law is tabulated: in every interval T_k - K_k (x - r_k),
-saturated, is held, as a tracker does with a plan, to look ahead to the plan's end.
+method of fourth order, with their derivatives. The feedback law is tabulated: in every interval
+T_k - K_k (x - r_k), saturated, is held, as a tracker does with a plan, to look ahead to its end.
 """
 
 from __future__ import annotations
@@ -23,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +29,10 @@ from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 from tdm_planner.plants.slopes import with_slopes
 
-if TYPE_CHECKING:
-    from tdm_planner.trajectory import Trajectory
-
 Array = NDArray[np.float64]
 
-_STAGES = 12
-_LONGEST = 0.05  # of 1/w0: no step of a replay is longer
-_FASTEST = 0.3  # rad, that no angle turns by in one of them
-_MOST_PARTS = 20  # of a step that is too long
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
+_SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
 
 inlined(stated.mechanics)
 accelerations = inlined(stated.accelerations)
@@ -216,93 +207,6 @@ def roll_states(
     return nodes[::steps].copy()
 
 
-def replay_pendulum(plant: RotaryPendulum, trajectory: Trajectory, times: Array) -> Array | None:
-    """
-    States (n, 4) at `times` (n,), which increase, from the first state of `trajectory`.
-
-    None where that would be inaccurate: where a held control jumps between two `times`, or where
-    they are much too far apart.
-    """
-    if times.size < 2 or abs(times[0] - trajectory.times[0]) > 1e-12:
-        return None
-    steps = np.diff(times)
-    fastest = float(np.abs(trajectory.states[:, 2:]).max())
-    longest = min(_LONGEST / plant.natural_frequency, _FASTEST / max(fastest, 1e-9))
-    parts = math.ceil(min(steps.max() / longest, 1e9))
-    if parts > _MOST_PARTS:
-        return None
-    if parts > 1:
-        shares = np.arange(parts) / parts
-        finer = np.append((times[:-1, None] + steps[:, None] * shares).ravel(), times[-1])
-        states = replay_pendulum(plant, trajectory, finer)
-        return None if states is None else states[::parts]
-    formula = dormand_prince()
-    if trajectory.interpolation == 'zero_order_hold':
-        if not np.isin(_switches(trajectory), times).all():
-            return None
-        held = trajectory.controls_at(times[:-1])
-        torques = np.repeat(held, _STAGES, axis=1)
-    else:
-        inside = times[:-1, None] + steps[:, None] * formula[0]
-        torques = trajectory.controls_at(inside.ravel()).reshape(-1, _STAGES)
-    states = np.empty((times.size, 4))
-    states[0] = trajectory.states[0]
-    with np.errstate(all='ignore'):
-        replay_steps(plant.coefficients, steps, torques, *formula[1:], states)
-    return states
-
-
-def _switches(trajectory: Trajectory) -> Array:
-    jumps = (np.diff(trajectory.controls[:-1], axis=0) != 0).any(axis=1)
-    switches: Array = trajectory.times[1:-1][jumps]
-    return switches
-
-
-def dormand_prince() -> tuple[Array, Array, Array]:
-    """Return nodes c (12,), matrix a (12, 12), weights b (12,) of the formula."""
-    from scipy.integrate import DOP853
-
-    return DOP853.C[:_STAGES], DOP853.A[:_STAGES, :_STAGES].copy(), DOP853.B.copy()
-
-
-def compile_replay(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk."""
-    replay_steps(
-        plant.coefficients,
-        np.full(1, 1e-3),
-        np.zeros((1, _STAGES)),
-        *dormand_prince()[1:],
-        np.zeros((2, 4)),
-    )
-
-
-@compiled
-def replay_steps(
-    k: Coefficients, steps: Array, torques: Array, matrix: Array, weights: Array, states: Array
-) -> None:
-    """
-    Fill `states` (n + 1, 4) from its first row on, over `steps` (n,) s.
-
-    `k` are the plant's coefficients, `torques` (n, 12) those at the stages of every step.
-    """
-    rates, y = np.empty((12, 4)), np.empty(4)
-    for node in range(steps.size):
-        h = steps[node]
-        for s in range(12):
-            for m in range(4):
-                total = 0.0
-                for p in range(s):
-                    total += matrix[s, p] * rates[p, m]
-                y[m] = states[node, m] + h * total
-            rates[s, 0], rates[s, 1] = y[2], y[3]
-            rates[s, 2], rates[s, 3] = accelerations(k, y[0], y[2], y[3], torques[node, s])
-        for m in range(4):
-            total = 0.0
-            for s in range(12):
-                total += weights[s] * rates[s, m]
-            states[node + 1, m] = states[node, m] + h * total
-
-
 @dataclass(frozen=True, eq=False)
 class FeedbackTable:
     """
@@ -335,12 +239,6 @@ def roll_feedback(plant: RotaryPendulum, start: Array, table: FeedbackTable) -> 
     return states
 
 
-def compile_feedback(plant: RotaryPendulum) -> None:
-    """Compile the kernel or load it from the disk."""
-    table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
-    roll_feedback(plant, np.zeros(4), table)
-
-
 @compiled
 def _roll(
     k: Coefficients,
@@ -363,3 +261,44 @@ def _roll(
         for _ in range(_SUBSTEPS):
             x[0], x[1], x[2], x[3] = runge_kutta(k, x[0], x[1], x[2], x[3], torque, h)
         states[interval + 1] = x
+
+
+@compiled
+def least_peak(
+    k: Coefficients, start: Array, torque: float, horizon: float, h: float, limit: float
+) -> float:
+    """
+    Return the least |psi| [rad] found that is not exceeded for `horizon` [s] from `start` (4,).
+
+    Tried are +-`torque` [N m] with two switches, each at any of 25 instants, denser at first; the
+    search ends where a peak is below `limit` [rad]. The midpoint rule takes steps of `h` s.
+    """
+    best = np.inf
+    for first in range(_SWITCHES + 1):
+        one = (first / _SWITCHES) ** 2 * horizon
+        for second in range(first, _SWITCHES + 1):
+            other = one + ((second - first) / _SWITCHES) ** 1.5 * horizon
+            for sign in (-1.0, 1.0):
+                theta, psi, w, v = start[0], start[1], start[2], start[3]
+                time, peak = 0.0, abs(psi)
+                while time < horizon and peak < best:
+                    held = -sign * torque if one <= time < other else sign * torque
+                    a, c = quick_accelerations(k, theta, w, v, held)
+                    w_mid, v_mid = w + 0.5 * h * a, v + 0.5 * h * c
+                    a, c = quick_accelerations(k, theta + 0.5 * h * w, w_mid, v_mid, held)
+                    theta, psi = theta + h * w_mid, psi + h * v_mid
+                    w, v = w + h * a, v + h * c
+                    time += h
+                    peak = max(peak, abs(psi)) if abs(psi) < np.inf else np.inf
+                best = min(best, peak)
+                if best <= limit:
+                    return float(best)
+    return float(best)
+
+
+def compile_kernels(plant: RotaryPendulum) -> None:
+    """Compile the kernels or load them from the disk."""
+    table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
+    roll_feedback(plant, np.zeros(4), table)
+    roll_states(plant, np.zeros(4), np.full(1, 1e-3), np.zeros(1), 1)
+    least_peak(plant.coefficients, np.zeros(4), 1.0, 0.0, 1.0, 1.0)

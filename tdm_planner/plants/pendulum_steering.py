@@ -26,7 +26,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes, STATE
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
@@ -367,13 +366,12 @@ def steer(
         return sum(pool.map(work, range(workers)))
 
 
-def compile_kernels(plant: RotaryPendulum) -> None:
+def compile_steering(plant: RotaryPendulum) -> None:
     """Compile the kernels or load them from the disk."""
     start = np.array([0.1, 0.0, 0.0, 0.0])
     durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
     batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
     steer(plant, start, batch, 1.0, 2, lambda: False)
-    roll_states(plant, start, durations[0], torques[0], 1)
 
 
 def _cores() -> int:

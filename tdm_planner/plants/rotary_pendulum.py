@@ -31,16 +31,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import Any, ClassVar, Literal, NamedTuple, TYPE_CHECKING
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
 from tdm_planner.plants.base import StatedPlant
-
-if TYPE_CHECKING:  # a simulated pendulum has no use for scipy, which trajectories need
-    from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -226,12 +223,6 @@ class RotaryPendulum(Validated, StatedPlant):
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
         theta, _, theta_dot, psi_dot = state
         return (theta_dot, psi_dot, *accelerations(k, theta, theta_dot, psi_dot, *control))
-
-    def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
-        """States (n, 4) at `times` (n,), integrated anew; None where that takes another method."""
-        from tdm_planner.plants.pendulum_kernels import replay_pendulum
-
-        return replay_pendulum(self, trajectory, times)
 
     def linearise(
         self, equilibrium: Literal['upright', 'hanging'] = 'upright'

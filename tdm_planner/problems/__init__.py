@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
     from tdm_planner.problems.request import SolverParameters
     from tdm_planner.problems.robot_formation import RobotFormation
-    from tdm_planner.problems.search import Plan, Search
+    from tdm_planner.problems.search import Search
 
 __all__ = [
     'DirectProblem',
@@ -40,7 +40,6 @@ __all__ = [
     'PendulumLimits',
     'PendulumStart',
     'PendulumSwingUp',
-    'Plan',
     'Problem',
     'RobotFormation',
     'RobotLimits',
@@ -58,7 +57,7 @@ _MODULES = {
     'tdm_planner.problems.pendulum_swing_up': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
     'tdm_planner.problems.request': ('SolverParameters',),
     'tdm_planner.problems.robot_formation': ('RobotFormation',),
-    'tdm_planner.problems.search': ('Plan', 'Search'),
+    'tdm_planner.problems.search': ('Search',),
 }
 
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import difflib
 from functools import cached_property
 import math
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,36 +35,39 @@ from tdm_planner.parameters import (
     to_mapping,
 )
 from tdm_planner.problems.request import SolverParameters
-from tdm_planner.problems.search import Plan, Search
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint, Verification
+
+if TYPE_CHECKING:
+    from tdm_planner.problems.search import Search
 
 Array = NDArray[np.float64]
 P = TypeVar('P', bound='Problem')
 _FEW = 30  # parameters that a message can list
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """
-    A verified plan.
+    A plan: one trajectory per vehicle, by name, and their check.
 
-    `cost` is the performance index J, `penalty` Delta of (10), `parameters` the varied parameters
-    Xi (m,), `evaluations` the number of times the dynamics were computed along a candidate and
-    `solve_time` the wall time [s]. `trajectories` holds one trajectory per vehicle, by name;
-    `cost_terms` the parts of J by name; `verifications` the check of every vehicle.
+    On the way through a search the check may have failed; `Problem.solve` gives verified plans
+    only. `cost` is the performance index J, `parameters` the varied parameters Xi (m,), `penalty`
+    Delta of (10), `cost_terms` the parts of J by name, `verifications` the check of every vehicle.
+    `solve` adds the name of the `problem`, the number of times the dynamics were computed along a
+    candidate, `evaluations`, the wall time `solve_time` [s] and the `summary`.
     """
 
-    problem: str
     trajectories: Mapping[str, Trajectory]
-    cost: float
-    penalty: float
-    parameters: Array
-    evaluations: int
-    solve_time: float
     verification: Verification
-    verifications: Mapping[str, Verification] = field(default_factory=dict)
+    cost: float
+    parameters: Array
+    penalty: float
     cost_terms: Mapping[str, float] = field(default_factory=dict)
+    verifications: Mapping[str, Verification] = field(default_factory=dict)
+    problem: str = ''
+    evaluations: int = 0
+    solve_time: float = 0.0
     summary: str = ''
 
     @property
@@ -178,7 +181,7 @@ class Problem(ABC):
     ) -> Search[Any]:
         """Return the search for a plan, from an earlier plan as well if one is given."""
 
-    def standing_plan(self) -> Plan | None:
+    def standing_plan(self) -> Solution | None:
         """Return the plan that does nothing, where the start is the goal; None if it is not."""
         return None
 
@@ -199,7 +202,7 @@ class Problem(ABC):
         """
         return None
 
-    def describe(self, plan: Plan) -> str:
+    def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence."""
         worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
         closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
@@ -233,9 +236,9 @@ class Problem(ABC):
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
         with _computed():
             plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
-        return self._solution(plan, budget.evaluations, budget.elapsed)
+        return self._told(plan, budget.evaluations, budget.elapsed)
 
-    def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan | None:
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
         """
         Return motions planned before, by vehicle, with their cost and their check made anew.
 
@@ -260,20 +263,15 @@ class Problem(ABC):
             raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
         if not plan.verification.ok:
             raise VerificationFailed('; '.join(plan.verification.reasons))
-        return self._solution(plan, 0, 0.0)
+        return self._told(plan)
 
-    def _solution(self, plan: Plan, evaluations: int, solve_time: float) -> Solution:
-        return Solution(
+    def _told(self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0) -> Solution:
+        """Return a plan of a search with all that a user is told of it."""
+        return replace(
+            plan,
             problem=self.name,
-            trajectories=plan.trajectories,
-            cost=plan.cost,
-            penalty=plan.penalty,
-            parameters=plan.parameters,
             evaluations=evaluations,
             solve_time=solve_time,
-            verification=plan.verification,
-            verifications=plan.verifications,
-            cost_terms=plan.cost_terms,
             summary=self.describe(plan),
         )
 

@@ -12,18 +12,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.problems.direct_statement import check_costs, check_dynamics
 
@@ -42,8 +41,8 @@ _TIGHT = TrustRegionOptions(
     cost_tolerance=1e-7,
     corrections=2,
 )
-_LOOSE = replace(
-    _TIGHT, iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
+_LOOSE = _TIGHT._replace(
+    iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
 )
 _CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with conditions at the ends
 _CHANGES = 10  # of a first guess that is not finite everywhere
@@ -75,9 +74,9 @@ class DirectMinima:
         self._trace, self._budget, self._rng = trace, budget, rng
         self.parts, self.rough, changed = self._begun()
         steering = self.rough.has_end_conditions
-        self._loose = replace(_LOOSE, steering=steering)
+        self._loose = _LOOSE._replace(steering=steering)
         feasibility = (problem.solver.tolerance, _FEASIBLE)
-        self._tight = replace(_TIGHT, steering=steering, feasibility=feasibility)
+        self._tight = _TIGHT._replace(steering=steering, feasibility=feasibility)
         check_dynamics(self.rough, changed)
         check_costs(trace, self.rough.motion(changed), trace.values(problem))
 

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,54 +18,38 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
-from tdm_planner.direct_method.flight import Integrator
+from tdm_planner.direct_method.flight import Flown
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.exceptions import NotFinite
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Flight
 
 Array = NDArray[np.float64]
 
 _SAME = 1e-7  # share by which traced rates may differ from numpy's along a plan
 
 
-@dataclass(frozen=True)
 class DirectPlant:
-    """The plant of a formulation, as its `derivative` says."""
+    """
+    The plant of a formulation, as its `derivative` says: by the trace where it is quick.
 
-    formulation: Formulation
+    `agrees` compares the trace with the statement along a whole plan.
+    """
 
-    @cached_property
-    def stated(self) -> CheckedFormulation:
-        """Return the functions of the formulation, checked."""
-        return CheckedFormulation(self.formulation)
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states."""
-        return self.formulation.state_names
-
-    @property
-    def state_units(self) -> tuple[str, ...]:
-        """Units of the states."""
-        return self.formulation.state_units
-
-    @property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the controls."""
-        return self.formulation.control_names
-
-    @property
-    def control_units(self) -> tuple[str, ...]:
-        """Units of the controls."""
-        return self.formulation.control_units
+    def __init__(self, formulation: Formulation, trace: Trace | None = None) -> None:
+        self.stated = CheckedFormulation(formulation)
+        self.state_names, self.state_units = formulation.state_names, formulation.state_units
+        self.control_names = formulation.control_names
+        self.control_units = formulation.control_units
+        self._trace = trace or Trace.of(self.stated)
+        self._numbers = self._trace.values(formulation)
+        self._one = Call(self._trace.rates)
 
     def derivative(self, state: Array, control: Array) -> Array:
         """
-        Time derivative of the states: (..., nx), (..., nu) -> (..., nx).
+        Time derivative of the states: (..., nx), (..., nu) -> (..., nx); of many by numpy.
 
         Raises
         ------
@@ -74,6 +57,10 @@ class DirectPlant:
             Naming the state, if a rate is not a finite number.
 
         """
+        if state.ndim == 1:
+            rates: Array = self._one(state, control, self._numbers)[0].copy()
+            if np.isfinite(rates).all():
+                return rates
         stacked = self.stated.derivative(state, control)
         if not np.isfinite(stacked).all():
             index = np.unravel_index(int(np.argmin(np.isfinite(stacked))), stacked.shape)
@@ -83,24 +70,9 @@ class DirectPlant:
             )
         return stacked
 
-
-class TracedPlant(DirectPlant):
-    """
-    The same, quick at one state and with derivatives: by the trace.
-
-    `agrees` compares it with the statement along a whole plan.
-    """
-
-    def __init__(self, formulation: Formulation, trace: Trace | None = None) -> None:
-        super().__init__(formulation)
-        trace = trace or Trace.of(self.stated)
-        object.__setattr__(self, '_trace', trace)
-        object.__setattr__(self, '_numbers', trace.values(formulation))
-        object.__setattr__(self, '_one', Call(trace.rates))
-
-    _trace: Trace
-    _numbers: Array
-    _one: Call
+    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flown | None:
+        """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
+        return self._trace.integrator.along(trajectory, self._numbers, until)
 
     @cached_property
     def _slopes(self) -> Any:
@@ -117,21 +89,6 @@ class TracedPlant(DirectPlant):
     @cached_property
     def _one_slope(self) -> Call:
         return Call(self._slopes)
-
-    def derivative(self, state: Array, control: Array) -> Array:
-        """Time derivative of the states: (..., nx), (..., nu) -> (..., nx)."""
-        if state.ndim > 1:
-            return super().derivative(state, control)
-        rates: Array = self._one(state, control, self._numbers)[0].copy()
-        return rates if np.isfinite(rates).all() else super().derivative(state, control)
-
-    def fly(self, trajectory: Trajectory, until: Budget | None) -> Flight | None:
-        """Integrate along linear controls; None: with others, or where it cannot go on."""
-        if trajectory.interpolation != 'linear':
-            return None
-        given = trajectory.times, trajectory.controls, trajectory.states[0]
-        flown = Integrator.of(self._trace)(*given, self._numbers, until)
-        return None if flown is None else Flight([flown], trajectory.states.shape[1])
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu), at one state or at many (N, ..)."""
@@ -153,7 +110,7 @@ class TracedPlant(DirectPlant):
 
     def agrees(self, states: Array, controls: Array) -> bool:
         """Whether the trace gives what numpy gives at states (N, nx) and controls (N, nu)."""
-        stated = super().derivative(states, controls)
-        traced = np.array([self.derivative(x, u) for x, u in zip(states, controls, strict=True)])
+        stated = self.stated.derivative(states, controls)
+        traced = Call(self._trace.rates, len(states))(states, controls, self._numbers)[0]
         size = 1.0 + np.abs(stated).max(axis=0)
         return bool((np.abs(stated - traced) <= _SAME * size).all())

@@ -41,12 +41,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_basis import ArcLayout
+from tdm_planner.direct_method.arc_basis import ArcLayout, NodeGraphs
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.node_graphs import NodeGraphs
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.replay import cost_along
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
 from tdm_planner.parameters import parameter, POSITIVE
@@ -55,7 +53,6 @@ from tdm_planner.problems.direct_search import DirectSearch
 from tdm_planner.problems.direct_statement import check_statement, limits_of
 from tdm_planner.problems.refinement import prepare_refinement
 from tdm_planner.problems.request import SolverParameters
-from tdm_planner.problems.search import Plan
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -149,13 +146,17 @@ class DirectProblem(Formulation, Problem):
         whole = solution.trajectory
         if elapsed >= whole.duration:
             return 0.0
-        rest, trace = whole.after(max(elapsed, 0.0)), Trace.of(CheckedFormulation(self))
-        middles = 0.5 * (rest.times[1:] + rest.times[:-1])
-        times = np.sort(np.concatenate([rest.times, middles]))
-        sample = rest.sample(times)
-        return cost_along(trace, trace.values(self), times, sample.state, sample.control)
+        rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
+        rest, trace = rest.with_rates(stated.derivative), Trace.of(stated)
+        ends = np.stack([rest.times[:-1], rest.times[1:]], axis=1)
+        middle = rest.sample(ends.mean(axis=1))
+        times = np.insert(ends, 1, ends.mean(axis=1), axis=1)
+        last = rest.controls[:-1] if rest.interpolation == 'zero_order_hold' else rest.controls[1:]
+        states = np.stack([rest.states[:-1], middle.state, rest.states[1:]], axis=1)
+        controls = np.stack([rest.controls[:-1], middle.control, last], axis=1)
+        return trace.cost_along(trace.values(self), times, states, controls)
 
-    def describe(self, plan: Plan) -> str:
+    def describe(self, plan: Solution) -> str:
         """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
         allowed, note = self.duration(), ''
         shortest, longest = allowed.bounds

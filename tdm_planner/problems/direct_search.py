@@ -27,21 +27,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.arc_motion import check_finite
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Motion, WARM
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import (
     DeadlineExceeded,
     Infeasible,
     NotFinite,
     VerificationFailed,
 )
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.direct_minima import DirectMinima
-from tdm_planner.problems.direct_plant import TracedPlant
+from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_statement import (
     check_ends,
     check_limits,
@@ -49,12 +50,11 @@ from tdm_planner.problems.direct_statement import (
     MARGIN_TOLERANCE,
 )
 from tdm_planner.problems.refinement import COARSE, FINE, Refinement
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.search import Search
 from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
 from tdm_planner.verification import verify
 
 if TYPE_CHECKING:
-    from tdm_planner.problems.base import Solution
     from tdm_planner.problems.direct_problem import DirectProblem
 
 Array = NDArray[np.float64]
@@ -92,13 +92,14 @@ class DirectSearch(Search[Candidate]):
         self._rng = rng
         self._previous = previous
         trace = self._trace = Trace.of(self._stated)
-        self._plant = TracedPlant(problem, trace)
+        self._plant = DirectPlant(problem, trace)
         tolerance = problem.terminal_tolerance
         self._refinement = Refinement(self._stated, trace, tolerance, budget)
         check_limits(trace)
         check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._warm = self._as_it_is = False
+        self._coarse_error = 0.0  # of J on few intervals, as far as that is known
         self._closest = np.inf
         self._nearest_miss = ''
 
@@ -125,7 +126,7 @@ class DirectSearch(Search[Candidate]):
         ]
         return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         """Whether it came of a warm start: others are not tried."""
         return self._warm
 
@@ -150,7 +151,7 @@ class DirectSearch(Search[Candidate]):
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return kind(reason)
 
-    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the plan; after a failed check, better refined."""
         if isinstance(candidate, Motion):
             yield from self._collocated(candidate)
@@ -184,7 +185,8 @@ class DirectSearch(Search[Candidate]):
                 yield motion
                 self._as_it_is = False
             best = min(found.cost for found in solved)
-            again = sum(found.cost <= best + _ALIKE * abs(best) for found in solved)
+            alike = _ALIKE * abs(best) + self._coarse_error
+            again = sum(found.cost <= best + alike for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if again >= _AGREED or len(solved) >= _ENOUGH or late:
                 break
@@ -228,7 +230,7 @@ class DirectSearch(Search[Candidate]):
         if found.finite:
             yield found
 
-    def _collocated(self, coarse: Motion) -> Iterator[Plan]:
+    def _collocated(self, coarse: Motion) -> Iterator[Solution]:
         """Yield the plan of a solution on more intervals, repaired as its replay asks."""
         motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
         for found, states in self._refinement.refined(motion):
@@ -241,7 +243,7 @@ class DirectSearch(Search[Candidate]):
 
     def _settled(self, motion: Motion) -> Motion:
         """Solve on more intervals, as many as J asks for."""
-        intervals = FINE
+        intervals, coarse = FINE, motion.cost
         while self._refinement.affords(intervals):
             finer = self._refinement.finer(motion, intervals)
             if finer is None:
@@ -250,6 +252,7 @@ class DirectSearch(Search[Candidate]):
             motion, intervals = finer, 2 * intervals
             if gain <= _SETTLED * abs(motion.cost):
                 break
+        self._coarse_error = abs(coarse - motion.cost)
         return motion
 
     # The direct method by itself.
@@ -312,7 +315,7 @@ class DirectSearch(Search[Candidate]):
     def _late(self) -> bool:
         return self.budget.elapsed > self._latest
 
-    def _minimised(self, candidate: Minimum) -> Iterator[Plan]:
+    def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
         """Yield the plan; after a failed check with more nodes, or farther off the limits."""
         minima, minimum = self._minima, candidate
         program, nodes = minima.program, minima.program.nodes.size
@@ -341,7 +344,7 @@ class DirectSearch(Search[Candidate]):
                 return
             minimum = again
 
-    def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Plan | None:
+    def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Solution | None:
         """Return the plan of a minimum and its check."""
         xi = minimum.point.xi
         fine = self._minima.on(np.linspace(0.0, 1.0, samples))
@@ -364,7 +367,7 @@ class DirectSearch(Search[Candidate]):
         interpolation: Interpolation,
         cost: float,
         parameters: Array,
-    ) -> Plan | None:
+    ) -> Solution | None:
         """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
         problem = self._problem
         try:
@@ -389,4 +392,4 @@ class DirectSearch(Search[Candidate]):
             reason = 'derivative gives other rates when it is traced than with numpy'
             check = replace(check, ok=False, reasons=(reason,))
         penalty = max(0.0, -min(check.worst.values(), default=0.0))
-        return Plan({problem.name: trajectory}, check, cost, parameters, penalty)
+        return Solution({problem.name: trajectory}, check, cost, parameters, penalty)

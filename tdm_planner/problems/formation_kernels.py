@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems.reference_motion import (

@@ -27,10 +27,11 @@ from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import keeps_reserve, verify_formation
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.thrust_arcs_program import ArcProgram
 from tdm_planner.trajectory import Trajectory
 
@@ -68,7 +69,7 @@ def assessed(
     penalty_weights: Array,
     tolerance: float,
     parameters: Array,
-) -> Plan:
+) -> Solution:
     """
     Return the robots' motions with their check and cost; `parameters` are Xi (m,).
 
@@ -83,7 +84,7 @@ def assessed(
         np.array([motions[name].duration for name in task.names]),
         np.array([gas_used(task.plant, motions[name]) for name in task.names]),
     )
-    return Plan(
+    return Solution(
         trajectories=motions,
         verification=overall,
         cost=sum(terms.values()),
@@ -155,7 +156,7 @@ class FormationSearch(Search[C]):
         for k, guess in enumerate(guesses):
             if found:
                 best = min(each.point.cost for each in found)
-                options = replace(options, cutoff=worse * best)
+                options = options._replace(cutoff=worse * best)
             candidate = self.minimised(program, guess, options)
             alone = False
             if candidate is not None:
@@ -166,14 +167,14 @@ class FormationSearch(Search[C]):
                 break
         return sorted(found, key=lambda each: each.cost)
 
-    def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Plan:
+    def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
         """Return the motions with their check and cost."""
         ordered = {name: motions[name] for name in self._required.names}
         return assessed(
             self._required, ordered, self._penalty_weights, self._tolerance, parameters
         )
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         """Whether the distance kept for the tracking is left, by half at least."""
         return keeps_reserve(self._required, plan.verification)
 

@@ -28,20 +28,18 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
-from tdm_planner.plants.pendulum_kernels import compile_feedback, compile_replay
-from tdm_planner.plants.pendulum_peaks import compile_least_peak
+from tdm_planner.plants.pendulum_kernels import compile_kernels
 from tdm_planner.plants.pendulum_pumping import compile_pump
-from tdm_planner.plants.pendulum_steering import compile_kernels
+from tdm_planner.plants.pendulum_steering import compile_steering
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import SolverParameters
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.stated_swing_up import StatedMethod, StatedSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask, VEHICLE
 from tdm_planner.problems.switching_method import SwitchingMethod
 from tdm_planner.problems.switching_minimiser import compile_minimiser
 from tdm_planner.problems.switching_seeds import arcs_of
-from tdm_planner.problems.switching_warm import WarmSwitchingMethod
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Constraint
 
@@ -148,20 +146,16 @@ class PendulumSwingUp(Problem, Validated):
 
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
-        compile_kernels(self.plant)
-        compile_pump(self.plant)
-        compile_least_peak(self.plant)
-        compile_replay(self.plant)
-        compile_minimiser(self.plant)
-        compile_feedback(self.plant)
+        for compile_them in (compile_kernels, compile_steering, compile_pump, compile_minimiser):
+            compile_them(self.plant)
         if self.method != 'switching':
             StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc').prepare()
 
-    def standing_plan(self) -> Plan | None:
+    def standing_plan(self) -> Solution | None:
         """Return the plan that does nothing, where the pendulum stands upright already."""
         return self.task.hold()
 
-    def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return a swing-up planned before, with its check and its arcs' durations made anew."""
         arcs = arcs_of(trajectories[VEHICLE])
         durations = np.zeros(0) if arcs is None else arcs.durations
@@ -175,21 +169,19 @@ class PendulumSwingUp(Problem, Validated):
         if self.method != 'switching':
             return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
         arcs = None if previous is None else arcs_of(previous.trajectory)
-        if arcs is None:
-            return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance)
-        return WarmSwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of torque and disk angle."""
         return self.task.constraints
 
-    def describe(self, plan: Plan) -> str:
+    def describe(self, plan: Solution) -> str:
         """Return when the pendulum is upright, by what torque, and how weak that is."""
         motion = plan.trajectories[VEHICLE]
         torques = motion.control('torque')
         kind = 'a smooth torque'
         if motion.interpolation == 'zero_order_hold':
-            kind = f'{np.count_nonzero(np.diff(torques[:-1]))} switches'
+            kind = f'{motion.switches.size} switches'
         turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
         speeds = np.sign(motion.state('theta_dot')[1:-1])
         swings = 1 + np.count_nonzero(np.diff(speeds[speeds != 0.0]))

@@ -27,7 +27,6 @@ from tdm_planner.problems.formation_search import Candidate, FormationSearch
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import FormationMotion, MotionForm, ReferenceMotion
-from tdm_planner.problems.search import Plan
 from tdm_planner.problems.warm_start import (
     kept_motions,
     LATE,
@@ -150,7 +149,7 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         if not (self._may_keep_more or late):
             yield from filter(None, map(self._farther, kept))
 
-    def plans(self, candidate: Polynomials) -> Iterator[Plan]:
+    def plans(self, candidate: Polynomials) -> Iterator[Solution]:
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         model, motion = candidate.program.model, candidate.program.motion(candidate.point.xi)
         careful = not self._may_keep_more

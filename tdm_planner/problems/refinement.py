@@ -31,10 +31,8 @@ from tdm_planner.direct_method.collocation import (
     Settings,
     WARM,
 )
-from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.direct_method.replay import cost_along, Replay
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import usual_tolerance
@@ -52,6 +50,7 @@ _MAKING = 1.5  # times what making a program should take: it cannot be stopped
 _LONGER = 1.3  # share by which a second guess of a warm start takes longer
 _SMALL, _LEAST_BEND = 1e-3, 0.3  # of controls along a line, and of the states' sines
 _INSTANTS = 400  # at which a plan is compared with where it was left
+_LOOKS, _CELL = 30, 10  # parts of an interval at whose ends limits are looked at; of them for J
 
 
 class Refinement:
@@ -179,11 +178,8 @@ class Refinement:
         reserve, shifts = np.zeros(self._reserve.size), 0
         shift = np.zeros(self.ends.states.shape[1])
         for turn in range(_REPAIRS + 1):
-            replay = Replay.of(self.trace, motion.intervals)
-            times, states, controls = replay(motion, self.numbers)
+            states, least, cost = self._replayed(motion)
             miss, gap = self._missed(states)
-            least = replay.worst(times, states, controls, self.numbers)
-            cost = cost_along(self.trace, self.numbers, times, states, controls)
             near = abs(cost - motion.cost) <= _COARSE * abs(cost)
             kept = bool((least >= -_TOUCHED).all())
             if (gap <= _SHARE and kept and near) or turn == _REPAIRS or self._late:
@@ -208,7 +204,28 @@ class Refinement:
             if again is None:
                 break
             motion = again
-        return replace(motion, cost=cost), states[:: Replay.SUBSTEPS]
+        return replace(motion, cost=cost), states
+
+    def _replayed(self, motion: Motion) -> tuple[Array, Array, float]:
+        """
+        Replay a motion, controls linear in every interval, to look before the check proper.
+
+        Returns the states at the nodes (n + 1, nx), NaN where it cannot be followed, the least
+        margins (nm,), also between the nodes, and J.
+        """
+        n, u = motion.intervals, motion.controls
+        ends, margins = np.linspace(0.0, motion.duration, n + 1), self.trace.margins
+        flown = self.trace.integrator(ends, u[:-1], u[1:], motion.states[0], self.numbers)
+        if flown is None:
+            nowhere = np.full_like(motion.states, np.nan)
+            return nowhere, np.full(margins.numel_out(), np.nan), np.nan
+        times = np.linspace(0.0, motion.duration, n * _LOOKS + 1)
+        states = flown.states(times)
+        controls = np.stack([np.interp(times, ends, column) for column in u.T], axis=-1)
+        seen = Call(margins, times.size)(times[:, None], states, controls, self.numbers)[0]
+        at = np.arange(n * _LOOKS // _CELL)[:, None] * _CELL + np.array([0, _CELL // 2, _CELL])
+        cost = self.trace.cost_along(self.numbers, times[at], states[at], controls[at])
+        return states[::_LOOKS], seen.min(axis=0, initial=np.inf), cost
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""
@@ -235,7 +252,6 @@ class Refinement:
 
 def prepare_refinement(trace: Trace) -> None:
     """Make the programs that most plans need."""
-    Integrator.of(trace)
+    trace.integrator  # noqa: B018 - it is made when it is first asked for
     for intervals, settings in ((COARSE, COLD), (COARSE, WARM), (FINE, WARM)):
         Collocation.of(trace, intervals, settings)
-        Replay.of(trace, intervals)

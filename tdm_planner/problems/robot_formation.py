@@ -45,7 +45,6 @@ from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import robot_constraints
 from tdm_planner.problems.polynomial_search import PolynomialSearch
 from tdm_planner.problems.reference_motion import MotionForm
-from tdm_planner.problems.search import Plan
 from tdm_planner.problems.thrust_arcs_search import ArcSearch, compile_arcs
 from tdm_planner.problems.thrust_direction import compile_following
 from tdm_planner.trajectory import Trajectory
@@ -224,7 +223,7 @@ class RobotFormation(FormationParameters, Problem):
         """Compile the kernels, or load them from the disk."""
         _compile()
 
-    def assess(self, trajectories: Mapping[str, Trajectory]) -> Plan:
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return a manoeuvre planned before, with its check and cost made anew."""
         weights, tolerance = np.array(self.weights.penalty), self.solver.tolerance
         return assessed(self.task, trajectories, weights, tolerance, np.zeros(0))
@@ -258,7 +257,7 @@ class RobotFormation(FormationParameters, Problem):
         """Return the limits of one robot; separations are between robots."""
         return robot_constraints(self.task)
 
-    def describe(self, plan: Plan) -> str:
+    def describe(self, plan: Solution) -> str:
         """Return when the last robot arrives, and the gas used."""
         count = len(plan.trajectories)
         gas = sum(gas_used(self.plant, trajectory) for trajectory in plan.trajectories.values())

@@ -18,41 +18,14 @@ What a problem brings is how its candidates come about and how they are refined.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
 from typing import Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible
-from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Verification
+from tdm_planner.problems.base import Solution
 
 C = TypeVar('C')
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """
-    Trajectories by vehicle and their check, which may have failed.
-
-    `cost` is the performance index J, `penalty` what is left of Delta of (10), `parameters` the
-    varied parameters Xi (m,); `cost_terms` the parts of J, `verifications` the vehicles' checks.
-    """
-
-    trajectories: Mapping[str, Trajectory]
-    verification: Verification
-    cost: float
-    parameters: NDArray[np.float64]
-    penalty: float
-    cost_terms: Mapping[str, float] = field(default_factory=dict)
-    verifications: Mapping[str, Verification] = field(default_factory=dict)
-
-    @property
-    def duration(self) -> float:
-        """Time until the last vehicle has arrived [s]."""
-        return max(trajectory.duration for trajectory in self.trajectories.values())
 
 
 class Search(ABC, Generic[C]):
@@ -72,7 +45,7 @@ class Search(ABC, Generic[C]):
         """Minimise from a round of first guesses; feasible results, the most promising first."""
 
     @abstractmethod
-    def plans(self, candidate: C) -> Iterator[Plan]:
+    def plans(self, candidate: C) -> Iterator[Solution]:
         """
         Yield plans of a candidate: each, better refined, is asked for if the last one failed.
 
@@ -87,7 +60,7 @@ class Search(ABC, Generic[C]):
         """Whether a candidate is worth a check though another has given a plan."""
         return True
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         """Whether a verified plan ends the search at once."""
         return True
 
@@ -95,7 +68,7 @@ class Search(ABC, Generic[C]):
         """Prepare another round after one without a plan; False gives up."""
         return True
 
-    def run(self) -> Plan:
+    def run(self) -> Solution:
         """
         Return the first plan to satisfy, else the cheapest of the round that passes the check.
 
@@ -106,7 +79,7 @@ class Search(ABC, Generic[C]):
 
         """
         while True:
-            best: tuple[C, Plan] | None = None
+            best: tuple[C, Solution] | None = None
             for candidate in self.candidates():
                 if best is None or self.promises_more(candidate, best[0]):
                     plan = self._verified(candidate)
@@ -121,7 +94,7 @@ class Search(ABC, Generic[C]):
             if self.budget.spent or not self.widen():
                 raise self.failure()
 
-    def _verified(self, candidate: C) -> Plan | None:
+    def _verified(self, candidate: C) -> Solution | None:
         for plan in self.plans(candidate):
             if plan.verification.ok:
                 return plan

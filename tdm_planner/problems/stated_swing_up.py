@@ -31,7 +31,7 @@ from tdm_planner.parameters import group, parameter
 from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask, TERMINAL_TOLERANCE
 
 _FREE = 12  # varied parameters of the disk's angle
@@ -112,7 +112,7 @@ class StatedSwingUp(DirectProblem):
         return t
 
 
-class StatedMethod(Search[Plan]):
+class StatedMethod(Search[Solution]):
     """
     The search for the quickest continuous torque to the nearest two upright positions.
 
@@ -132,7 +132,7 @@ class StatedMethod(Search[Plan]):
         self._one_way, self._previous = one_way, previous
         self._refusal: Infeasible | None = None
 
-    def candidates(self) -> Iterator[Plan]:
+    def candidates(self) -> Iterator[Solution]:
         """Plan for the nearest goal, then for the next one if there is time."""
         for number, turns in enumerate(self._goals()):
             share = _FIRST_SHARE if number == 0 else 1.0
@@ -149,16 +149,16 @@ class StatedMethod(Search[Plan]):
             if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
                 return
 
-    def plans(self, candidate: Plan) -> Iterator[Plan]:
+    def plans(self, candidate: Solution) -> Iterator[Solution]:
         """Yield the plan with the check that all swing-ups pass."""
         (motion,) = candidate.trajectories.values()
         yield self._task.plan(motion, candidate.parameters, candidate.penalty)
 
-    def promises_more(self, candidate: Plan, than: Plan) -> bool:
+    def promises_more(self, candidate: Solution, than: Solution) -> bool:
         """Whether it is quicker."""
         return candidate.cost < than.cost
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         """Whether it goes on from another one."""
         return self._previous is not None
 

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.pendulum_peaks import least_peak
+from tdm_planner.plants.pendulum_kernels import least_peak
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_planner.problems.search import Plan
+from tdm_planner.problems.base import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
 
@@ -29,7 +29,6 @@ VEHICLE = 'pendulum'
 _HOLD_TIME = 5e-3
 _AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
 _PEAK_STEP = 0.05  # of the time scale of the quickest swings, to look for peaks
-_RESOLUTION, _INSTANTS = 1e-3, 20_000  # s, of the check; in so many instants where it is longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ class SwingUpTask:
 
     def least_peak(self) -> float:
         """
-        Least |psi| [rad] found that some torque does not exceed at first, see `pendulum_peaks`.
+        Least |psi| [rad] found that some torque does not exceed at first, see `least_peak`.
 
         Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """
@@ -133,10 +132,10 @@ class SwingUpTask:
         """Return the goal (4,) to aim at from a state (4,): upright at rest."""
         return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
 
-    def plan(self, trajectory: Trajectory, parameters: Array, penalty: float) -> Plan:
+    def plan(self, trajectory: Trajectory, parameters: Array, penalty: float) -> Solution:
         """Return the motion with its check; J is the time it takes."""
         check = self.verify(trajectory)
-        return Plan({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
+        return Solution({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
@@ -149,7 +148,7 @@ class SwingUpTask:
         )
 
     def verify(self, trajectory: Trajectory) -> Verification:
-        """Replay the trajectory and check its end and the limits on a dense grid."""
+        """Replay the trajectory and check its end and the limits."""
         goal = self.goal_nearest(trajectory.states[-1])
         return verify(
             self.plant,
@@ -157,11 +156,10 @@ class SwingUpTask:
             goal,
             TERMINAL_TOLERANCE,
             self.constraints,
-            resolution=max(_RESOLUTION, trajectory.duration / _INSTANTS),
             start=self.start,
         )
 
-    def hold(self) -> Plan | None:
+    def hold(self) -> Solution | None:
         """Return the plan that does nothing, where the start is the goal; else None."""
         error = self.start - self.goal_nearest(self.start)
         if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():

@@ -18,6 +18,7 @@ verification.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -26,21 +27,22 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED
-from tdm_planner.problems.search import Plan, Search
+from tdm_planner.problems.base import Solution
+from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_pump import pumped, VARIANTS
 from tdm_planner.problems.switching_search import (
     Candidate,
     COARSE_STEPS,
     corrected,
     distinct,
     FINE_STEPS,
+    land,
     polish,
     steered,
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import starts
+from tdm_planner.problems.switching_seeds import Arcs, pumped, starts, VARIANTS, warm_starts
 
 Array = NDArray[np.float64]
 
@@ -58,6 +60,12 @@ _LOST = 1e-2  # violation after the fine polish of what is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
+# Of an earlier plan: changes of the logarithms of its arcs' durations, tried one after the other;
+# RK4 steps an arc of the polish, more if the check fails; share of the deadline after which no
+# more is tried with it; arrivals that are polished; most arcs whose time is minimised, and that
+# are varied where there are more.
+_WARM_CHANGES, _WARM_STEPS = (0.0, 0.03, 0.1), (FINE_STEPS // 2, FINE_STEPS)
+_WARM_UNTIL, _WARM_TRIED, _WARM_POLISHED, _WARM_CORRECTED = 0.6, 3, 12, 16
 
 
 class SwitchingMethod(Search[Candidate]):
@@ -65,7 +73,9 @@ class SwitchingMethod(Search[Candidate]):
     The search for the quickest switching times.
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
-    feasible.
+    feasible. The `previous` plan's arcs, shifted in time, are tried before all else: the rest of a
+    plan that is under way nearly solves the problem from where the plant is. Steered upright it is
+    polished at once, and the first plan that passes the check is taken.
     """
 
     def __init__(
@@ -75,12 +85,14 @@ class SwitchingMethod(Search[Candidate]):
         rng: np.random.Generator,
         arcs: int,
         tolerance: float,
+        previous: Arcs | None = None,
     ) -> None:
         super().__init__(budget)
         self._task = task
         self._rng = rng
         self._arcs = arcs
         self._tolerance = tolerance
+        self._previous = previous
         self._steps = task.steps(COARSE_STEPS)
         self._pumping = task.drive < _PUMPED_FIRST
         self._rounds = self._starts = 0
@@ -89,11 +101,16 @@ class SwitchingMethod(Search[Candidate]):
 
     def candidates(self) -> Iterable[Candidate]:
         """Steer first guesses upright and minimise the times of the quickest arrivals."""
+        if self._previous is not None:
+            return self._warm(self._previous)
         arrivals = self._pumped() if self._pumping else self._arrivals()
         return self._polished(arrivals)[:_CHECKED]
 
-    def plans(self, candidate: Candidate) -> Iterator[Plan]:
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the motion under the finely polished arcs, without those too short to matter."""
+        if self._previous is not None:
+            yield from self._rest_of_previous(candidate)
+            return
         shorter = without_short_arcs(self._task, candidate)
         fine, violation = shorter, math.inf
         if self._pumping:  # of so many arcs the last digits of the time do not matter
@@ -114,6 +131,46 @@ class SwitchingMethod(Search[Candidate]):
             fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
             yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
 
+    def _warm(self, previous: Arcs) -> Iterator[Candidate]:
+        """Yield arrivals of the earlier arcs, a little changed if need be."""
+        tried, until = 0, _WARM_UNTIL * self.budget.seconds
+        for change in _WARM_CHANGES:
+            guesses = warm_starts(self._task, self._rng, previous, self._arcs, change)
+            found = land(
+                self._task, guesses, self._steps, self.budget, lambda: self.budget.elapsed > until
+            )
+            self._starts += len(guesses)
+            self._arrived += len(found)
+            for candidate in distinct(found)[: _WARM_TRIED - tried]:
+                tried += 1
+                yield candidate
+            if tried >= _WARM_TRIED or self.budget.elapsed > until:
+                return
+
+    def _rest_of_previous(self, candidate: Candidate) -> Iterator[Solution]:
+        """
+        Yield the motion under the polished arcs, first with half the steps.
+
+        The times of many arcs are not minimised anew: they are those of the earlier plan.
+        """
+        task = self._task
+        polished = candidate.durations.size <= _WARM_POLISHED
+        if not polished:
+            fixed = max(candidate.fixed, candidate.durations.size - _WARM_CORRECTED)
+            candidate = replace(candidate, fixed=fixed)
+        for steps in _WARM_STEPS:
+            if self.budget.spent:
+                return
+            if polished:
+                fine, violation = self._finely(candidate, task.steps(steps))
+            else:
+                fine, violation = corrected(task, candidate, task.steps(steps))
+            if violation > 1e-6:
+                return
+            fine = without_short_arcs(task, fine)
+            yield task.plan(trajectory(task, fine), fine.durations, violation)
+            candidate = fine
+
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""
         until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
@@ -123,11 +180,14 @@ class SwitchingMethod(Search[Candidate]):
 
     def widen(self) -> bool:
         """
-        Pump after random starts, and the other way round.
+        Give an earlier plan up; pump after random starts, and the other way round.
 
         After a rejection integrate more finely: the coarse integration may have found what does
         not exist.
         """
+        if self._previous is not None:
+            self._previous = None
+            return True
         if self.rejected:
             self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
         self._pumping = not self._pumping

@@ -22,7 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
-from tdm_planner.direct_method.trust_region import Minimum, TrustRegionOptions
+from tdm_planner.direct_method.trust_region import (
+    Minimum,
+    PRESSURE,
+    SLACK_CURVATURE,
+    TrustRegionOptions,
+)
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.switching_motion import (
@@ -38,27 +43,12 @@ from tdm_planner.problems.switching_quadratic import solve_compiled
 
 Array = NDArray[np.float64]
 
-_SLACK_CURVATURE = 1e-4
-_PRESSURE = 5.0  # factor by which violations are charged more
 _SMALLEST_RADIUS = 1e-6
 _AT_ONCE = 4  # steps between two looks at the clock; one when the end is near
 _NEAR = 0.015  # s
 # Places in the array of what the search knows beside the point.
 _RADIUS, _ENDS, _LIMIT, _STEPS, _STALLED, _OUTCOME, _ESTIMATED, _EVALUATIONS = range(8)
 _GOES_ON, _CONVERGED, _FAILED = 0.0, 1.0, 2.0
-
-
-class Rules(NamedTuple):
-    """Numbers of `TrustRegionOptions`; both groups of constraints have the same feasibility."""
-
-    radius: float
-    largest_radius: float
-    largest_penalty: float
-    iterations: int
-    cost_tolerance: float
-    feasibility: float
-    corrections: int
-    cutoff: float
 
 
 class _Step(NamedTuple):
@@ -84,23 +74,13 @@ def minimise(
 
     The option `steering`, which only other programs need, is not looked at.
     """
-    rules = Rules(
-        options.radius,
-        options.largest_radius,
-        options.largest_penalty,
-        options.iterations,
-        options.cost_tolerance,
-        min(options.feasibility),
-        options.corrections,
-        np.inf if options.cutoff is None else options.cutoff,
-    )
     ends, limit = options.penalties
     state = np.array([options.radius, ends, limit, 0.0, 0.0, _GOES_ON, 0.0, 0.0])
     at, duals = np.maximum(xi, 0.0), np.zeros(4)
     while True:
         steps = _AT_ONCE if budget.remaining > _NEAR else 1
-        at, cost, ends, limit = advance(program, at, duals, state, rules, steps)
-        if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= rules.iterations or budget.spent:
+        at, cost, ends, limit = advance(program, at, duals, state, options, steps)
+        if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= options.iterations or budget.spent:
             break
     budget.evaluations += int(state[_EVALUATIONS])
     point = Point(at, cost, np.array([ends, limit]))
@@ -110,13 +90,18 @@ def minimise(
 def compile_minimiser(plant: RotaryPendulum) -> None:
     """Compile the minimiser or load it from the disk."""
     program = arc_program(plant, np.zeros(4), np.zeros(4), 0, 1.0, 2)
-    rules = Rules(0.5, 4.0, 200.0, 0, 1e-4, 1e-8, 4, np.inf)
-    advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), rules, 0)
+    options = TrustRegionOptions(penalties=(1.0, 1.0), feasibility=(1e-8, 1e-8))
+    advance(program, np.full(4, 1e-3), np.zeros(4), np.zeros(8), options, 0)
 
 
 @compiled
 def advance(
-    program: ArcProgram, xi: Array, duals: Array, state: Array, rules: Rules, steps: int
+    program: ArcProgram,
+    xi: Array,
+    duals: Array,
+    state: Array,
+    options: TrustRegionOptions,
+    steps: int,
 ) -> tuple[Array, float, float, float]:
     """
     Take up to `steps` steps from `xi` (K,); `duals` (4,) and `state` are brought up to date.
@@ -129,7 +114,7 @@ def advance(
         state[_OUTCOME] = _FAILED
     hessian, known = np.empty((xi.size, xi.size)), False
     for _ in range(steps):
-        if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= rules.iterations:
+        if state[_OUTCOME] != _GOES_ON or state[_STEPS] >= options.iterations:
             break
         state[_STEPS] += 1
         if not known:
@@ -140,38 +125,38 @@ def advance(
             known = True
         step = _elastic_step(point, hessian, state)
         if not step.solved:
-            known = _shrink(point, state, rules, state[_RADIUS]) and known
+            known = _shrink(point, state, options, state[_RADIUS]) and known
             continue
-        if step.predicted < rules.cost_tolerance * max(abs(point.cost), 1e-6):
-            if max(point.ends, point.beyond) <= rules.feasibility:
+        if step.predicted < options.cost_tolerance * max(abs(point.cost), 1e-6):
+            if _feasible(point, options):
                 state[_OUTCOME] = _CONVERGED
                 continue
             state[_STALLED] += 1
-            if state[_STALLED] >= 2 and max(state[_ENDS], state[_LIMIT]) < rules.largest_penalty:
-                _charge_more(point, state, rules)
-                state[_RADIUS] = max(state[_RADIUS], 0.5 * rules.radius)
+            if state[_STALLED] >= 2 and max(state[_ENDS], state[_LIMIT]) < options.largest_penalty:
+                _charge_more(point, state, options)
+                state[_RADIUS] = max(state[_RADIUS], 0.5 * options.radius)
                 state[_STALLED] = 0
                 continue
         else:
             state[_STALLED] = 0
         trial = evaluate_arcs(program, np.maximum(point.xi + step.change, 0.0))
         state[_EVALUATIONS] += 1
-        if rules.corrections > 0 and step.slack < 1e-4:
-            trial = _corrected(program, point, step, trial, state, rules.corrections)
+        if options.corrections > 0 and step.slack < 1e-4:
+            trial = _corrected(program, point, step, trial, state, options.corrections)
         gained = _merit(point, state) - _merit(trial, state)
         length = np.abs(step.change).max()
         ratio = gained / max(step.predicted, 1e-12) if abs(gained) < np.inf else -np.inf
         if not (ratio > 0.05 or (step.predicted < 1e-7 and gained > -1e-9)):
-            known = _shrink(point, state, rules, length) and known
+            known = _shrink(point, state, options, length) and known
             continue
         point, known = trial, False
         duals[:] = step.duals
         state[_ESTIMATED] = 1.0
         if ratio > 0.75 and length > 0.9 * state[_RADIUS]:
-            state[_RADIUS] = min(2.0 * state[_RADIUS], rules.largest_radius)
+            state[_RADIUS] = min(2.0 * state[_RADIUS], options.largest_radius)
         elif ratio < 0.25:
             state[_RADIUS] *= 0.5
-        dear = state[_STEPS] >= 5 and trial.cost > rules.cutoff
+        dear = state[_STEPS] >= 5 and trial.cost > options.cutoff
         if dear and max(trial.ends, trial.beyond) < 1e-3:
             state[_OUTCOME] = _FAILED
     return point.xi, point.cost, point.ends, point.beyond
@@ -183,24 +168,30 @@ def _merit(point: ArcPoint, state: Array) -> float:
 
 
 @compiled
-def _charge_more(point: ArcPoint, state: Array, rules: Rules) -> None:
-    if point.ends > rules.feasibility:
-        state[_ENDS] *= _PRESSURE
-    if point.beyond > rules.feasibility:
-        state[_LIMIT] *= _PRESSURE
+def _feasible(point: ArcPoint, options: TrustRegionOptions) -> bool:
+    ends, limit = options.feasibility
+    return bool(point.ends <= ends and point.beyond <= limit)
 
 
 @compiled
-def _shrink(point: ArcPoint, state: Array, rules: Rules, length: float) -> bool:
+def _charge_more(point: ArcPoint, state: Array, options: TrustRegionOptions) -> None:
+    if point.ends > options.feasibility[0]:
+        state[_ENDS] *= PRESSURE
+    if point.beyond > options.feasibility[1]:
+        state[_LIMIT] *= PRESSURE
+
+
+@compiled
+def _shrink(point: ArcPoint, state: Array, options: TrustRegionOptions, length: float) -> bool:
     """Make the trust region smaller; False if derivatives are to be taken anew."""
     state[_RADIUS] = 0.35 * min(state[_RADIUS], length)
     if state[_RADIUS] >= _SMALLEST_RADIUS:
         return True
-    if max(point.ends, point.beyond) <= rules.feasibility:
+    if _feasible(point, options):
         state[_OUTCOME] = _CONVERGED
-    elif max(state[_ENDS], state[_LIMIT]) < rules.largest_penalty:
-        _charge_more(point, state, rules)
-        state[_RADIUS] = 0.5 * rules.radius
+    elif max(state[_ENDS], state[_LIMIT]) < options.largest_penalty:
+        _charge_more(point, state, options)
+        state[_RADIUS] = 0.5 * options.radius
         return False
     else:
         state[_OUTCOME] = _FAILED
@@ -215,7 +206,7 @@ def _elastic_step(point: ArcPoint, hessian: Array, state: Array) -> _Step:
     count = 8 + near.size
     whole, gradient = np.zeros((n + 2, n + 2)), np.ones(n + 2)
     whole[:n, :n] = hessian
-    whole[n, n] = whole[n + 1, n + 1] = _SLACK_CURVATURE
+    whole[n, n] = whole[n + 1, n + 1] = SLACK_CURVATURE
     gradient[n], gradient[n + 1] = state[_ENDS], state[_LIMIT]
     rows, least = np.zeros((count, n + 2)), np.empty(count)
     rows[:4, :n], rows[4:8, :n] = point.jacobian, -point.jacobian

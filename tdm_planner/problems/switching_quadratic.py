@@ -15,7 +15,8 @@ Small dense strictly convex quadratic programs, compiled: for compiled minimiser
 The dual active-set method of Goldfarb and Idnani, "A numerically stable dual method for solving
 strictly convex quadratic programs" (1983): from the unconstrained minimum on, the constraint
 violated most is added to the active ones, and those whose multipliers would become negative are
-dropped. `quadratic_program` solves the same with a library, where Python calls.
+dropped. `solve_quadratic_program` of `direct_method.trust_region` solves the same with a library,
+where Python calls.
 """
 
 from __future__ import annotations

@@ -24,11 +24,11 @@ from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, Effort, stee
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import arc_program, ArcProgram, evaluate_arcs
-from tdm_planner.problems.switching_seeds import FEWEST_ARCS
 from tdm_planner.trajectory import NANOSECOND, to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]
 
+FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 _HEAD_STEPS, _WATCHED = 192, 24  # and along arcs that stay as they are, and instants
@@ -194,7 +194,7 @@ def polish(
             cost_tolerance=1e-4,
             feasibility=(feasibility, feasibility),
             corrections=4,
-            cutoff=cutoff * w0 if math.isfinite(cutoff) else None,
+            cutoff=cutoff * w0,
         )
         with np.errstate(all='ignore'):
             found = minimise(program, first.xi, options, budget).point

@@ -8,29 +8,48 @@
 # language governing permissions and limitations under the License.
 
 """
-Where the search for switching times starts from: random arcs, a few swings, earlier plans.
+Where the search for switching times starts from: random arcs, a law that pumps, earlier plans.
 
-Torques alternate between their extremes from arc to arc; either sign may come first.
+Torques of random sequences alternate between their extremes from arc to arc; either sign may come
+first. The law of `plants.pendulum_pumping` brings the pendulum near the top: of many variants the
+most promising are kept but for their last arcs, which are steered upright from where they begin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.plants.pendulum_lanes import LANES
+from tdm_planner.plants.pendulum_pumping import Laws, NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_steering import ArcBatch
 from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.switching_search import Candidate, COARSE_STEPS, FEWEST_ARCS, land
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-FEWEST_ARCS = 4  # as many unknowns as end conditions
 _MOST_RANDOM_ARCS = 8  # longer random sequences hardly ever arrive
 _WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
+Late = Callable[[], bool]
+
+VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many of them between two looks at the clock
+_LONGEST = 400.0  # of 1/w0: what a pump may take
+_LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
+_WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
+_PATIENCE, _RANK = 30.0, 3.0  # times that weight: at most, and where variants are compared
+_TAIL, _TAIL_WORK = (14, 56), 1.8  # arcs varied to land: at least and at most; times drive
+_EXTRA, _SHORT = 2, 0.1  # arcs put at the end, of so many 1/w0
+_POLISHED = 16  # last arcs whose time is minimised
+_STEERED_ARCS = 56  # the last ones of an earlier plan, where there are more
+_STEPS = 32  # RK4 steps an arc once a sequence has landed
 
 
 class Arcs(NamedTuple):
@@ -99,10 +118,134 @@ def arcs_of(motion: Trajectory) -> Arcs | None:
     """
     if motion.interpolation != 'zero_order_hold' or motion.control_names != ('torque',):
         return None
-    torques = motion.controls[:-1, 0]
-    edges = np.flatnonzero(np.diff(torques) != 0.0) + 1
-    firsts = np.concatenate([[0], edges])
-    if not torques[firsts].all():
-        return None
-    instants = motion.times[np.concatenate([firsts, [motion.times.size - 1]])]
-    return Arcs(np.diff(instants), torques[firsts])
+    pieces = motion.smooth_pieces
+    torques = motion.controls[pieces[:-1], 0]
+    return Arcs(np.diff(motion.times[pieces]), torques) if torques.all() else None
+
+
+def laws(task: SwingUpTask, rng: np.random.Generator, count: int) -> Laws:
+    """Return variants of the law at random."""
+    crossing = task.disk_acceleration / task.plant.natural_frequency**2 / task.disk_angle
+    weakest = 0.3 / max(crossing, 2.0)
+    weight = _times_drive(task, _WORK, _WEIGHT)
+
+    def spread(least: float, most: float) -> Array:
+        return np.exp(rng.uniform(math.log(least), math.log(most), count))
+
+    def mostly(share: float, usual: float, others: Array) -> Array:
+        return np.where(rng.uniform(size=count) < share, usual, others)
+
+    return Laws(
+        first=np.where(np.arange(count) % 2, 1.0, -1.0),
+        share=mostly(0.5, 1.0, spread(weakest, 1.0)),
+        on_place=spread(0.003, 0.6),
+        on_momentum=spread(0.003, 1.0),
+        band=spread(0.05, 1.0),
+        brake=rng.uniform(0.6, 1.0, count),
+        lead=mostly(0.5, 0.0, rng.uniform(-0.4, 0.4, count)),
+        hold=mostly(0.25, 0.0, rng.uniform(0.2, 1.2, count)),
+        weight=weight * spread(1.0, _PATIENCE),
+    )
+
+
+def pumped(
+    task: SwingUpTask, rng: np.random.Generator, most: int, budget: Budget, until: float
+) -> list[Candidate]:
+    """
+    Pump by many variants and land the most promising; those that arrived, the quickest first.
+
+    A plan has at most `most` arcs; nothing new is begun after `until` s of the budget.
+    """
+
+    def late() -> bool:
+        return budget.elapsed > until
+
+    swings = _swings(task, laws(task, rng, VARIANTS), most, late)
+    steps = min(task.steps(COARSE_STEPS), _STEPS)
+    landed: list[Candidate] = []
+    for first in range(0, len(swings), LANES):
+        if late() or len(landed) >= _ENOUGH:
+            break
+        some = slice(first, first + LANES)
+        landed += land(task, swings[some], steps, budget, late)
+    landed.sort(key=lambda candidate: candidate.total)
+    last = [
+        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED))
+        for each in landed[:LANES]
+    ]
+    return land(task, last, task.steps(_STEPS), budget, late)
+
+
+def _swings(task: SwingUpTask, variants: Laws, most: int, late: Late) -> list[Candidate]:
+    """Return the promising variants, the best first, with a tail to land by."""
+    w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
+    durations, torques = np.zeros((VARIANTS, room)), np.zeros((VARIANTS, room))
+    arcs, distances = np.zeros(VARIANTS, np.intp), np.full(VARIANTS, np.inf)
+    weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
+    turn = math.nan if task.turns is None else float(task.turns)
+    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, _LONGEST)
+    for first in range(0, VARIANTS, _AT_ONCE):
+        if late():
+            break
+        rows = slice(first, first + _AT_ONCE)
+        pump(
+            task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
+            durations[rows], torques[rows], arcs[rows], distances[rows],
+        )  # fmt: skip
+    total = np.where(np.arange(room) < arcs[:, None], durations, 0.0).sum(axis=1)
+    promise = np.where(distances < NEAR, w0 * total + weight * np.sqrt(distances), np.inf)
+    best = np.argsort(promise)[:_LANDED]
+    return [
+        _with_tail(task, durations[i, : arcs[i]], torques[i, : arcs[i]])
+        for i in best[np.isfinite(promise[best])]
+    ]
+
+
+def _with_tail(task: SwingUpTask, durations: Array, torques: Array) -> Candidate:
+    """Return arcs that pump and a few more; all but the last ones are to stay as they are."""
+    extra = max(_EXTRA, FEWEST_ARCS - durations.size)
+    signs = -math.copysign(task.torque, torques[-1]) * (-1.0) ** np.arange(extra)
+    tail = round(min(_times_drive(task, _TAIL_WORK, _TAIL[0]), _TAIL[1]))
+    return Candidate(
+        np.append(durations, np.full(extra, _SHORT / task.plant.natural_frequency)),
+        np.append(torques, signs),
+        0,
+        max(durations.size + extra - tail, 0),
+    )
+
+
+def _times_drive(task: SwingUpTask, work: float, least: float) -> float:
+    """Return what takes so much, times drive; as if the drive were at least 1e-6."""
+    return max(work / max(task.drive, 1e-6), least)
+
+
+def warm_starts(
+    task: SwingUpTask, rng: np.random.Generator, previous: Arcs, most: int, change: float
+) -> list[Candidate]:
+    """
+    Return the arcs of an earlier plan, their durations changed at random.
+
+    `change` is the standard deviation of the logarithms of the durations. An arc of no duration is
+    put before or after them, or both, where a new switch may grow; there are at most `most`.
+    """
+    sizes, found = np.abs(previous.torques), list[Candidate]()
+    held = np.clip(previous.torques, -task.torque, task.torque)
+    if np.ptp(sizes) <= 1e-9 * sizes[0]:  # extreme torques, they may be others now
+        held = np.copysign(task.torque, held)
+    for before, after in ((0, 1), (0, 0), (1, 0), (1, 1)):
+        after = max(after, FEWEST_ARCS + 1 - before - held.size)
+        count = before + held.size + after
+        if count > max(most, FEWEST_ARCS + 1):
+            continue
+        end = -math.copysign(task.torque, held[-1]) * (-1.0) ** np.arange(after)
+        first = np.full(before, -math.copysign(task.torque, held[0]))
+        durations = previous.durations * np.exp(change * rng.normal(size=held.size))
+        found.append(
+            Candidate(
+                np.concatenate([np.zeros(before), durations, np.zeros(after)]),
+                np.concatenate([first, held, end]),
+                0,
+                max(count - _STEERED_ARCS, 0),
+            )
+        )
+    return found

@@ -24,7 +24,6 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_search import Candidate, FormationSearch
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.search import Plan
 from tdm_planner.problems.thrust_arcs_fit import fitted, remaining, resumed
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
 from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
@@ -73,7 +72,7 @@ def compile_arcs(task: FormationTask) -> None:
     arc_motions(Candidate(program, point), task)
 
 
-class ArcSearch(FormationSearch[Arcs | Plan]):
+class ArcSearch(FormationSearch[Arcs | Solution]):
     """
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
@@ -88,7 +87,7 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
         task: FormationTask,
         rng: np.random.Generator,
         budget: Budget,
-        polynomials: Callable[[Budget], Plan],
+        polynomials: Callable[[Budget], Solution],
         reserve: float,
         previous: Solution | None = None,
         **shared: Any,
@@ -106,12 +105,12 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
         self._rounds = resumed if self._rest else [*directly, self._near_polynomials]
         self._last: Infeasible | None = None
 
-    def candidates(self) -> Iterable[Arcs | Plan]:
+    def candidates(self) -> Iterable[Arcs | Solution]:
         """Minima, cheapest first: see `widen` for what they come from."""
         self._kept = {}
         return self._rounds[0]()
 
-    def _near_polynomials(self) -> Iterator[Arcs | Plan]:
+    def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minimum with four burns a robot near a plan of polynomials, then that plan."""
         try:
             plan = self._polynomials(self.budget)
@@ -181,15 +180,15 @@ class ArcSearch(FormationSearch[Arcs | Plan]):
                 break
         return candidate
 
-    def plans(self, candidate: Arcs | Plan) -> Iterator[Plan]:
+    def plans(self, candidate: Arcs | Solution) -> Iterator[Solution]:
         """Yield the plan of a candidate."""
-        if isinstance(candidate, Plan):
+        if isinstance(candidate, Solution):
             yield candidate
         else:
             motions = self._kept | arc_motions(candidate, self.task)
             yield self.assessed(motions, candidate.point.xi)
 
-    def promises_more(self, candidate: Arcs | Plan, than: Arcs | Plan) -> bool:
+    def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
         """Whether a candidate is cheaper than one that is verified."""
         return candidate.cost < than.cost
 

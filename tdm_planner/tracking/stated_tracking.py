@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.direct_plant import TracedPlant
+from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.feedforward import PlanLaw
@@ -70,7 +70,7 @@ class StatedTracker(TrajectoryTracker):
     """Tracker of any `DirectProblem`; deviations are shares of the range of a plan's states."""
 
     def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
-        self._problem, self._plant = problem, TracedPlant(problem)
+        self._problem, self._plant = problem, DirectPlant(problem)
         nx, nu = len(problem.state_names), len(problem.control_names)
         history = CommandHistory(nu)
         measured, model = _BELIEVED

@@ -166,7 +166,8 @@ def _planned(mission: Mission, vehicle: Vehicle, group: Group) -> Signals | None
 
 def _switches(plan: FollowedPlan) -> Array:
     """Return the instants at which a held control of the plan jumps while it is followed [s]."""
-    instants: Array = plan.start + plan.trajectory.switching_instants
+    motion = plan.trajectory
+    instants: Array = plan.start + motion.times[motion.switches]
     return instants[instants <= plan.carried_out_until]
 
 

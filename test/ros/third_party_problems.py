@@ -23,7 +23,6 @@ from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import (
     PendulumSwingUp,
-    Plan,
     Problem,
     Search,
     Solution,
@@ -88,7 +87,7 @@ class Cart(Problem, Validated):
     ) -> TwoStrokes:
         return TwoStrokes(self, budget)
 
-    def describe(self, plan: Plan) -> str:
+    def describe(self, plan: Solution) -> str:
         return 'there in two strokes'
 
 
@@ -102,7 +101,7 @@ class TwoStrokes(Search[float]):
     def candidates(self) -> list[float]:
         return [float(np.sqrt(abs(self.cart.start.position) / self.cart.force))]
 
-    def plans(self, candidate: float) -> Iterator[Plan]:
+    def plans(self, candidate: float) -> Iterator[Solution]:
         x, half = self.cart.start.position, candidate
         f = -np.sign(x) * self.cart.force
         motion = Trajectory(
@@ -113,7 +112,7 @@ class TwoStrokes(Search[float]):
             control_names=('force',),
         )
         check = verify(DoubleIntegrator(), motion, np.zeros(2), np.full(2, 1e-9), ())
-        yield Plan({'cart': motion}, check, 2 * half, np.array([half]), 0.0)
+        yield Solution({'cart': motion}, check, 2 * half, np.array([half]), 0.0)
 
     def failure(self) -> Infeasible:
         return Infeasible('the strokes do not end at the origin')

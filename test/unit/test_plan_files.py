@@ -38,7 +38,7 @@ def trajectory(values: object = NUMBERS) -> Trajectory:
 def solution(trajectories: Mapping[str, Trajectory]) -> Solution:
     check = Verification(True, np.zeros(2), {'torque': 0.1}, {'torque': 0.2})
     checks = dict.fromkeys(trajectories, check) if len(trajectories) > 1 else {}
-    return Solution('example', trajectories, 1.5, 0.0, np.zeros(2), 7, 0.01, check, checks)
+    return Solution(trajectories, check, 1.5, np.zeros(2), 0.0, {}, checks, 'example', 7, 0.01)
 
 
 def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:

@@ -221,6 +221,18 @@ def test_a_margin_that_is_just_kept_is_no_violation_but_one_that_is_not_a_number
     assert not verify(PLANT, bang_bang(), GOAL, TOLERANCE, [broken]).ok
 
 
+def test_where_controls_jump():
+    plan = bang_bang()
+    assert plan.switches.tolist() == [1]
+    assert plan.smooth_pieces == [0, 1, 2]
+    constant = replace(plan, controls=np.ones((3, 1)))
+    assert constant.smooth_pieces == [0, 2]
+    for interpolation, pieces in (('linear', [0, 1, 2]), ('cubic', [0, 2])):
+        other = replace(plan, interpolation=interpolation)
+        assert not other.switches.size
+        assert other.smooth_pieces == pieces
+
+
 def test_dense_times_hold_every_sample():
     times = dense_times(bang_bang(), 0.3)
     assert np.isin([0.0, 1.0, 2.0], times).all()

@@ -16,8 +16,8 @@ import warnings
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
 
 

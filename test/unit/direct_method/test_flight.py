@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Budget, Duration, Formulation, Output
-from tdm_planner.problems.direct_plant import DirectPlant, TracedPlant
+from tdm_planner.direct_method.flight import Flown
+from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import fly
 
@@ -64,13 +65,21 @@ def plan(intervals, interpolation='linear', size=20.0):
     )
 
 
+class Plain(DirectPlant):
+    """It is left to scipy."""
+
+    def fly(self, trajectory, until):
+        return None
+
+
+@pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
 @pytest.mark.parametrize('intervals', [1, 5, 40])
 @pytest.mark.parametrize('damping', [0.1, 300.0])
-def test_it_flies_as_scipy_does(intervals, damping):
+def test_it_flies_as_scipy_does(intervals, damping, interpolation):
     pendulum = type('Damped', (Pendulum,), {'damping': damping})()
-    trajectory, times = plan(intervals), np.linspace(0.0, 2.0, 777)
-    compiled, plain = (fly(plant(pendulum), trajectory) for plant in (TracedPlant, DirectPlant))
-    assert len(compiled.pieces) == 1
+    trajectory, times = plan(intervals, interpolation), np.linspace(0.0, 2.0, 777)
+    compiled, plain = (fly(plant(pendulum), trajectory) for plant in (DirectPlant, Plain))
+    assert isinstance(compiled, Flown)
     assert len(plain.pieces) == intervals
     np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=0, atol=1e-6)
     assert set(trajectory.times) <= set(compiled.steps)
@@ -78,13 +87,13 @@ def test_it_flies_as_scipy_does(intervals, damping):
 
 def test_a_plan_that_cannot_be_flown_is_left_to_scipy():
     trajectory = plan(4, size=5.0)
-    compiled, plain = (fly(plant(Escaping()), trajectory) for plant in (TracedPlant, DirectPlant))
+    compiled, plain = (fly(plant(Escaping()), trajectory) for plant in (DirectPlant, Plain))
     times = trajectory.times
     np.testing.assert_allclose(compiled.states(times), plain.states(times), rtol=1e-9)
     assert np.isnan(compiled.states(times)).any()
 
 
 def test_cubic_controls_and_a_spent_budget_are_left_to_scipy():
-    plant = TracedPlant(Pendulum())
+    plant = DirectPlant(Pendulum())
     assert plant.fly(plan(4, 'cubic'), None) is None
     assert plant.fly(plan(4), Budget(0.0)) is None

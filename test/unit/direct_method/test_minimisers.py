@@ -11,8 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -23,8 +21,11 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.direct_method.quadratic_program import solve_quadratic_program
-from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
+from tdm_planner.direct_method.trust_region import (
+    minimise,
+    solve_quadratic_program,
+    TrustRegionOptions,
+)
 from tdm_planner.problems.switching_quadratic import solve_compiled
 
 
@@ -186,7 +187,7 @@ def test_second_order_correction_overcomes_the_maratos_effect():
             eq=(lambda x: np.array([x @ x - 1]), lambda x: 2 * x[None, :]),
             curvature=lambda x, m: 2 * m.equalities[0] * np.eye(2),
         )
-        options = replace(TIGHT, corrections=corrections)
+        options = TIGHT._replace(corrections=corrections)
         return minimise(program, np.array([np.cos(1.5), np.sin(1.5)]), options)
 
     with_correction, without = circle(4), circle(0)
@@ -225,7 +226,7 @@ def test_searches_that_end_without_convergence():
     found = minimise(program, start, TIGHT, Budget(0.0))
     assert not found.converged
     assert (found.iterations, program.evaluations) == (0, 1)
-    found = minimise(rosenbrock(), start, replace(TIGHT, cutoff=-1.0))  # feasible, but dear
+    found = minimise(rosenbrock(), start, TIGHT._replace(cutoff=-1.0))  # feasible, but dear
     assert not found.converged
     assert found.iterations <= 6
 
@@ -247,7 +248,7 @@ def test_steering_reaches_constraints_that_the_first_penalty_would_leave_violate
         radius=4.0,
     )
     plain = minimise(steep, np.ones(2), options)
-    steered = minimise(steep, np.ones(2), replace(options, steering=True))
+    steered = minimise(steep, np.ones(2), options._replace(steering=True))
     assert steered.converged
     np.testing.assert_allclose(steered.point.xi, [3, 0], atol=1e-6)
     assert steered.iterations < plain.iterations

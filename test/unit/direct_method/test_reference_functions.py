@@ -17,7 +17,7 @@ import pytest
 from tdm_planner.direct_method import Output, PowerProducts, SineSeries, symmetric_powers
 from tdm_planner.direct_method.output_basis import output_basis
 from tdm_planner.direct_method.polynomial import PolynomialBasis
-from tdm_planner.direct_method.virtual_domain import arc_derivatives, time_derivatives
+from tdm_planner.direct_method.virtual_arc import arc_derivatives, time_derivatives
 from tdm_planner.exceptions import InvalidProblem
 
 

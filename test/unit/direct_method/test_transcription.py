@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
 
 
 class Pendulum(Formulation):

@@ -16,7 +16,7 @@ import math
 import numpy as np
 import pytest
 from replays import pendulum_rates
-from tdm_planner.direct_method.bernstein import bernstein_basis, bernstein_integral
+from tdm_planner.direct_method.virtual_arc import bernstein_basis, bernstein_integral
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.rotary_pendulum import driven

@@ -37,9 +37,9 @@ from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_pump import laws
+from tdm_planner.problems.switching_seeds import laws
 from tdm_planner.tracking.tracker import wrapped
-from tdm_planner.verification import dense_times
+from tdm_planner.verification import replay
 
 PLANT = RotaryPendulum()
 
@@ -366,30 +366,19 @@ def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
 def test_the_replay_agrees_with_scipy(torque: float, method: str) -> None:
     problem = build(PendulumSwingUp, {'limits.torque': torque, 'method': method})
     trajectory = problem.solve(deadline=60.0).trajectory
-    times = dense_times(trajectory, 1e-3)
-    found = PLANT.replay(trajectory, times)
-    assert found is not None
+    times, found = trajectory.times, replay(PLANT, trajectory, trajectory.times)
     control, state = trajectory.controls_at, trajectory.states[0]
     for index, (first, last) in enumerate(pairwise(times)):
-        np.testing.assert_allclose(found[index], state, atol=1e-8)
-        held = control(times[[index]])[0] if method == 'switching' else None
+        np.testing.assert_allclose(found[index], state, atol=1e-7)
+        held = control(first) if method == 'switching' else None
         state = solve_ivp(
-            lambda t, x, u=held: PLANT.derivative(
-                x, control(np.array([t]))[0] if u is None else u
-            ),
+            lambda t, x, u=held: PLANT.derivative(x, control(t) if u is None else u),
             (first, last),
             state,
             method='DOP853',
             rtol=1e-12,
             atol=1e-13,
         ).y[:, -1]
-
-
-def test_where_it_would_be_inaccurate_it_is_left_to_scipy() -> None:
-    trajectory = build(PendulumSwingUp, {'limits.torque': 0.09}).solve(deadline=60.0).trajectory
-    assert PLANT.replay(trajectory, np.array([0.0, 0.2])) is None
-    grid = np.arange(0.0, trajectory.duration, 1e-3)  # switches lie between its instants
-    assert PLANT.replay(trajectory, grid) is None
 
 
 def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:

@@ -16,7 +16,6 @@ import sys
 
 import numpy as np
 import pytest
-from tdm_planner.problems import DirectProblem
 
 PLANTS = Path(__file__).resolve().parents[3] / 'docs' / 'plants'
 sys.path.insert(0, str(PLANTS))
@@ -127,9 +126,6 @@ def test_the_boundary_conditions_are_the_start_and_it_keeps_the_limits(problems)
                 assert margin[0] >= 0.0, name
 
 
-@pytest.mark.skipif(
-    not hasattr(DirectProblem, 'control_limits'), reason='limits of controls are not kept yet'
-)
 def test_the_default_is_planned_near_the_best_known_optimum(cls):
     solution = cls().solve()
     best = table.best_known()[cls.__name__]['default']['cost']

@@ -15,13 +15,18 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Duration, Integrated, Output
-from tdm_planner.direct_method.rounding import Rounded
+from tdm_planner.direct_method import Budget, Duration, Integrated, Output
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import COLD, Motion
+from tdm_planner.direct_method.graphs import Rounded
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.parameters import group, parameter, Validated
 from tdm_planner.problem_check import check_problem
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 from tdm_planner.problems.direct_plant import DirectPlant
-from tdm_planner.verification import replay
+from tdm_planner.problems.refinement import Refinement
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import replay, Verification
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,25 @@ def test_a_cost_may_have_kinks(cost):
     changed = {'running_cost': lambda self, t, x, u: cost(u[0])}
     plan = type('Changed', (Frugal,), changed)().solve(deadline=30.0)
     assert plan.cost == pytest.approx(3.0 - math.sqrt(5.0), rel=0.02)
+
+
+def test_a_guess_may_be_no_motion_at_all():
+    stated, budget = CheckedFormulation(Frugal()), Budget(60.0)
+    rest = Motion(np.zeros((21, 2)), np.zeros((20, 2)), np.zeros((21, 1)), 3.0)
+    found = Refinement(stated, Trace.of(stated), None, budget).solve(20, rest, COLD)
+    assert found is not None
+    assert found.states[-1] == pytest.approx([1.0, 0.0])
+    assert budget.evaluations < 40
+
+
+def test_what_is_left_of_held_controls_costs_what_they_burn():
+    """Burn, coast, brake: the rest of a plan from within the first burn, and from the coast."""
+    t, v = np.array([0.0, 0.5, 2.5, 3.0]), np.array([0.0, 0.5, 0.5, 0.0])
+    states = np.stack([[0.0, 0.125, 1.125, 1.25], v], axis=-1)
+    motion = Trajectory.of(Frugal, t, states, np.array([[1.0], [0.0], [-1.0], [-1.0]]))
+    plan = Solution({'frugal': motion}, Verification(True, np.zeros(2)), 1.0, np.zeros(0), 0.0)
+    for elapsed, left in ((0.0, 1.0), (0.2, 0.8), (1.0, 0.5), (2.9, 0.1)):
+        assert Frugal().cost_to_go(plan, elapsed) == pytest.approx(left, rel=1e-9)
 
 
 def test_rounding_by_nothing_leaves_a_function_as_it_is_and_by_more_makes_it_smooth():

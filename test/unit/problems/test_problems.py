@@ -16,10 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from planned_apart import planned_apart
 import pytest
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.problems import PendulumSwingUp, Plan, RobotFormation
+from tdm_planner.problems import PendulumSwingUp, RobotFormation, Solution
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.problems.search import Search
@@ -46,15 +47,15 @@ class Scripted(Search[float]):
     def candidates(self) -> Iterable[float]:
         return self.rounds[self.round]
 
-    def plans(self, candidate: float) -> Iterator[Plan]:
+    def plans(self, candidate: float) -> Iterator[Solution]:
         for k in range(3):
             self.checked.append((candidate, k))
             ok = self.passing.get(candidate, 9) == k
             reasons = () if ok else (f'plan {k} of {candidate:g} fails',)
             check = Verification(ok=ok, terminal_error=np.zeros(1), reasons=reasons)
-            yield Plan({}, check, candidate, np.zeros(0), 0.0)
+            yield Solution({}, check, candidate, np.zeros(0), 0.0)
 
-    def satisfied_with(self, plan: Plan) -> bool:
+    def satisfied_with(self, plan: Solution) -> bool:
         return self.satisfying is None or plan.cost in self.satisfying
 
     def widen(self) -> bool:
@@ -170,6 +171,11 @@ def test_what_does_not_reach_the_goal_or_cannot_be_assessed_is_not_recognised(pl
 
     with pytest.raises(VerificationFailed, match='cannot assess'):
         Silent.from_parameters({}).recognised(solution.trajectories)
+
+
+def test_processes_and_the_order_of_sets_change_nothing() -> None:
+    """The same request and seed give the same plan to the last bit."""
+    assert planned_apart(PYTHONHASHSEED='0') == planned_apart(PYTHONHASHSEED='1')
 
 
 @pytest.fixture

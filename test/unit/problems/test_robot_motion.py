@@ -17,8 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method.bernstein import bernstein_integral
-from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
+from tdm_planner.direct_method.virtual_arc import bernstein_integral, reciprocal, time_derivatives
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.reference_motion import end_derivatives, MotionForm, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection

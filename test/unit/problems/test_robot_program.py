@@ -14,10 +14,14 @@ import itertools
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method.arc_nodes import chebyshev_nodes, quadrature_weights
 from tdm_planner.direct_method.nonlinear_program import Multipliers
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
-from tdm_planner.direct_method.virtual_domain import reciprocal, time_derivatives
+from tdm_planner.direct_method.virtual_arc import (
+    chebyshev_nodes,
+    quadrature_weights,
+    reciprocal,
+    time_derivatives,
+)
 from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_program import FormationProgram

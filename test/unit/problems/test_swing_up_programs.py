@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 from hypothesis import given, settings
@@ -54,10 +53,6 @@ OPTIONS = TrustRegionOptions(
     feasibility=(1e-8, 1e-8),
     corrections=4,
 )
-
-
-def task(*start: float, torque: float = TORQUE) -> SwingUpTask:
-    return SwingUpTask(PLANT, np.array(start), torque, torque, 2.0, None)
 
 
 def program(arcs: int, disk_angle: float = 2.0) -> ArcProgram:
@@ -165,12 +160,9 @@ def test_minimum_is_feasible_and_the_best_around(disk_angle):
 def test_when_the_minimiser_gives_up():
     made = arrivals(2.0)
     assert minimise(*made[0], OPTIONS, Budget(0.0)).iterations <= 4
-    options = replace(OPTIONS, cutoff=1e-3, cost_tolerance=1e-12)
+    options = OPTIONS._replace(cutoff=1e-3, cost_tolerance=1e-12)
     found = minimise(*made[-1], options, Budget(60.0))
     assert not found.converged or found.iterations <= 5
     found = minimise(program(4), np.full(4, 1e6), OPTIONS, Budget(60.0))  # nothing is computed
     assert found.point.violation == np.inf
     assert found.iterations == 0
-
-
-TASK = SwingUpTask(PLANT, np.array([3.0, 0.4, 1.0, -3.0]), 0.09, 0.09, 2.0, None)

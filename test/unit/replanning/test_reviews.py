@@ -51,7 +51,7 @@ def test_a_verified_plan_takes_over_if_it_is_necessary_or_saves_its_share(
     new, cost = None, ratio * outlook.cost
     if verified is not None:
         check = Verification(ok=verified, terminal_error=np.zeros(4))
-        new = Solution('test', {}, cost, 0.0, np.zeros(1), 1, 0.0, check)
+        new = Solution({}, check, cost, np.zeros(1), 0.0, problem='test')
     decision = decide(outlook, changed, new, improvement)
     assert decision.reason
     if not verified:
