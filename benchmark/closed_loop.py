@@ -45,7 +45,7 @@ from tdm_planner.tracking import (
     RobotTrackerParameters,
     TrajectoryTracker,
 )
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.simulation import PlantSetup, SimulatedPlant

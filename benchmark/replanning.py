@@ -69,7 +69,7 @@ from tdm_planner.tracking import (
     RobotTracker,
     RobotTrackerParameters,
 )
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 from tdm_sim.disturbances import pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.receding import RecedingHorizon, Vehicle

@@ -44,10 +44,10 @@ from tdm_planner.parameters import build, flatten, ParameterSpec, Range, shown, 
 from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.tracking import TrajectoryRefused
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.tracking.tracker import TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 
 DEADLINE = 0.05  # s a search may take in these tests

@@ -29,11 +29,13 @@ from tdm_planner.replanning.execution import (
     Observation,
 )
 from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
+_SLIP = 0.1  # of the time since a plan's start, by which it may be late or early
 _DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond a planned limit
 
 
@@ -74,7 +76,7 @@ class SwingUpExecution(Execution):
         seen = observations[VEHICLE]
         if at <= seen.stamp:
             return {VEHICLE: Foreseen(seen.state, np.zeros(1), seen.mode)}
-        table = self._table(plan, seen.mode, seen.stamp, at)
+        table = self._table(plan, seen.mode, seen.state, seen.stamp, at)
         state = roll_feedback(self._plant, seen.state, table)[-1]
         control = np.zeros(1)
         if seen.mode is Mode.FOLLOWING:
@@ -91,7 +93,7 @@ class SwingUpExecution(Execution):
         if self._tracker.level(now.state, goal) < 1.0:
             return Outlook(left, settled=True)
         until = at + left + _SETTLING / plant.natural_frequency
-        states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
+        states = roll_feedback(plant, now.state, self._table(plan, now.mode, now.state, at, until))
         if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
             return Outlook(left, trouble='the feedback cannot bring it back to the active plan')
         assert isinstance(plan.problem, PendulumSwingUp)
@@ -114,7 +116,27 @@ class SwingUpExecution(Execution):
         """Whether two swing-ups differ in nothing but start and solver."""
         return replace(problem, start=other.start, solver=other.solver) == other
 
-    def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
+    def _elapsed(self, plan: ActivePlan, state: Array, at: float) -> float:
+        """How far the plan has come [s] for its tracker, which lets it wait for the pendulum."""
+        assert self._law is not None
+        law, elapsed = self._law.law, plan.elapsed(at)
+        if not 0.0 < elapsed < plan.solution.duration:
+            return elapsed
+        slip = _SLIP * elapsed
+        first, last = law.places(np.array([elapsed - slip, elapsed + slip])).tolist()
+        times = law.step * np.arange(first, last + 1)
+        errors = state - law.trajectory.sample(times).state
+        errors[:, 0] = wrapped(errors[:, 0])
+        costs = law.costs[first : last + 1]
+        nearest = int(np.argmin(np.einsum('ki,kij,kj->k', errors, costs, errors)))
+        planned = law.trajectory.sample(times[nearest])
+        rates = self._plant.derivative(planned.state, planned.control)
+        ahead = law.ahead(times[nearest], rates, errors[nearest])
+        return float(times[nearest]) + min(max(ahead, -law.step), law.step)
+
+    def _table(
+        self, plan: ActivePlan, mode: Mode, state: Array, start: float, end: float
+    ) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
         step = (end - start) / count
@@ -126,7 +148,8 @@ class SwingUpExecution(Execution):
                 self.adopt(plan)
             assert self._law is not None
             law = self._law.law
-            edges = np.asarray(plan.elapsed(start) + step * np.arange(count + 1), dtype=float)
+            begin = self._elapsed(plan, state, start)
+            edges = np.asarray(begin + step * np.arange(count + 1), dtype=float)
             elapsed = edges[:-1]
             after = elapsed >= plan.solution.duration
             references = law.trajectory.sample(elapsed).state

@@ -29,7 +29,7 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.nodes import planning
 from tdm_planner.nodes.planning import Failure, make_plan, Plan, plan_answer
-from tdm_planner.tracking.tracker import TrajectoryRefused
+from tdm_planner.tracking import TrajectoryRefused
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND

@@ -112,6 +112,15 @@ def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
+def test_a_pendulum_that_is_late_on_its_plan_is_foreseen_late(swing: ActivePlan) -> None:
+    """Its tracker lets the plan wait."""
+    at, late = 0.5 * swing.solution.duration, 0.04
+    seen = {VEHICLE: Observation(states_at(swing, at - late)[VEHICLE], at, Mode.FOLLOWING)}
+    foreseen = SwingUpExecution(SWING).foresee(swing, seen, at + 0.1)[VEHICLE]
+    missed = np.abs(foreseen.state - states_at(swing, at + 0.1 - late)[VEHICLE])
+    assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
+
+
 def test_robots_are_foreseen_where_their_trackers_take_them(flight: ActivePlan) -> None:
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
     vehicles = {
