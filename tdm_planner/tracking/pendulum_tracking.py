@@ -56,7 +56,7 @@ _DISK = 3.0  # rad that it turns by the torque in the square of the latter
 _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
 _SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
-_AHEAD = 0.3  # of 1 / w0, by which it counts as ahead at most
+_AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
 _PACES = 0.85, 1.15  # at which a plan may be played
 
 
