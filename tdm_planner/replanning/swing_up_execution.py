@@ -130,9 +130,9 @@ class SwingUpExecution(Execution):
         times = law.step * np.arange(first, last + 1)
         errors = state - law.trajectory.sample(times).state
         errors[:, 0] = wrapped(errors[:, 0])
-        costs = law.costs[first : last + 1]
+        costs = law.costs[law.places(times)]
         nearest = int(np.argmin(np.einsum('ki,kij,kj->k', errors, costs, errors)))
-        if 0 < nearest < len(costs) - 1:  # else it was pushed, and the plan goes on as it did
+        if 0 < nearest < len(times) - 1:  # else it was pushed, and the plan goes on as it did
             planned = law.trajectory.sample(times[nearest])
             rates = self._plant.derivative(planned.state, planned.control)
             ahead = law.ahead(times[nearest], rates, errors[nearest])

@@ -128,8 +128,8 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
     assert loop.tracker.current.late > 0.0
     loop.run(0.2 * plan.duration + 20.0 / quick)
     assert loop.tracker.phase is Phase.HOLDING
-    last = np.array(loop.states[-round(5.0 / quick / loop.tick) :])
-    assert np.abs(wrapped(last[:, 0])).max() < 0.05
+    count = round(5.0 / quick / loop.tick)
+    assert np.abs(wrapped(np.array(loop.states[-count:])[:, 0])).max() < 0.05
 
 
 def noise(tracker: PendulumTracker) -> np.ndarray:
