@@ -44,7 +44,7 @@ from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.base import Solution
 from tdm_planner.tracking import Phase
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 
 SETTLING, HELD = 2.0, 5.0  # s
 ROBOT_INTERVAL = 0.01  # s

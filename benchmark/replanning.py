@@ -59,7 +59,7 @@ from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 from tdm_sim.disturbances import pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched
 

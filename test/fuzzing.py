@@ -50,9 +50,9 @@ from tdm_planner.parameters import build, flatten, shown, specifications
 from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.base import Solution
+from tdm_planner.tracking import TrajectoryRefused
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.tracking.tracker import TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 
 DEADLINE = 0.05  # s a search may take in these tests

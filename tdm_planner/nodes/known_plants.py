@@ -27,11 +27,11 @@ from tdm_planner.parameters import shown, specifications, to_mapping
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
+from tdm_planner.tracking import TrajectoryTracker
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.stated_tracking import StatedTracker
-from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 _NOT_OF_THE_PLANT = ('solver', 'start')

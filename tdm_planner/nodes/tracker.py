@@ -46,14 +46,8 @@ from tdm_planner.nodes.reading import read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking.tracker import (
-    Action,
-    BREAKDOWN,
-    Command,
-    Phase,
-    TrajectoryRefused,
-    TrajectoryTracker,
-)
+from tdm_planner.tracking import Action, Command, Phase, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
 
@@ -159,7 +153,7 @@ class TrackerNode(ManagedNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
-        self._send(np.zeros(len(self.tracker.control_names)), self.get_clock().now())
+        self._send(self.tracker.nothing, self.get_clock().now())
         self._status.cancel()
 
     def cleanup(self) -> None:

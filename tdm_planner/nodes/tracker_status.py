@@ -18,7 +18,7 @@ from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from rclpy.node import Node
 from tdm_planner.nodes.messages import to_stamp
 from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.tracking.tracker import Phase, TrajectoryTracker
+from tdm_planner.tracking import Phase, TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 

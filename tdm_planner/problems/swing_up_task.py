@@ -105,7 +105,7 @@ class SwingUpTask:
 
     def least_peak(self) -> float:
         """
-        Least |psi| [rad] found that some torque does not exceed at first, see `pendulum_kernels.least_peak`.
+        Least |psi| [rad] found that some torque does not exceed at first, by its kernel.
 
         Beyond `disk_angle` it is evidence that there is no plan, though no proof.
         """

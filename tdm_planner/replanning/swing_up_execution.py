@@ -29,11 +29,13 @@ from tdm_planner.replanning.execution import (
     Observation,
 )
 from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 
 Array = NDArray[np.float64]
 
 _SETTLING = 10.0  # natural periods / 2 pi that the look-ahead goes on after the end of the plan
+_SLIP = 0.1  # of the time that passes, by which a plan may come to be late or early
 _DISK_SLACK = 1.05  # of limits.disk_angle: tracking may take it a little beyond a planned limit
 
 
@@ -62,10 +64,12 @@ class SwingUpExecution(Execution):
         self._tracker = PendulumTracker(parameters)
         self._tracker.prepare_hold()
         self._law: _Law | None = None
+        self._late = self._seen = 0.0  # of the plan [s], and the instant at which that was seen
 
     def adopt(self, plan: ActivePlan) -> None:
         """Compute the gains along the plan."""
         self._law = _Law(plan, self._tracker.prepare(plan.solution.trajectory))
+        self._late, self._seen = 0.0, plan.start
 
     def foresee(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
@@ -74,6 +78,8 @@ class SwingUpExecution(Execution):
         seen = observations[VEHICLE]
         if at <= seen.stamp:
             return {VEHICLE: Foreseen(seen.state, np.zeros(1), seen.mode)}
+        if seen.mode is Mode.FOLLOWING:
+            self._look(plan, seen.state, seen.stamp)
         table = self._table(plan, seen.mode, seen.stamp, at)
         state = roll_feedback(self._plant, seen.state, table)[-1]
         control = np.zeros(1)
@@ -114,6 +120,30 @@ class SwingUpExecution(Execution):
         """Whether two swing-ups differ in nothing but start and solver."""
         return replace(problem, start=other.start, solver=other.solver) == other
 
+    def _look(self, plan: ActivePlan, state: Array, at: float) -> None:
+        """Look how late the plan is for its tracker, which lets it wait for the pendulum."""
+        law, elapsed = self._law_of(plan), plan.elapsed(at) - self._late
+        slip = _SLIP * (at - self._seen)
+        if not slip < elapsed < plan.solution.duration - slip:
+            return
+        first, last = law.places(np.array([elapsed - slip, elapsed + slip])).tolist()
+        times = law.step * np.arange(first, last + 1)
+        errors = state - law.trajectory.sample(times).state
+        errors[:, 0] = wrapped(errors[:, 0])
+        costs = law.costs[law.places(times)]
+        nearest = int(np.argmin(np.einsum('ki,kij,kj->k', errors, costs, errors)))
+        if 0 < nearest < len(times) - 1:  # else it was pushed, and the plan goes on as it did
+            planned = law.trajectory.sample(times[nearest])
+            rates = self._plant.derivative(planned.state, planned.control)
+            ahead = law.ahead(times[nearest], rates, errors[nearest])
+            self._late, self._seen = plan.elapsed(at) - float(times[nearest]) - ahead, at
+
+    def _law_of(self, plan: ActivePlan) -> PlanLaw:
+        if self._law is None or self._law.plan is not plan:
+            self.adopt(plan)
+        assert self._law is not None
+        return self._law.law
+
     def _table(self, plan: ActivePlan, mode: Mode, start: float, end: float) -> FeedbackTable:
         """Tabulate the law from instant to instant [s], its intervals at most the tracker's."""
         count = max(1, math.ceil((end - start) / self._interval * (1.0 - 1e-9)))
@@ -122,11 +152,8 @@ class SwingUpExecution(Execution):
         if mode is Mode.RECOVERING:
             gains[:] = self._tracker.recovery_gain
         elif mode is Mode.FOLLOWING:
-            if self._law is None or self._law.plan is not plan:
-                self.adopt(plan)
-            assert self._law is not None
-            law = self._law.law
-            edges = np.asarray(plan.elapsed(start) + step * np.arange(count + 1), dtype=float)
+            law, begin = self._law_of(plan), plan.elapsed(start) - self._late
+            edges = np.asarray(begin + step * np.arange(count + 1), dtype=float)
             elapsed = edges[:-1]
             after = elapsed >= plan.solution.duration
             references = law.trajectory.sample(elapsed).state

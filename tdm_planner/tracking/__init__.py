@@ -16,16 +16,11 @@ from tdm_planner.tracking.linear_quadratic import (
     time_varying_regulator,
     TimeVaryingRegulator,
 )
+from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRefused
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
-from tdm_planner.tracking.tracker import (
-    Action,
-    Command,
-    Phase,
-    TrajectoryRefused,
-    TrajectoryTracker,
-)
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 __all__ = [

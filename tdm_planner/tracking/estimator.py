@@ -83,7 +83,8 @@ class EstimatorNoise:
 
     `measurement` (nx,) are the standard deviations of the measured states; `model` is the relative
     error of the plant's rates, of which `rate_floor` (nx,) is the least magnitude assumed.
-    `driven` (nx,) marks the states whose rates carry that error (velocities, not positions).
+    `driven` (nx,) marks the states whose rates carry that error (velocities, not positions), which
+    stays about the same for `lasting` s.
     `prior` (nx,), by default `measurement`, are the standard deviations after the first sample.
     """
 
@@ -92,6 +93,7 @@ class EstimatorNoise:
     rate_floor: Array
     driven: NDArray[np.bool_]
     prior: Array | None = None
+    lasting: float = 0.0
 
 
 class StateEstimator:
@@ -99,10 +101,10 @@ class StateEstimator:
     An extended Kalman filter in continuous-discrete form (Gelb, "Applied Optimal Estimation").
 
     Samples carry the instant they were taken; between samples the estimate follows the plant's
-    equations of motion under the commands of `history`. `angles` (nx,) marks states that sensors
-    may report modulo 2 pi: the estimate runs on continuously. A sample that noise and model cannot
-    explain (a push, a reset) is believed. No step of the prediction is longer than `longest_step`
-    s.
+    equations of motion under the commands noted in its `history`. `angles` (nx,) marks states that
+    sensors may report modulo 2 pi: the estimate runs on continuously. A sample that noise and
+    model cannot explain (a push, a reset) is believed. No step of the prediction is longer than
+    `longest_step` s.
     """
 
     def __init__(
@@ -110,14 +112,13 @@ class StateEstimator:
         plant: DifferentiablePlant,
         noise: EstimatorNoise,
         angles: NDArray[np.bool_],
-        history: CommandHistory,
         longest_gap: float,
         longest_step: float = LARGEST_STEP,
     ) -> None:
         self._plant = plant
         self.noise = noise
-        self._angles = angles
-        self.history = history
+        self._angles, self.size = angles, angles.size
+        self.history = CommandHistory(len(plant.control_names))
         self._longest_gap, self._longest_step = longest_gap, longest_step
         self._measurement_covariance = np.diag(noise.measurement**2)
         prior = noise.measurement if noise.prior is None else noise.prior
@@ -163,8 +164,9 @@ class StateEstimator:
             step = slope * duration
             transition = np.eye(step.shape[0]) + step + 0.5 * step @ step
             self._covariance = transition @ self._covariance @ transition.T
-            # The model's error is about constant over an interval: it adds up with the time.
-            self._covariance += np.diag((spread * duration) ** 2)
+            # The model's error is about constant for a while: until then it adds up with the time.
+            lasting = max(duration, noise.lasting)
+            self._covariance += np.diag(spread**2 * duration * lasting)
             self._state = self.move(self._state, control, duration)
 
     def _correct(self, measured: Array) -> None:

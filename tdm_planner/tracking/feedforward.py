@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.linear_quadratic import time_varying_regulator
-from tdm_planner.tracking.tracker import TrajectoryRefused
+from tdm_planner.tracking.motion import TrajectoryRefused
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -50,11 +50,16 @@ class Feedforward:
 
 @dataclass(frozen=True, eq=False)
 class PlanLaw:
-    """What is prepared of a plan: feedforward, and gains (n, nu, nx), one every `step` s."""
+    """
+    What is prepared of a plan: feedforward, and gains (n, nu, nx), one every `step` s.
+
+    `costs` (n, nx, nx) are those that a deviation has still to come, as quadratic forms.
+    """
 
     trajectory: Trajectory = field(repr=False)
     feedforward: Feedforward
     gains: Array = field(repr=False)
+    costs: Array = field(repr=False)
     step: float
 
     @classmethod
@@ -85,14 +90,15 @@ class PlanLaw:
         sample = trajectory.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
         a, b = plant.jacobians(sample.state, sample.control)
         try:
-            gains = time_varying_regulator(a, b, *weights, terminal, step).gains
+            regulator = time_varying_regulator(a, b, *weights, terminal, step)
         except ValueError as error:
             raise TrajectoryRefused(
                 f'there is no feedback along the trajectory: {error}'
             ) from None
-        if not np.isfinite(gains).all():
+        if not np.isfinite(regulator.gains).all():
             raise TrajectoryRefused('there is no finite feedback along the trajectory')
-        return cls(trajectory, Feedforward(trajectory), gains, step)
+        costs = regulator.costs_to_go[:-1]
+        return cls(trajectory, Feedforward(trajectory), regulator.gains, costs, step)
 
     def places(self, elapsed: Array) -> NDArray[np.intp]:
         """Places of the gains at instants (n,) [s] after the start; the ends are held."""
@@ -100,4 +106,13 @@ class PlanLaw:
 
     def gain(self, elapsed: float) -> Array:
         """Gain (nu, nx) at `elapsed` s after the start."""
-        return np.asarray(self.gains[min(max(round(elapsed / self.step), 0), len(self.gains) - 1)])
+        return np.asarray(self.gains[self.places(np.asarray(elapsed))])
+
+    def ahead(self, elapsed: float, rates: Array, error: Array) -> float:
+        """
+        Time [s] by which a state is ahead of the plan, by its deviation `error` (nx,) from it.
+
+        That is how far along the plan, which changes at `rates` (nx,), the deviation is cheapest.
+        """
+        weighed = self.costs[self.places(np.asarray(elapsed))] @ rates
+        return float(weighed @ error) / max(float(weighed @ rates), 1e-300)

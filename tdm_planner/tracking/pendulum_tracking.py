@@ -12,9 +12,13 @@ Tracking of a swing-up: time-varying LQR along the plan, then LQR about upright.
 
 The torque over the coming command interval is
 
-    T = mean of the planned torque - K(t) (x - x_plan(t)),
+    T = mean of the planned torque - K(s) (x - x_plan(s)),
 
-saturated at the actuator's limit, of which the plan leaves a share to the feedback. The regulator
+saturated at the actuator's limit, of which the plan leaves a share to the feedback. A pendulum
+that swings more slowly than its model is late after a few swings, and no weak motor brings it
+forward: s, how far the plan has come, follows the state, and the plan is played at the pendulum's
+own pace, the root of its gravity over the model's, which is estimated on the way. Planned rates
+grow with the pace, planned torques with its square. The regulator
 about upright takes over at the plan's end. It does so before where the plan is lost, if the state
 is inside the largest level set of its cost to go, x'P x <= T_max^2 / (K P^-1 K'), in which its
 torque does not saturate.
@@ -31,26 +35,29 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
 from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
-from tdm_planner.tracking.tracker import Action, Motion, TrajectoryTracker, wrapped
-from tdm_planner.tracking.tracker_parameters import NOISE, TrackerParameters
+from tdm_planner.tracking.motion import Action, Motion, wrapped
+from tdm_planner.tracking.pendulum_estimation import (
+    EstimatorParameters,
+    longest_step,
+    pendulum_estimator,
+)
+from tdm_planner.tracking.tracker import TrajectoryTracker
+from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_GAIN_STEP = 5e-3  # s between the gains along a plan, and of a prediction: at most
-_FINE = 0.1  # of the time scale of the quickest swings, likewise
-_RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
 _SLOWEST = 12.0  # commands in the time scale of the quickest swings, and of the disk:
 _DISK = 3.0  # rad that it turns by the torque in the square of the latter
-# Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
-_RATE_FLOOR = 0.1
 # Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
 # for the quickest decay over strong and weak motors. Calm: angles in rad, rates in units of w0.
 _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
 _CALM = np.array([0.3, 0.5, 0.3, 0.1])
+_SHIFT = 0.5  # share of what the state is ahead of the plan that is made up for in 1 / w0
+_AHEAD = 0.04  # of 1 / w0, by which it counts as ahead at most: pushes are for the feedback
+_PACES = 0.85, 1.15  # at which a plan may be played
 
 
 @dataclass(frozen=True)
@@ -70,24 +77,6 @@ class FeedbackWeights(Validated):
 
 
 @dataclass(frozen=True)
-class EstimatorParameters(Validated):
-    """What the state estimator assumes."""
-
-    angle_noise: float = parameter(
-        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
-    )
-    rate_noise: float | None = parameter(
-        None,
-        "standard deviation of measured rates; unset: in proportion to the rig's speed",
-        unit='rad/s',
-        allowed=NOISE,
-    )
-    model_error: float = parameter(
-        0.1, "relative error of the model's accelerations", allowed=NOISE
-    )
-
-
-@dataclass(frozen=True)
 class PendulumTrackerParameters(TrackerParameters):
     """Parameters of the pendulum's tracker."""
 
@@ -104,24 +93,14 @@ class PendulumTracker(TrajectoryTracker):
 
     def __init__(self, parameters: PendulumTrackerParameters) -> None:
         plant = parameters.plant
-        history = CommandHistory(1)
-        super().__init__(parameters, _estimator(parameters, history), history)
+        estimator = pendulum_estimator(plant, parameters.estimator, parameters.state_timeout)
+        super().__init__(parameters, plant, estimator)
         frequency = plant.natural_frequency
         weights, limit = parameters.weights, parameters.limits.torque
         scale = np.array([1.0, 1.0, frequency, frequency])
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
         self._q = np.diag(diagonal / scale**2)
         self._r = np.array([[weights.torque / limit / limit]])
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the plant's states."""
-        return RotaryPendulum.state_names
-
-    @property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the plant's controls."""
-        return RotaryPendulum.control_names
 
     @cached_property
     def upright(self) -> Regulator:
@@ -164,12 +143,12 @@ class PendulumTracker(TrajectoryTracker):
     def prepare(self, trajectory: Trajectory) -> PlanLaw:
         """Compute the gains along the plan."""
         plant, terminal = self.parameters.plant, self.upright.cost_to_go
-        spacing = min(_GAIN_STEP, _FINE / plant.natural_frequency / plant.quickness)
-        return PlanLaw.along(plant, trajectory, (self._q, self._r), terminal, spacing)
+        weights = self._q, self._r
+        return PlanLaw.along(plant, trajectory, weights, terminal, longest_step(plant))
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (4,); theta the shorter way round."""
-        error = state - reference
+        error = state[:4] - reference
         error[0] = wrapped(error[0])
         return error
 
@@ -180,11 +159,29 @@ class PendulumTracker(TrajectoryTracker):
     def track(self, motion: Motion, time: float, state: Array) -> Action:
         """Mean planned torque plus time-varying feedback."""
         law: PlanLaw = motion.law
-        elapsed = time - motion.start
-        first = law.trajectory.times[0]
-        planned = law.feedforward.mean(first + elapsed, first + elapsed + self.parameters.interval)
-        reference = law.trajectory.sample(first + elapsed).state
+        elapsed = motion.elapsed(time)
+        first, step = law.trajectory.times[0] + elapsed, motion.pace * self.parameters.interval
+        planned = motion.pace**2 * law.feedforward.mean(first, first + step)
+        reference = law.trajectory.sample(first).state * self._scale(motion.pace)
         return self._action(planned, law.gain(elapsed), state, reference)
+
+    def paced(self, motion: Motion, time: float, state: Array) -> Motion:
+        """Move the plan towards where the state is on it, and play it at the rig's own pace."""
+        law: PlanLaw = motion.law
+        plant, elapsed = self.parameters.plant, motion.elapsed(time)
+        planned = law.trajectory.sample(law.trajectory.times[0] + elapsed)
+        error = self.error(state, planned.state * self._scale(motion.pace))
+        rates = plant.derivative(planned.state, planned.control)
+        step = plant.natural_frequency * self.parameters.interval
+        most = _AHEAD / plant.natural_frequency
+        ahead = min(max(law.ahead(elapsed, rates, error), -most), most)
+        pace = float(np.clip(math.sqrt(max(state[4], 0.0)), *_PACES))
+        return motion.played(time, elapsed + min(_SHIFT * step, 1.0) * ahead, pace)
+
+    @staticmethod
+    def _scale(pace: float) -> Array:
+        """Factors (4,) of planned states where the plan is played at a pace."""
+        return np.array([1.0, 1.0, pace, pace])
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about upright, the disk at the plan's last angle."""
@@ -211,7 +208,7 @@ class PendulumTracker(TrajectoryTracker):
     def recover(self, state: Array) -> Array:
         """Spring and damper on the disk: they take energy out until the pendulum hangs at rest."""
         limit = self.parameters.limits.torque
-        torque = float(-self.recovery_gain @ state)
+        torque = float(-self.recovery_gain @ state[:4])
         return np.array([min(max(torque, -limit), limit)])
 
     def calm(self, state: Array, slack: float) -> bool:
@@ -226,21 +223,3 @@ class PendulumTracker(TrajectoryTracker):
         limit = self.parameters.limits.torque
         torque = np.clip(planned - gain @ error, -limit, limit)
         return Action(torque, torque - planned, error, reference)
-
-
-def _estimator(parameters: PendulumTrackerParameters, history: CommandHistory) -> StateEstimator:
-    assumed = parameters.estimator
-    plant, rate_noise = parameters.plant, assumed.rate_noise
-    frequency = plant.natural_frequency
-    if rate_noise is None:
-        rate_noise = _RATE_NOISE * frequency
-    floor = _RATE_FLOOR * frequency**2
-    noise = EstimatorNoise(
-        measurement=np.array([assumed.angle_noise] * 2 + [rate_noise] * 2),
-        model=assumed.model_error,
-        rate_floor=np.full(4, floor),
-        driven=np.array([False, False, True, True]),
-    )
-    theta_only = np.array([True, False, False, False])
-    step = min(_GAIN_STEP, _FINE / frequency / plant.quickness)
-    return StateEstimator(plant, noise, theta_only, history, parameters.state_timeout, step)

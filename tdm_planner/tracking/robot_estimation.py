@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import StatedPlant
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
-from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ def actuator_gains(state: Array) -> tuple[float, float]:
     return min(max(thruster, lower), upper), min(max(wheel, lower), upper)
 
 
-def robot_estimator(parameters: RobotTrackerParameters, history: CommandHistory) -> StateEstimator:
+def robot_estimator(parameters: RobotTrackerParameters) -> StateEstimator:
     """Return the estimator of a robot's states and of its actuators' gains (9,)."""
     assumed, limits, plant = parameters.estimator, parameters.limits, parameters.plant
     push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
@@ -78,6 +78,4 @@ def robot_estimator(parameters: RobotTrackerParameters, history: CommandHistory)
     )
     angles = np.zeros(9, dtype=bool)
     angles[[_YAW, _ALPHA]] = True
-    return StateEstimator(
-        EstimatedRobot(plant), noise, angles, history, longest_gap=parameters.state_timeout
-    )
+    return StateEstimator(EstimatedRobot(plant), noise, angles, parameters.state_timeout)

@@ -32,17 +32,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.tracking.estimator import CommandHistory
 from tdm_planner.tracking.feedforward import Feedforward
+from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.robot_estimation import actuator_gains, robot_estimator
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
-from tdm_planner.tracking.tracker import (
-    Action,
-    Motion,
-    TrajectoryTracker,
-    wrapped,
-)
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -140,8 +134,7 @@ class RobotTracker(TrajectoryTracker):
     def __init__(
         self, parameters: RobotTrackerParameters, servo_share: float = _SERVO_SHARE
     ) -> None:
-        history = CommandHistory(3)
-        super().__init__(parameters, robot_estimator(parameters, history), history)
+        super().__init__(parameters, parameters.plant, robot_estimator(parameters))
         plant, limits, feedback = parameters.plant, parameters.limits, parameters.feedback
         self._largest = limits.thrust / plant.mass
         self._correcting = False
@@ -156,20 +149,6 @@ class RobotTracker(TrajectoryTracker):
         spin = limits.torque / plant.inertia
         self._yaw_stiffness = spin / feedback.yaw
         self._yaw_damping = math.sqrt(2.0 * self._yaw_stiffness)
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the plant's states."""
-        return FloatingRobot.state_names
-
-    @property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the plant's controls."""
-        return FloatingRobot.control_names
-
-    def observe(self, state: Array, stamp: float) -> None:
-        """Take a measured state (7,) of the instant `stamp` [s]."""
-        super().observe(np.concatenate([state, np.ones(2)]), stamp)
 
     def prepare(self, trajectory: Trajectory) -> RobotLaw:
         """Tabulate from where the thruster can reach the planned directions in time."""

@@ -25,15 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.tracking.estimator import CommandHistory, EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.linear_quadratic import discrete_regulator
-from tdm_planner.tracking.tracker import (
-    Action,
-    Motion,
-    Phase,
-    TrajectoryTracker,
-)
+from tdm_planner.tracking.motion import Action, Motion, Phase
+from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
@@ -71,8 +67,7 @@ class StatedTracker(TrajectoryTracker):
 
     def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
         self._problem, self._plant = problem, DirectPlant(problem)
-        nx, nu = len(problem.state_names), len(problem.control_names)
-        history = CommandHistory(nu)
+        nx = len(problem.state_names)
         measured, model = _BELIEVED
         noise = EstimatorNoise(
             measurement=np.full(nx, measured),
@@ -80,25 +75,14 @@ class StatedTracker(TrajectoryTracker):
             rate_floor=np.ones(nx),
             driven=np.ones(nx, dtype=bool),
         )
-        estimator = StateEstimator(
-            self._plant, noise, np.zeros(nx, dtype=bool), history, parameters.state_timeout
-        )
-        super().__init__(parameters, estimator, history)
+        continuous = np.zeros(nx, dtype=bool)
+        estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
+        super().__init__(parameters, self._plant, estimator)
         limits = self._plant.stated.control_limits
         unlimited = (-np.inf, np.inf)
         both = [limits.get(name, unlimited) for name in problem.control_names]
         self._lower, self._upper = np.array(both).T
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the plant's states."""
-        return tuple(self._problem.state_names)
-
-    @property
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the plant's controls."""
-        return tuple(self._problem.control_names)
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
         """Compute the gains along the plan."""
@@ -136,7 +120,7 @@ class StatedTracker(TrajectoryTracker):
     ) -> tuple[Hold | None, Array]:
         """Return how an end is held, if it can be, and the weight of a deviation there."""
         plant, state = self._plant, trajectory.states[end]
-        control = np.clip(np.zeros(len(self.control_names)), self._lower, self._upper)
+        control = np.clip(self.nothing, self._lower, self._upper)
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
             _, b = plant.jacobians(state, control)
@@ -178,7 +162,7 @@ class StatedTracker(TrajectoryTracker):
         """Feedback about the end; nothing where it cannot be held."""
         hold: Hold | None = motion.law.end
         if hold is None:
-            nothing = np.zeros(len(self.control_names))
+            nothing = self.nothing
             return Action(nothing, nothing, np.zeros(state.size), state)
         return self._action(hold.control, hold.gain, state, hold.state)
 
@@ -197,7 +181,7 @@ class StatedTracker(TrajectoryTracker):
         """Feedback about the start, where it can be held."""
         begin: Hold | None = motion.law.begin
         if begin is None:
-            return np.zeros(len(self.control_names))
+            return self.nothing
         return self._action(begin.control, begin.gain, state, begin.state).control
 
     def _action(

@@ -24,19 +24,26 @@ Instants are seconds of one clock; which one does not matter.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import replace
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.exceptions import TdmError
-from tdm_planner.parameters import LARGEST
-from tdm_planner.tracking.estimator import CommandHistory, StateEstimator
+from tdm_planner.plants.base import Named
+from tdm_planner.tracking.estimator import StateEstimator
+from tdm_planner.tracking.motion import (
+    Action,
+    check_trajectory,
+    Command,
+    Motion,
+    Phase,
+    TrajectoryMissed,
+    TrajectoryRefused,
+)
 from tdm_planner.tracking.repetition import RepetitionWatch
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
-from tdm_planner.trajectory import TimedTrajectory, Trajectory
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -46,66 +53,7 @@ BREAKDOWN = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is foreseen
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
-_LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
-_SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that is restarted goes on with it
-_LONGEST_MOTION = 3600.0  # s for which gains are prepared
-
-
-class TrajectoryRefused(TdmError):
-    """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
-
-    code: ClassVar[str] = 'TRAJECTORY_REFUSED'
-
-
-class TrajectoryMissed(TrajectoryRefused):
-    """It could have been tracked, but the plant is elsewhere, or it is over."""
-
-
-class Phase(str, Enum):
-    """What a tracker is doing."""
-
-    IDLE = 'idle'
-    WAITING = 'waiting'
-    TRACKING = 'tracking'
-    HOLDING = 'holding'
-    STOPPED = 'stopped'
-    RECOVERING = 'recovering'
-
-
-@dataclass(frozen=True, eq=False)
-class Action:
-    """
-    A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
-
-    `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
-    """
-
-    control: Array
-    feedback: Array
-    error: Array
-    reference: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Command:
-    """
-    What a tracker commands for the coming interval; `action` is None where no law is at work.
-
-    `problem` is a sentence where something is wrong, else empty.
-    """
-
-    control: Array
-    phase: Phase
-    action: Action | None = None
-    problem: str = ''
-
-
-@dataclass(frozen=True, eq=False)
-class Motion(TimedTrajectory):
-    """A plan that a tracker has accepted; `law` is what a subclass prepared for it."""
-
-    law: Any
 
 
 class TrajectoryTracker(ABC):
@@ -117,11 +65,13 @@ class TrajectoryTracker(ABC):
     """
 
     def __init__(
-        self, parameters: TrackerParameters, estimator: StateEstimator, history: CommandHistory
+        self, parameters: TrackerParameters, plant: Named, estimator: StateEstimator
     ) -> None:
         self.parameters = parameters
+        self.plant = plant
         self.estimator = estimator
-        self.history = history
+        self.history = estimator.history
+        self.nothing = np.zeros(len(plant.control_names))  # commanded
         self._repetition = RepetitionWatch(estimator, parameters.state_timeout)
         self.phase = Phase.IDLE
         self.reason = ''
@@ -133,16 +83,6 @@ class TrajectoryTracker(ABC):
         self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
 
     # What a plant's tracker must say.
-
-    @property
-    @abstractmethod
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the plant's states."""
-
-    @property
-    @abstractmethod
-    def control_names(self) -> tuple[str, ...]:
-        """Names of the plant's controls."""
 
     @abstractmethod
     def prepare(self, trajectory: Trajectory) -> Any:
@@ -164,6 +104,10 @@ class TrajectoryTracker(ABC):
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
         """Feedback about the end of the trajectory."""
 
+    def paced(self, motion: Motion, time: float, state: Array) -> Motion:
+        """Return the motion, put off or brought forward to where the plant is on it."""
+        return motion
+
     def captured(self, motion: Motion, time: float, state: Array) -> bool:
         """Whether `hold` may take over from `track`."""
         return time >= motion.end
@@ -175,18 +119,14 @@ class TrajectoryTracker(ABC):
 
     def wait(self, motion: Motion, state: Array) -> Array:
         """Return the controls (nu,) before the start of `motion`: nothing that moves the plant."""
-        return np.zeros(len(self.control_names))
+        return self.nothing
 
     def recover(self, state: Array) -> Array:
         """Return controls (nu,) that bring the plant to rest, wherever that is."""
-        return np.zeros(len(self.control_names))
+        return self.nothing
 
     def calm(self, state: Array, slack: float) -> bool:
-        """
-        Whether the plant is so near to rest that a new plan can be asked for.
-
-        `slack` widens the limits: 1 to become calm, more to stay so.
-        """
+        """Whether it is so near to rest that a plan can be asked for; to stay so `slack` > 1."""
         return True
 
     @property
@@ -197,10 +137,11 @@ class TrajectoryTracker(ABC):
     # What all have in common.
 
     def observe(self, state: Array, stamp: float) -> None:
-        """Take a measured state (nx,) of the instant `stamp` [s]."""
+        """Take a measured state (nx,) of the instant `stamp` [s]; gains to be estimated are 1."""
         newest = self.estimator.stamp
         if newest is not None and stamp <= newest:
             return
+        state = np.append(state, np.ones(self.estimator.size - state.size))
         try:
             with np.errstate(all='ignore'):
                 self._repetition.observe(state, stamp)
@@ -223,15 +164,8 @@ class TrajectoryTracker(ABC):
 
     def follows(self, trajectory: Trajectory, start: float) -> bool:
         """Whether the very trajectory, from the instant `start` [s] on, is active already."""
-        return any(
-            motion is not None
-            and motion.start == start
-            and motion.trajectory.states.shape == trajectory.states.shape
-            and np.allclose(motion.trajectory.times, trajectory.times, rtol=0.0, atol=_SAME)
-            and np.allclose(motion.trajectory.states, trajectory.states, rtol=0.0, atol=_SAME)
-            and np.allclose(motion.trajectory.controls, trajectory.controls, rtol=0.0, atol=_SAME)
-            for motion in (self.current, self.following)
-        )
+        motions = (self.current, self.following)
+        return any(motion is not None and motion.is_of(trajectory, start) for motion in motions)
 
     def accept(self, trajectory: Trajectory, start: float, now: float) -> None:
         """
@@ -248,7 +182,8 @@ class TrajectoryTracker(ABC):
 
         """
         try:
-            self._check(trajectory, start, now)
+            check_trajectory(self.plant, trajectory, start, now)
+            self._check_start(Motion(trajectory, start, None), now)
         except TrajectoryMissed as missed:
             lately = start <= now < start + trajectory.duration + _LATELY
             if self.phase is Phase.IDLE and lately and self.parameters.replan.on_deviation:
@@ -262,36 +197,6 @@ class TrajectoryTracker(ABC):
             self.current, self.following = motion, None
             self.phase, self.reason = Phase.WAITING, ''
 
-    def _check(self, trajectory: Trajectory, start: float, now: float) -> None:
-        for kind, has, wanted in (
-            ('states', trajectory.state_names, self.state_names),
-            ('controls', trajectory.control_names, self.control_names),
-        ):
-            if has != wanted:
-                raise TrajectoryRefused(
-                    f'the trajectory has {kind} {", ".join(has)}; expected {", ".join(wanted)}'
-                )
-        if not math.isfinite(start) or start + trajectory.duration <= now:
-            since = now - start - trajectory.duration
-            raise TrajectoryMissed(
-                f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
-            )
-        for what, seconds, most in (
-            ('starts', start - now, _LATEST_START),
-            ('lasts', trajectory.duration, _LONGEST_MOTION),
-        ):
-            if seconds > most:
-                raise TrajectoryRefused(
-                    f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
-                    f'be more than {most:g} s'
-                )
-        largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
-        if largest > LARGEST:
-            raise TrajectoryRefused(
-                f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
-            )
-        self._check_start(Motion(trajectory, start, None), now)
-
     def _prepared(self, trajectory: Trajectory) -> Any:
         try:
             with np.errstate(all='ignore'):
@@ -303,16 +208,14 @@ class TrajectoryTracker(ABC):
 
     def _check_start(self, motion: Motion, now: float) -> None:
         """Compare the state expected when `motion` takes over with the planned one."""
-        if self.state_age(now) > self.parameters.state_timeout:
+        at, stale = max(motion.start, now), self.state_age(now) > self.parameters.state_timeout
+        if stale or at - now > _LONGEST_FORESEEN:
             return  # nothing to compare with; the comparison is made at the start
-        at = max(motion.start, now)
-        if at - now > _LONGEST_FORESEEN:
-            return
         if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.unquiet:
             expected = self._foreseen(now, at)
         else:
             # From now on nothing is commanded.
-            self.history.add(now, np.zeros(len(self.control_names)))
+            self.history.add(now, self.nothing)
             expected = self.estimator.predict(at)
         self._compare(motion, expected, at)
 
@@ -342,23 +245,29 @@ class TrajectoryTracker(ABC):
 
     def _compare(self, motion: Motion, state: Array, time: float) -> None:
         midway = time > motion.start + self.parameters.interval
-        tolerance = self.parameters.tolerance
-        name, allowed = ('path', tolerance.path) if midway else ('start', tolerance.start)
-        deviation = self.deviation(self.error(state, motion.reference(time)))
-        if not deviation <= allowed:
-            raise TrajectoryMissed(
-                f'the state is {deviation:.3g} away from the trajectory at its '
-                f'{"present point" if midway else "start"}, more than tolerance.{name} = '
-                f'{allowed:g}'
-            )
+        name, place = ('path', 'present point') if midway else ('start', 'start')
+        error = self.error(state, motion.reference(time))
+        far = self._too_far(error, f'trajectory at its {place}', name)
+        if far:
+            raise TrajectoryMissed(far)
+
+    def _too_far(self, error: Array, what: str, name: str = 'path') -> str:
+        """Tell that a tolerance is exceeded; empty where it is not."""
+        deviation, allowed = self.deviation(error), getattr(self.parameters.tolerance, name)
+        if deviation <= allowed:
+            return ''
+        return (
+            f'the state is {deviation:.3g} away from the {what}, more than tolerance.{name} = '
+            f'{allowed:g}'
+        )
 
     def command(self, now: float) -> Command:
         """Return the command for the interval that begins now."""
         self._follow_clock(now)
         age = self.state_age(now)
-        if age > self.parameters.state_timeout:
-            return self._without_state(now, age)
         acts_at = now + self.parameters.command_delay
+        if age > self.parameters.state_timeout:
+            return self._nothing(acts_at, self._stale(now, age))
         try:
             with np.errstate(all='ignore'):
                 state = self.estimator.predict(acts_at)
@@ -385,30 +294,29 @@ class TrajectoryTracker(ABC):
             self.wants_plan = self.calm(state, _CALM_SLACK if self.wants_plan else 1.0)
             if not self.wants_plan:
                 return self.recover(state)
-        return np.zeros(len(self.control_names))
+        return self.nothing
 
     def _broken_down(self, acts_at: float, what: str) -> Command:
         """Give the motion up, forget the state and command nothing."""
         self.stop(f'the feedback broke down: {what}')
         self.estimator.reset()
-        control = np.zeros(len(self.control_names))
-        self.history.add(acts_at, control)
-        return Command(control, self.phase, None, self.reason)
+        return self._nothing(acts_at, self.reason)
 
-    def _without_state(self, now: float, age: float) -> Command:
-        control = np.zeros(len(self.control_names))
-        self.history.add(now + self.parameters.command_delay, control)
+    def _nothing(self, acts_at: float, problem: str) -> Command:
+        self.history.add(acts_at, self.nothing)
+        return Command(self.nothing, self.phase, None, problem)
+
+    def _stale(self, now: float, age: float) -> str:
+        """Tell why there is no state that can be believed."""
         if self._repetition.stuck:
-            problem = (
+            return (
                 'the measured state stays the same to the last digit, although what was commanded '
                 'must move the plant: is a sensor stuck?'
             )
-        elif math.isinf(age):
-            problem = self._broke_down(now) or 'no state has been received yet'
-        else:
-            timeout = self.parameters.state_timeout
-            problem = f'the newest state is older than state_timeout = {timeout:g} s'
-        return Command(control, self.phase, None, problem)
+        if math.isinf(age):
+            return self._broke_down(now) or 'no state has been received yet'
+        timeout = self.parameters.state_timeout
+        return f'the newest state is older than state_timeout = {timeout:g} s'
 
     def _follow_clock(self, now: float) -> None:
         if now < self._time - _CLOCK_TOLERANCE:
@@ -423,19 +331,16 @@ class TrajectoryTracker(ABC):
         motion = self.current
         if motion is None or self.phase not in (Phase.TRACKING, Phase.HOLDING):
             return None
-        if self.phase is Phase.TRACKING and self.captured(motion, time, state):
-            self.phase = Phase.HOLDING
-        law = self.track if self.phase is Phase.TRACKING else self.hold
-        action = law(motion, time, state)
-        deviation = self.deviation(action.error)
-        if not deviation <= self.parameters.tolerance.path:
-            what = 'trajectory' if self.phase is Phase.TRACKING else 'goal'
-            self.give_up(
-                f'the state is {deviation:.3g} away from the {what}, more than tolerance.path = '
-                f'{self.parameters.tolerance.path:g}'
-            )
-            return None
-        return action
+        if self.phase is Phase.TRACKING:
+            self.current = motion = self.paced(motion, time, state)
+            if self.captured(motion, time, state):
+                self.phase = Phase.HOLDING
+        tracking = self.phase is Phase.TRACKING
+        action = (self.track if tracking else self.hold)(motion, time, state)
+        far = self._too_far(action.error, 'trajectory' if tracking else 'goal')
+        if far:
+            self.give_up(far)
+        return None if far else action
 
     def _take_over(self, time: float, state: Array) -> None:
         """Let a trajectory whose start has come take over."""
@@ -466,9 +371,7 @@ class TrajectoryTracker(ABC):
         """
         self.phase, self.reason, self._time = other.phase, other.reason, other._time
         self.current, self.following = (
-            None
-            if motion is None
-            else Motion(motion.trajectory, motion.start, self._prepared(motion.trajectory))
+            None if motion is None else replace(motion, law=self._prepared(motion.trajectory))
             for motion in (other.current, other.following)
         )
         self.wants_plan, self._restless = other.wants_plan, other._restless
@@ -490,8 +393,3 @@ class TrajectoryTracker(ABC):
         """Give the motion up: nothing is commanded until the next trajectory."""
         self.phase, self.reason = Phase.STOPPED, reason
         self.current = self.following = None
-
-
-def wrapped(angle: Array) -> Array:
-    """Angle(s) [rad] brought into [-pi, pi) by whole turns."""
-    return np.asarray((angle + math.pi) % math.tau - math.pi)

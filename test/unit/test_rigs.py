@@ -23,7 +23,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, specifications
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 NODES = {'planner': '/pendulum', 'tracker': '/pendulum', 'pendulum_plant': '/pendulum'}

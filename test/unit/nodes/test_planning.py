@@ -31,7 +31,7 @@ from tdm_planner.nodes import planning
 from tdm_planner.nodes.answers import plan_answer
 from tdm_planner.nodes.planning import Failure, make_plan
 from tdm_planner.replanning import ActivePlan
-from tdm_planner.tracking.tracker import TrajectoryRefused
+from tdm_planner.tracking import TrajectoryRefused
 
 BEGIN = 1_700.0  # s
 

@@ -28,7 +28,7 @@ from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
-from tdm_planner.tracking.tracker import Phase
+from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
 
 NOW = 1_700_000_000_000_000_000  # ns

@@ -38,7 +38,7 @@ from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_seeds import laws
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.verification import replay
 
 PLANT = RotaryPendulum()

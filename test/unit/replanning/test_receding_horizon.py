@@ -74,7 +74,7 @@ def run(loop: RecedingHorizon, until: float) -> None:
 def push(loop: RecedingHorizon) -> None:
     """Push the pendulum after 0.7 s so that the feedback cannot mend it."""
     run(loop, 0.7)
-    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, -1e-3))
+    loop.vehicles[VEHICLE].plant.push(lambda x: pendulum_push(SWING.plant, x, 1.5e-3))
 
 
 def upright(loop: RecedingHorizon) -> bool:

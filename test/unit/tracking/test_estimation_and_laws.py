@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from closed_loop import HANGING, moved, pendulum_tracker
+from closed_loop import HANGING, moved
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -44,10 +44,14 @@ SEEDS = st.integers(0, 1000)
 Q, R = np.diag([1.0, 0.5, 0.2, 0.1]), np.array([[3.0]])
 
 
+def made() -> StateEstimator:
+    angles = np.array([True, False, False, False])
+    return StateEstimator(PLANT, NOISE, angles, longest_gap=0.1)
+
+
 @pytest.fixture
 def estimator() -> StateEstimator:
-    angles = np.array([True, False, False, False])
-    return StateEstimator(PLANT, NOISE, angles, CommandHistory(1), longest_gap=0.1)
+    return made()
 
 
 def true_motion(state: np.ndarray, *pieces: tuple[float, float]) -> np.ndarray:
@@ -139,7 +143,7 @@ class Sensor:
     """A watch on a pendulum, fed with samples 5 ms apart under a torque."""
 
     def __init__(self) -> None:
-        estimator = pendulum_tracker().estimator
+        estimator = made()
         self.history, self.move = estimator.history, estimator.move
         self.watch = RepetitionWatch(estimator, 0.1)
         self.time = 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
+from benchmark.rigs import rig
 from closed_loop import (
     HANGING,
     Loop,
@@ -31,9 +32,17 @@ import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.tracking import Phase, TrajectoryRefused
-from tdm_planner.tracking.tracker import wrapped
+from tdm_planner.tracking import (
+    PendulumTracker,
+    PendulumTrackerParameters,
+    Phase,
+    TrajectoryRefused,
+)
+from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
+from tdm_sim.mismatch import mismatched
+from tdm_sim.receding import Vehicle
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 STUCK = moved(HANGING, 0.0, 0.8, 0.0, 0.0)
 
@@ -98,15 +107,43 @@ def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, l
     assert held(loop, 0.3)
 
 
+@pytest.mark.parametrize(('seed', 'wrong'), [(7010, 0), (7036, 1)])
+def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
+    seed: int, wrong: int
+) -> None:
+    """Rigs of weak motors, on which gravity is up to 7 % weaker than the model says."""
+    asked = replace(rig(seed), torque_reserve=0.2)
+    model, true = asked.plant, mismatched(asked.plant, 0.05, wrong)
+    parameters = PendulumTrackerParameters(rate=50.0, plant=model, limits=asked.limits)
+    quick, late = model.natural_frequency, true.natural_frequency / model.natural_frequency
+    sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
+    limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
+    setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
+    loop = Loop(Vehicle(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
+    plan = asked.solve(deadline=20.0).trajectory
+    loop.begin(plan)
+    loop.run(0.1 + 0.9 * plan.duration)
+    assert loop.tracker.current is not None
+    assert loop.tracker.current.pace == pytest.approx(late, abs=0.01)
+    assert loop.tracker.current.late > 0.0
+    loop.run(0.2 * plan.duration + 20.0 / quick)
+    assert loop.tracker.phase is Phase.HOLDING
+    count = round(5.0 / quick / loop.tick)
+    assert np.abs(wrapped(np.array(loop.states[-count:])[:, 0])).max() < 0.05
+
+
+def noise(tracker: PendulumTracker) -> np.ndarray:
+    """Return what is assumed of the measured states (4,)."""
+    return tracker.estimator.noise.measurement[:4]
+
+
 def test_scales_follow_the_rig() -> None:
     usual, large = pendulum_tracker(), pendulum_tracker(plant__gravity=981.0)
     assert usual.warning == ''
-    assert usual.estimator.noise.measurement == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
-    ratio = large.estimator.noise.measurement / usual.estimator.noise.measurement
-    assert ratio == pytest.approx([1, 1, 10, 10])
+    assert noise(usual) == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
+    assert noise(large) / noise(usual) == pytest.approx([1, 1, 10, 10])
     assert large.warning == 'rate = 200 Hz is too slow for this rig: must be 1282 Hz or more'
-    told = pendulum_tracker(estimator__rate_noise=0.3).estimator.noise.measurement
-    assert told[2:] == pytest.approx([0.3, 0.3])
+    assert noise(pendulum_tracker(estimator__rate_noise=0.3))[2:] == pytest.approx([0.3, 0.3])
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
     assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
@@ -203,7 +240,7 @@ def test_the_start_is_compared_with_the_propagated_state(plan: Trajectory) -> No
     tracker = pendulum_tracker(tolerance__start=0.02)
     state = moved(HANGING, 0.05, 0.0, 0.0, 0.0)
     tracker.observe(state, 0.0)
-    at_start = tracker.estimator.predict(0.3)
+    at_start = tracker.estimator.predict(0.3)[:4]
     assert abs(at_start[0] - state[0]) > 0.03  # it swings meanwhile
     away = (at_start - plan.states[0]) * [1, 1, 0, 0]
     tracker.accept(replace(plan, states=plan.states + away, rates=None), 0.3, 0.0)
@@ -346,7 +383,7 @@ def test_where_a_new_plan_is_wanted_the_pendulum_is_brought_to_rest(
         assert loop.now < 10.0
     assert not loop.commands[-1].control.any()
     # a plan from the state that is expected half a second later is accepted, and works
-    start = tracker.estimator.predict(loop.now + 0.5)
+    start = tracker.estimator.predict(loop.now + 0.5)[:4]
     names = ('theta', 'psi', 'theta_dot', 'psi_dot')
     values = {f'start.{name}': x for name, x in zip(names, start.tolist(), strict=True)}
     new = build(PendulumSwingUp, {**STRONGLY, **values}).solve(deadline=10.0)

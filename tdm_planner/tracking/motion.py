@@ -1,0 +1,166 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Plans that a tracker follows: what may be one, in which phase it is, what is commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tdm_planner.exceptions import TdmError
+from tdm_planner.parameters import LARGEST
+from tdm_planner.plants.base import Named
+from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
+
+Array = NDArray[np.float64]
+
+_LATEST_START = 7200.0  # s ahead: a stamp beyond is that of another clock
+_LONGEST_MOTION = 3600.0  # s for which gains are prepared
+_SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
+
+
+class TrajectoryRefused(TdmError):
+    """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
+
+    code: ClassVar[str] = 'TRAJECTORY_REFUSED'
+
+
+class TrajectoryMissed(TrajectoryRefused):
+    """It could have been tracked, but the plant is elsewhere, or it is over."""
+
+
+class Phase(str, Enum):
+    """What a tracker is doing."""
+
+    IDLE = 'idle'
+    WAITING = 'waiting'
+    TRACKING = 'tracking'
+    HOLDING = 'holding'
+    STOPPED = 'stopped'
+    RECOVERING = 'recovering'
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """
+    A feedback law's answer: `control` (nu,), and the `feedback` (nu,) within it.
+
+    `error` (nx,) is the state minus `reference` (nx,), angles the shorter way round.
+    """
+
+    control: Array
+    feedback: Array
+    error: Array
+    reference: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """
+    What a tracker commands for the coming interval; `action` is None where no law is at work.
+
+    `problem` is a sentence where something is wrong, else empty.
+    """
+
+    control: Array
+    phase: Phase
+    action: Action | None = None
+    problem: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Motion(TimedTrajectory):
+    """
+    A plan that a tracker has accepted; `law` is what a subclass prepared for it.
+
+    It is followed `late` s after its time, `pace` times as fast as planned: 0 and 1, unless the
+    tracker waits for the plant or hurries after it.
+    """
+
+    law: Any
+    late: float = 0.0
+    pace: float = 1.0
+
+    @property
+    def end(self) -> float:
+        """Instant of the last sample [s]."""
+        return self.start + self.late + self.trajectory.duration / self.pace
+
+    def elapsed(self, time: float) -> float:
+        """How far the plan has come at an instant [s]: seconds of the plan since its start."""
+        return self.pace * (time - self.start - self.late)
+
+    def sample(self, time: ArrayLike) -> Sample:
+        """Read states and controls at instant(s) [s], held at the ends outside the samples."""
+        elapsed = self.pace * (np.asarray(time) - self.start - self.late)
+        return self.trajectory.sample(self.trajectory.times[0] + elapsed)
+
+    def played(self, time: float, elapsed: float, pace: float) -> Motion:
+        """Return the same, come so far at the instant `time` [s], and played at another pace."""
+        return replace(self, late=time - self.start - elapsed / pace, pace=pace)
+
+    def is_of(self, trajectory: Trajectory, start: float) -> bool:
+        """Whether it is the very trajectory from the instant `start` [s] on."""
+        own = self.trajectory
+        return (
+            self.start == start
+            and own.states.shape == trajectory.states.shape
+            and np.allclose(own.times, trajectory.times, rtol=0.0, atol=_SAME)
+            and np.allclose(own.states, trajectory.states, rtol=0.0, atol=_SAME)
+            and np.allclose(own.controls, trajectory.controls, rtol=0.0, atol=_SAME)
+        )
+
+
+def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: float) -> None:
+    """
+    Check that a trajectory is one of the plant's, and that it can be followed from `start` [s] on.
+
+    Raises
+    ------
+    TrajectoryRefused
+        If it cannot; TrajectoryMissed if it is over.
+
+    """
+    for kind, has, wanted in (
+        ('states', trajectory.state_names, plant.state_names),
+        ('controls', trajectory.control_names, plant.control_names),
+    ):
+        if has != tuple(wanted):
+            raise TrajectoryRefused(
+                f'the trajectory has {kind} {", ".join(has)}; expected {", ".join(wanted)}'
+            )
+    if not math.isfinite(start) or start + trajectory.duration <= now:
+        since = now - start - trajectory.duration
+        raise TrajectoryMissed(
+            f'the trajectory lies wholly in the past: it ended {since:.3g} s ago'
+        )
+    for what, seconds, most in (
+        ('starts', start - now, _LATEST_START),
+        ('lasts', trajectory.duration, _LONGEST_MOTION),
+    ):
+        if seconds > most:
+            raise TrajectoryRefused(
+                f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
+                f'be more than {most:g} s'
+            )
+    largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
+    if largest > LARGEST:
+        raise TrajectoryRefused(
+            f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
+        )
+
+
+def wrapped(angle: Array) -> Array:
+    """Angle(s) [rad] brought into [-pi, pi) by whole turns."""
+    return np.asarray((angle + math.pi) % math.tau - math.pi)
