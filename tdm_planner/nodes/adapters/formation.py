@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.nodes.adapters.base import Adapter, PlanRequest
-from tdm_planner.nodes.adapters.goal_tool import GoalTool, place_in_arena
+from tdm_planner.nodes.adapters.goal_tool import GoalTool
 from tdm_planner.nodes.adapters.vehicle import Vehicle
 from tdm_planner.nodes.formation_markers import formation_markers
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
@@ -27,7 +27,7 @@ from tdm_planner.nodes.robot_markers import RobotLook, RobotPicture
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems.base import Solution
-from tdm_planner.problems.formation_parameters import Arena
+from tdm_planner.problems.formation_parameters import Arena, place_in_arena
 from tdm_planner.problems.robot_formation import RobotFormation
 from tdm_planner.replanning import FormationExecution
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters

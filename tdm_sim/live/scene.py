@@ -1,0 +1,219 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The 3-D part of the page: pictures, camera, grips, sentences beside what was dragged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+import textwrap
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_sim.live.geometry import KINDS, Picture, Solids, View
+from tdm_sim.live.grips import Grip, Pose
+import trimesh
+import viser
+
+Array = NDArray[np.float64]
+Dragged = Callable[[Grip, Pose], None]
+Pulled = Callable[[int, tuple[float, ...], tuple[float, ...]], None]
+
+_MESHES: Mapping[str, Callable[[], Any]] = {
+    'cylinder': lambda: trimesh.creation.cylinder(radius=1.0, height=1.0, sections=32),
+    'ball': lambda: trimesh.creation.icosphere(subdivisions=3, radius=1.0),
+    'box': lambda: trimesh.creation.box(),
+}
+_LINE = 2.5  # px
+_LETTERS = 40  # in a line of a sentence
+
+
+class Layer:
+    """A picture under a name; what changes is sent, in few messages."""
+
+    def __init__(self, server: viser.ViserServer, name: str, pulled: Pulled | None = None) -> None:
+        self._server, self._name, self._pulled = server, name, pulled
+        self._solids: dict[str, Any] = {}
+        self._groups: dict[str, NDArray[np.int_]] = {}
+        self._lines: Any = None
+
+    def show(self, picture: Picture) -> None:
+        """Show another picture."""
+        for kind in KINDS:
+            self._show(kind, picture.solids[kind])
+        if self._lines is not None and len(self._lines.points) != len(picture.lines):
+            self._lines.remove()
+            self._lines = None
+        if self._lines is None:
+            if len(picture.lines):
+                self._lines = self._server.scene.add_line_segments(
+                    f'/{self._name}/lines',
+                    points=picture.lines,
+                    colors=picture.line_colours,
+                    thickness=_LINE,
+                    thickness_units='screen',
+                )
+            return
+        self._lines.points, self._lines.colors = picture.lines, picture.line_colours
+
+    def _show(self, kind: str, solids: Solids) -> None:
+        handle = self._solids.get(kind)
+        self._groups[kind] = solids.groups
+        if handle is not None and len(handle.batched_positions) != len(solids.places):
+            self._solids.pop(kind).remove()
+            handle = None
+        if handle is None:
+            if len(solids.places):
+                self._solids[kind] = self._add(kind, solids)
+            return
+        handle.batched_positions = solids.places
+        handle.batched_wxyzs = solids.rotations
+        handle.batched_scales = solids.sizes
+        handle.batched_colors = solids.colours
+        if handle.batched_opacities is not None:
+            handle.batched_opacities = solids.opacities
+
+    def _add(self, kind: str, solids: Solids) -> Any:
+        mesh = _MESHES[kind]()
+        handle = self._server.scene.add_batched_meshes_simple(
+            f'/{self._name}/{kind}',
+            vertices=mesh.vertices,
+            faces=mesh.faces,
+            batched_wxyzs=solids.rotations,
+            batched_positions=solids.places,
+            batched_scales=solids.sizes,
+            batched_colors=solids.colours,
+            batched_opacities=None if (solids.opacities == 1.0).all() else solids.opacities,
+            flat_shading=kind != 'ball',
+            lod='off',
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        if self._pulled is not None:
+            handle.on_drag(partial(self._on_drag, kind))
+        return handle
+
+    def _on_drag(self, kind: str, event: Any) -> None:
+        if event.phase == 'end' and self._pulled is not None:
+            group = int(self._groups[kind][event.instance_index or 0])
+            self._pulled(group, event.start_position, event.end_position)
+
+
+class Hold:
+    """A grip on the page, and the sentence beside it."""
+
+    def __init__(
+        self, server: viser.ViserServer, grip: Grip, pose: Pose, dragged: Dragged
+    ) -> None:
+        self.grip = grip
+        name = f'/grips/{grip.name}'
+        self._label: Any = None
+        self._server, self._name = server, name
+        turns = grip.moves == 'turn'
+        self._handle = server.scene.add_transform_controls(
+            name,
+            scale=grip.size,
+            active_axes=(True, True, False),
+            disable_axes=turns,
+            disable_sliders=turns,
+            depth_test=False,
+            opacity=0.75,
+            position=pose[0],
+            wxyz=pose[1],
+        )
+        self._held, self._given = False, pose
+
+        async def on_update(event: Any) -> None:  # a coroutine: phases come in their order
+            self._held = event.phase != 'end'
+            if event.phase != 'start':
+                dragged(self.grip, (np.array(event.target.position), np.array(event.target.wxyz)))
+
+        self._handle.on_update(on_update)
+
+    def move(self, pose: Pose) -> None:
+        """
+        Put it elsewhere, unless somebody holds it.
+
+        Where it was dropped it stays until what it stands for changes.
+        """
+        changed = any(not np.allclose(*pair) for pair in zip(pose, self._given, strict=True))
+        if changed and not self._held:
+            self._given = pose
+            self._handle.position, self._handle.wxyz = pose
+
+    def tell(self, text: str) -> None:
+        """Show a sentence beside it; '' shows none."""
+        if self._label is not None:
+            self._label.remove()
+            self._label = None
+        if text:
+            self._label = self._server.scene.add_label(
+                f'{self._name}/reason', textwrap.fill(text, _LETTERS), anchor='bottom-center'
+            )
+
+    def remove(self) -> None:
+        """Take it away."""
+        self._handle.remove()
+
+
+class Scene:
+    """Everything in space: layers by name, grips, camera."""
+
+    def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
+        self._server, self._dragged = server, dragged
+        self._layers = {
+            'still': Layer(server, 'still'),
+            'plan': Layer(server, 'plan'),
+            'ghost': Layer(server, 'ghost'),
+            'plants': Layer(server, 'plants', pulled),
+        }
+        self.holds: dict[str, Hold] = {}
+        self._grid: Any = None
+        server.scene.world_axes.visible = False
+        server.scene.configure_default_lights(cast_shadow=False)
+
+    def show(self, layer: str, picture: Picture) -> None:
+        """Show a picture in a layer."""
+        self._layers[layer].show(picture)
+
+    def look(self, view: View) -> None:
+        """Let the camera of every browser, and of those that come, stand where a view says."""
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = view.camera, view.target
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = view.camera, view.target
+        if self._grid is not None:
+            self._grid.remove()
+        step = 10.0 ** np.floor(np.log10(view.size))
+        self._grid = self._server.scene.add_grid(
+            '/grid',
+            width=4.0 * view.size,
+            height=4.0 * view.size,
+            cell_size=0.1 * step,
+            section_size=step,
+            position=(view.target[0], view.target[1], -view.width),
+        )
+
+    def hold(self, grips: Mapping[str, tuple[Grip, Pose]]) -> None:
+        """Show these grips and no others; those that are there are moved."""
+        for name in [name for name in self.holds if name not in grips]:
+            self.holds.pop(name).remove()
+        for name, (grip, pose) in grips.items():
+            if name in self.holds:
+                self.holds[name].grip = grip
+                self.holds[name].move(pose)
+            else:
+                self.holds[name] = Hold(self._server, grip, pose, self._dragged)
+
+    def tell(self, grip: str, text: str) -> None:
+        """Show a sentence beside a grip; '' shows none."""
+        if grip in self.holds:
+            self.holds[grip].tell(text)
