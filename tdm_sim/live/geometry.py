@@ -29,7 +29,6 @@ from tdm_planner.palette import COLOURS
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-KINDS: Final = ('cylinder', 'ball', 'box')
 UPWARDS: Final = np.array([1.0, 0.0, 0.0, 0.0])  # the rotation that turns nothing
 
 _PAINT: dict[Style, Colour] = {
@@ -39,6 +38,7 @@ _PAINT: dict[Style, Colour] = {
     'goal': (24, 150, 90),
     'force': (235, 95, 30),
 }
+_PLANNED: Colour = (70, 130, 235)
 _CLEAR: dict[Style, float] = {'limit': 0.45, 'reach': 0.16}  # opacity of discs and boxes
 _THICK: dict[Style, float] = {'body': 1.0, 'force': 1.8}  # of lines that are tubes, in widths
 _FLAT: dict[Style, float] = {
@@ -50,17 +50,18 @@ _WIDTH = 0.007  # of a tube, as a share of the drawing's size
 
 
 class Look(NamedTuple):
-    """How a group of shapes is drawn: the colour of its bodies, its opacity, its styles."""
+    """How a group of shapes is drawn: colours of bodies and their lines, opacity, styles."""
 
     body: Colour | None = None
+    line: Colour | None = None
     opacity: float = 1.0
     styles: frozenset[Style] = frozenset(_PAINT)
 
 
-GHOST: Final = Look((70, 130, 235), 0.35, frozenset({'body'}))
-PATH: Final = (70, 130, 235)  # of the only vehicle
+GHOST: Final = Look(_PLANNED, _PLANNED, 0.35, frozenset({'body'}))
+PATH: Final = _PLANNED  # of the only vehicle
 NOTHING: Final[Sequence[tuple[Sequence[Shape], Look]]] = ()
-GOAL: Final = Look((24, 150, 90), 0.45, frozenset({'body'}))
+GOAL: Final = Look(_PAINT['goal'], _PAINT['goal'], 0.45, frozenset({'body'}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +69,14 @@ class Solids:
     """
     Copies of a unit shape.
 
-    `places` (n, 3) and `sizes` (n, 3) [m], `rotations` (n, 4) wxyz, `colours` (n, 3), `opacities`
-    (n,); `groups` (n,) are the groups of shapes that they are of.
+    `places` (n, 3) and `sizes` (n, 3) [m], `rotations` (n, 4) wxyz, `colours` (n, 3); `groups`
+    (n,) are the groups of shapes that they are of.
     """
 
     places: Array
     rotations: Array
     sizes: Array
     colours: NDArray[np.uint8]
-    opacities: Array
     groups: NDArray[np.int_]
 
 
@@ -85,15 +85,18 @@ class _Copy(NamedTuple):
     rotation: Array
     size: Array
     colour: Colour
-    opacity: float
     group: int
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What is drawn: solids by kind, and the ends (n, 2, 3) of thin lines with their colours."""
+    """
+    What is drawn.
 
-    solids: dict[str, Solids]
+    Solids by kind and opacity; the ends (n, 2, 3) [m] of thin lines, with their colours.
+    """
+
+    solids: dict[tuple[str, float], Solids]
     lines: Array
     line_colours: NDArray[np.uint8]
 
@@ -108,7 +111,7 @@ def picture(
 
     `paths` are ways (n, 2 or 3) that are drawn as thin lines.
     """
-    copies: dict[str, list[_Copy]] = {kind: [] for kind in KINDS}
+    copies: dict[tuple[str, float], list[_Copy]] = {}
     ends: list[Array] = []
     paints: list[Colour] = []
     for way, colour in paths:
@@ -119,34 +122,35 @@ def picture(
         for shape in shapes:
             if shape.style not in look.styles:
                 continue
-            paint = _PAINT[shape.style]
-            if shape.style == 'body' and look.body is not None:
-                paint = look.body
-            points = in_space(points_of(shape, 1)[0])
+            points, paint = in_space(points_of(shape, 1)[0]), _PAINT[shape.style]
             if isinstance(shape, Line):
+                if shape.style == 'body':
+                    paint = look.line or paint
                 pairs = np.stack([points[:-1], points[1:]], axis=1)
                 if shape.style not in _THICK:
                     ends.extend(pairs)
                     paints.extend([paint] * len(pairs))
                     continue
                 thick = width * _THICK[shape.style]
-                copies['cylinder'] += [
-                    _Copy(*_tube(first, last, thick), paint, look.opacity, group)
-                    for first, last in pairs
-                ]
+                copies.setdefault(('cylinder', look.opacity), []).extend(
+                    _Copy(*_tube(first, last, thick), paint, group) for first, last in pairs
+                )
                 continue
-            clear = look.opacity * _CLEAR.get(shape.style, 1.0)
+            if shape.style == 'body':
+                paint = look.body or paint
             height = width * _FLAT.get(shape.style, 1.0)
+            turn, centre = UPWARDS, points[0]
             if isinstance(shape, Disc):
                 flat = len(shape.centre) == 2
-                sizes = np.array([shape.radius, shape.radius, height if flat else shape.radius])
                 kind = 'cylinder' if flat else 'ball'
-                copies[kind].append(_Copy(points[0], UPWARDS, sizes, paint, clear, group))
+                sizes = np.array([shape.radius, shape.radius, height if flat else shape.radius])
             else:
+                kind, turn = 'box', about((0.0, 0.0, 1.0), float(np.asarray(shape.turn)))
+                centre = in_space(np.array([float(np.asarray(part)) for part in shape.centre]))
                 sizes = np.array([*map(float, shape.size), height][:3])
-                centre = in_space(np.array([[float(np.asarray(part)) for part in shape.centre]]))
-                turn = about((0.0, 0.0, 1.0), float(np.asarray(shape.turn)))
-                copies['box'].append(_Copy(centre[0], turn, sizes, paint, clear, group))
+            clear = look.opacity * _CLEAR.get(shape.style, 1.0)
+            copy = _Copy(centre, turn, sizes, paint, group)
+            copies.setdefault((kind, clear), []).append(copy)
     return Picture(
         {kind: _stacked(found) for kind, found in copies.items()},
         np.array(ends).reshape(-1, 2, 3),
@@ -156,11 +160,10 @@ def picture(
 
 def _stacked(copies: Sequence[_Copy]) -> Solids:
     return Solids(
-        np.array([copy.place for copy in copies]).reshape(-1, 3),
-        np.array([copy.rotation for copy in copies]).reshape(-1, 4),
-        np.array([copy.size for copy in copies]).reshape(-1, 3),
-        np.array([copy.colour for copy in copies], dtype=np.uint8).reshape(-1, 3),
-        np.array([copy.opacity for copy in copies], dtype=float),
+        np.array([copy.place for copy in copies]),
+        np.array([copy.rotation for copy in copies]),
+        np.array([copy.size for copy in copies]),
+        np.array([copy.colour for copy in copies], dtype=np.uint8),
         np.array([copy.group for copy in copies], dtype=int),
     )
 
@@ -183,10 +186,11 @@ def from_vertical(direction: Array) -> Array:
     length = float(np.linalg.norm(direction))
     if length == 0.0:
         return UPWARDS
-    x, y, z = direction / length
-    if z < -1.0 + 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    half = np.array([1.0 + z, -y, x, 0.0])
+    x, y, z = (direction / length).tolist()
+    across = x * x + y * y
+    if across == 0.0:
+        return UPWARDS if z > 0.0 else np.array([0.0, 1.0, 0.0, 0.0])
+    half = np.array([1.0 + z if z > 0.0 else across / (1.0 - z), -y, x, 0.0])
     return np.asarray(half / np.linalg.norm(half))
 
 
@@ -211,11 +215,12 @@ def _wxyz(rotation: Rotation) -> Array:
 
 
 class View(NamedTuple):
-    """Where the camera stands and what it looks at [m], and how wide a tube is drawn."""
+    """Where the camera stands and what it looks at; size and lowest point of what is drawn [m]."""
 
     camera: Array
     target: Array
     size: float
+    floor: float
 
     @property
     def width(self) -> float:
@@ -225,20 +230,19 @@ class View(NamedTuple):
 
 def view_on(shapes: Iterable[Shape]) -> View:
     """Return a view on shapes: on the plane from above, in space from the side."""
-    corners, flat = [np.zeros((1, 3))], True
+    corners, flat = [], True
     for shape in shapes:
         points = points_of(shape, 1)[0]
         flat &= points.shape[1] == 2
         around = shape.radius if isinstance(shape, Disc) else 0.0
         corners += [in_space(points) - around, in_space(points) + around]
-    # The origin counts only where there is nothing else.
-    found = np.concatenate(corners[1:] or [np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])])
+    found = np.concatenate(corners or [np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])])
+    if flat:
+        found[:, 2] = 0.0
     low, high = found.min(axis=0), found.max(axis=0)
     target, size = 0.5 * (low + high), max(float((high - low).max()), 1e-3)
-    away = np.array([0.0, -0.35, 0.85]) if flat else np.array([0.85, -0.85, 0.55])
-    if flat:
-        target[2] = 0.0
-    return View(target + size * away, target, size)
+    away = np.array([0.0, -0.35, 0.85]) if flat else np.array([1.1, -1.1, 0.7])
+    return View(target + size * away, target, size, float(low[2]))
 
 
 def colour_of(number: int, count: int) -> Colour | None:

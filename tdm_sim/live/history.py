@@ -58,7 +58,7 @@ class History:
         rows = self._rows
         if rows and instant < rows[-1][0]:
             rows.clear()
-        if not rows or instant - rows[-1][0] > 0.6 / RATE:
+        if not rows or instant - rows[-1][0] > 0.8 / RATE:
             rows.append((instant, state, control))
 
     def charts(self, plan: TimedTrajectory | None) -> list[Chart]:

@@ -105,8 +105,8 @@ class Page:
             faults.append('no sign of life from ' + ', '.join(silent))
         rows = [(title, _worst(found)) for title, found in nodes.items() if found]
         if plan is not None:
-            rows.append((f'plan {plan.plan_id}', plan.summary))
-            rows.append(('solved in', f'{1e3 * plan.solve_time:.0f} ms'))
+            solved = f'solved in {1e3 * plan.solve_time:.0f} ms'
+            rows.append((f'plan {plan.plan_id}', f'{plan.summary}; {solved}'))
         self._panel.tell(rows, '; '.join(filter(None, faults)))
         self._panel.events(list(listener.events)[::-1][:_EVENTS])
         simulated = any(not node.silent for node in nodes['plant'])
@@ -149,10 +149,9 @@ class Page:
         self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
 
     def _place_camera(self, states: list[Array]) -> None:
-        """Let the camera see what stands still, or else a vehicle in these states (nx,)."""
-        still = self._rig.view.surroundings()
-        shapes = still or [shape for state in states for shape in self._rig.drawn(state)]
-        view = view_on(shapes)
+        """Let the camera see what stands still, and a vehicle in these states (nx,)."""
+        drawn = [shape for state in states for shape in self._rig.drawn(state)]
+        view = view_on([*self._rig.view.surroundings(), *drawn])
         self._width = view.width
         self._scene.look(view)
         self._show_surroundings()

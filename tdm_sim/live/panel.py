@@ -24,7 +24,10 @@ import viser
 
 _HEIGHT = 150  # px of a plot
 _LEVELS = {30: '#b26a00', 40: LIMIT, 50: LIMIT}  # colours of warnings and errors
-_SMALL = 'font-size: 0.8em; line-height: 1.35; padding: 0 0.6em; overflow-wrap: anywhere;'
+_NAME = 'color: #888; padding-right: 0.8em; white-space: nowrap'
+_SMALL = (
+    'font-size: 0.8em; line-height: 1.35; padding: 0.3em 0.6em 0.8em; overflow-wrap: anywhere;'
+)
 
 
 class Actions(Protocol):
@@ -64,6 +67,7 @@ class Panel:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width='large')
         gui.set_panel_label(title)
+        gui.main_panel.dock_right()
         self._status = gui.add_html('')
         tabs = gui.add_tab_group()
         with tabs.add_tab('Drive'):
@@ -111,7 +115,7 @@ class Panel:
     def tell(self, lines: Iterable[tuple[str, str]], fault: str = '') -> None:
         """Show figures by name, and above them what is wrong."""
         rows = ''.join(
-            f'<tr><td style="color: #888; padding-right: 1em">{_text(name)}</td>'
+            f'<tr style="vertical-align: top"><td style="{_NAME}">{_text(name)}</td>'
             f'<td>{_text(value)}</td></tr>'
             for name, value in lines
         )
@@ -225,7 +229,7 @@ class Panel:
 
 def _series(chart: Chart) -> tuple[Any, ...]:
     measured = [name for name in chart.curves if name not in chart.planned]
-    series: list[Any] = [{'label': ''}]
+    series: list[Any] = [{'label': 's'}]
     for name in chart.curves:
         dashed = name in chart.planned
         number = measured.index(name.partition(',')[0] if dashed else name)

@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_sim.live.geometry import KINDS, Picture, Solids, View
+from tdm_sim.live.geometry import Picture, Solids, View
 from tdm_sim.live.grips import Grip, Pose
 import trimesh
 import viser
 
 Array = NDArray[np.float64]
+Kind = tuple[str, float]  # of solids, and their opacity
 Dragged = Callable[[Grip, Pose], None]
 Pulled = Callable[[int, tuple[float, ...], tuple[float, ...]], None]
 
@@ -33,6 +34,7 @@ _MESHES: Mapping[str, Callable[[], Any]] = {
     'box': lambda: trimesh.creation.box(),
 }
 _LINE = 2.5  # px
+_LIGHT = 0.35  # of the surroundings; more makes colours pale
 _LETTERS = 40  # in a line of a sentence
 
 
@@ -41,58 +43,54 @@ class Layer:
 
     def __init__(self, server: viser.ViserServer, name: str, pulled: Pulled | None = None) -> None:
         self._server, self._name, self._pulled = server, name, pulled
-        self._solids: dict[str, Any] = {}
-        self._groups: dict[str, NDArray[np.int_]] = {}
+        self._solids: dict[Kind, Any] = {}
+        self._groups: dict[Kind, NDArray[np.int_]] = {}
         self._lines: Any = None
 
     def show(self, picture: Picture) -> None:
         """Show another picture."""
-        for kind in KINDS:
-            self._show(kind, picture.solids[kind])
-        if self._lines is not None and len(self._lines.points) != len(picture.lines):
-            self._lines.remove()
-            self._lines = None
-        if self._lines is None:
-            if len(picture.lines):
-                self._lines = self._server.scene.add_line_segments(
-                    f'/{self._name}/lines',
-                    points=picture.lines,
-                    colors=picture.line_colours,
-                    thickness=_LINE,
-                    thickness_units='screen',
-                )
+        solids = picture.solids
+        for kind, handle in list(self._solids.items()):
+            if kind not in solids or len(handle.batched_positions) != len(solids[kind].places):
+                self._solids.pop(kind).remove()
+        for kind, found in solids.items():
+            self._groups[kind] = found.groups
+            handle = self._solids.get(kind)
+            if handle is None:
+                self._solids[kind] = self._add(kind, found)
+                continue
+            handle.batched_positions, handle.batched_wxyzs = found.places, found.rotations
+            handle.batched_scales, handle.batched_colors = found.sizes, found.colours
+        lines, count = self._lines, len(picture.lines)
+        if lines is not None and len(lines.points) == count:
+            lines.points, lines.colors = picture.lines, picture.line_colours
             return
-        self._lines.points, self._lines.colors = picture.lines, picture.line_colours
+        if lines is not None:
+            lines.remove()
+        self._lines = None if count == 0 else self._add_lines(picture)
 
-    def _show(self, kind: str, solids: Solids) -> None:
-        handle = self._solids.get(kind)
-        self._groups[kind] = solids.groups
-        if handle is not None and len(handle.batched_positions) != len(solids.places):
-            self._solids.pop(kind).remove()
-            handle = None
-        if handle is None:
-            if len(solids.places):
-                self._solids[kind] = self._add(kind, solids)
-            return
-        handle.batched_positions = solids.places
-        handle.batched_wxyzs = solids.rotations
-        handle.batched_scales = solids.sizes
-        handle.batched_colors = solids.colours
-        if handle.batched_opacities is not None:
-            handle.batched_opacities = solids.opacities
+    def _add_lines(self, picture: Picture) -> Any:
+        return self._server.scene.add_line_segments(
+            f'/{self._name}/lines',
+            points=picture.lines,
+            colors=picture.line_colours,
+            thickness=_LINE,
+            thickness_units='screen',
+        )
 
-    def _add(self, kind: str, solids: Solids) -> Any:
-        mesh = _MESHES[kind]()
+    def _add(self, kind: Kind, solids: Solids) -> Any:
+        shape, opacity = kind
+        mesh = _MESHES[shape]()
         handle = self._server.scene.add_batched_meshes_simple(
-            f'/{self._name}/{kind}',
+            f'/{self._name}/{shape}_{100 * opacity:.0f}',
             vertices=mesh.vertices,
             faces=mesh.faces,
             batched_wxyzs=solids.rotations,
             batched_positions=solids.places,
             batched_scales=solids.sizes,
             batched_colors=solids.colours,
-            batched_opacities=None if (solids.opacities == 1.0).all() else solids.opacities,
-            flat_shading=kind != 'ball',
+            opacity=None if opacity == 1.0 else opacity,
+            flat_shading=shape != 'ball',
             lod='off',
             cast_shadow=False,
             receive_shadow=False,
@@ -101,7 +99,7 @@ class Layer:
             handle.on_drag(partial(self._on_drag, kind))
         return handle
 
-    def _on_drag(self, kind: str, event: Any) -> None:
+    def _on_drag(self, kind: Kind, event: Any) -> None:
         if event.phase == 'end' and self._pulled is not None:
             group = int(self._groups[kind][event.instance_index or 0])
             self._pulled(group, event.start_position, event.end_position)
@@ -179,6 +177,7 @@ class Scene:
         self._grid: Any = None
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.configure_environment_map(environment_intensity=_LIGHT)
 
     def show(self, layer: str, picture: Picture) -> None:
         """Show a picture in a layer."""
@@ -199,7 +198,7 @@ class Scene:
             height=4.0 * view.size,
             cell_size=0.1 * step,
             section_size=step,
-            position=(view.target[0], view.target[1], -view.width),
+            position=(view.target[0], view.target[1], view.floor - view.width),
         )
 
     def hold(self, grips: Mapping[str, tuple[Grip, Pose]]) -> None:
