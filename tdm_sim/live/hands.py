@@ -22,7 +22,7 @@ from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.sliders import Slider
-from tdm_sim.live.wishes import start_delay, Told, Wishes
+from tdm_sim.live.wishes import LONGEST, start_delay, Told, Wishes
 
 REPLAN_RATE = 5.0  # Hz
 PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
@@ -150,6 +150,14 @@ class Hands:
                     raise
                 time.sleep(_LOOK)
 
+    def _await_start(self) -> None:
+        """Wait until the newest plan has begun: until then the planner makes no other."""
+        end = time.monotonic() + 2.0 * LONGEST
+        while (plan := self._listener.client.newest) is not None and time.monotonic() < end:
+            if all(motion.instant >= plan.start for motion in self.rig.motions.values()):
+                return
+            time.sleep(_LOOK)
+
     def _push(self, wanted: Mapping[str, Any], name: str) -> str:
         """Push a vehicle, with parameters that are set for this push alone."""
         space = self._listener.space
@@ -165,6 +173,7 @@ class Hands:
             self._listener.set_parameters(nodes, before)
 
     def _reset(self) -> str:
+        self._await_start()  # or the plan would go on from the initial state
         told = [
             self._listener.trigger(f'{node.space}/reset')
             for node in self._listener.having(SIMULATION)

@@ -234,7 +234,11 @@ class Page:
         self._server.send_file_download(file.name, file.read_bytes())
 
     def _on_dragged(self, grip: Grip, pose: Pose) -> None:
-        self._hands.drag(grip, pose, partial(self._scene.tell, grip.name))
+        def told(text: str) -> None:
+            self._scene.tell(grip.name, text)
+            self._panel.note(text)
+
+        self._hands.drag(grip, pose, told)
 
     def _on_pulled(self, number: int, start: tuple[float, ...], end: tuple[float, ...]) -> None:
         names = list(self._rig.motions)
