@@ -44,7 +44,8 @@ def open_browser(profile: Path, in_space: bool = False) -> Iterator[Any]:
     """
     Start Chromium with the empty folder `profile`; yields selenium's driver.
 
-    With `in_space` it draws what pages show in three dimensions, by software.
+    With `in_space` it draws what pages show in three dimensions, by software, and does not wait
+    for pages to be loaded.
     """
     from selenium import webdriver
     from selenium.webdriver.chrome.options import Options
@@ -54,6 +55,8 @@ def open_browser(profile: Path, in_space: bool = False) -> Iterator[Any]:
     options.binary_location = chromium() or ''
     for flag in (*FLAGS, *(IN_SPACE if in_space else FLAT), f'--user-data-dir={profile}'):
         options.add_argument(flag)
+    if in_space:
+        options.page_load_strategy = 'none'
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(shutil.which('chromedriver')))
     try:

@@ -25,9 +25,8 @@ import pytest
 from ros_harness import Ros
 from signal_scenes import survivors
 
-for package in ('selenium', 'viser'):
-    if find_spec(package) is None:
-        pytest.skip(f'{package} is not installed', allow_module_level=True)
+if find_spec('selenium') is None or find_spec('viser') is None:
+    pytest.skip('needs selenium and viser', allow_module_level=True)
 
 from rclpy.qos import qos_profile_sensor_data
 from selenium.webdriver.common.action_chains import ActionChains
@@ -49,6 +48,11 @@ if chromium() is None:
 LONG = 180.0  # s that anything may take: drawing in space by software is slow
 DESKTOP, PHONE = (800, 500), (390, 700)
 LOCAL = ('http://127.0.0.1', 'ws://127.0.0.1', 'blob:', 'data:', 'chrome:')
+SLOW = """
+/**/tracker: {ros__parameters: {rate: 50.0, state_timeout: 1.0}}
+/**/robot_plant: {ros__parameters: {rate: 50.0, command_timeout: 1.0}}
+/**/planner: {ros__parameters: {start: {max_age: 2.0}}}
+"""
 FOV = math.radians(75.0)  # of the camera, upright
 
 
@@ -57,7 +61,10 @@ class Live:
 
     def __init__(self, ros: Ros, driver: Any, plant: str, folder: Path) -> None:
         self.ros, self.driver = ros, driver
-        words = ['live', plant, '--no-browser', '--port', '0', '-o', str(folder / plant)]
+        slow = folder / 'slow.yaml'
+        slow.write_text(SLOW)
+        words = ['live', plant, '--no-browser', '--port', '0', '--params', str(slow)]
+        words += ['-o', str(folder / plant)]
         self.process = ros.run('tdm_planner.cli', words)
         assert ros.spin_until(lambda: 'Ctrl-C ends it' in self.process.output), self.output
         (self.address,) = re.findall(r'http://\S+', self.process.output)
