@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the live page knows of nodes, and what it has done, without the page."""
+"""What the live page knows of nodes, and what it has done, without a browser."""
 
 from __future__ import annotations
 
@@ -200,6 +200,41 @@ def test_a_switch_turns_replanning_on(seen: Seen) -> None:
     assert '5 Hz' in seen.told(lambda: seen.hands.replan(True))
     assert seen.ros.spin_until(lambda: seen.values(PLANNING)['replan.rate'] == 5.0)
     seen.told(lambda: seen.hands.replan(False))
+
+
+def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path) -> None:
+    viser = pytest.importorskip('viser')
+    from tdm_sim.live.page import Page
+
+    server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
+    page = Page(server, seen.listener, Recordings(tmp_path, SPACE), 'seen')
+    try:
+        page.news()  # nothing is known yet
+        for _ in range(20):
+            seen.ros.spin_for(0.05)
+            page.frame()
+        page.figures()
+        page.news('a node ended')
+        shown = set(server.scene._handle_from_node_name)
+        assert {'/still/lines', '/plants/cylinder_100', '/plan/lines'} <= shown
+        assert {'/grips/disk', '/grips/pendulum'} <= shown
+        status = page._panel._status.content
+        assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
+        charts = page._panel._charts
+        assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= set(charts)
+        assert 'limits.torque' in page._panel._sliders
+        hold = page._scene.holds['disk']
+        before = np.array(hold._handle.wxyz)
+        page._scene.tell('disk', 'INFEASIBLE: why')
+        assert '/grips/disk/reason' in server.scene._handle_from_node_name
+        page._scene.tell('disk', '')
+        assert '/grips/disk/reason' not in server.scene._handle_from_node_name
+        moved = about((0, 0, 1), 1.0)
+        hold.move((np.zeros(3), moved))
+        assert not np.allclose(before, hold._handle.wxyz)
+    finally:
+        page.close()
+        server.stop()
 
 
 def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen: Seen) -> None:

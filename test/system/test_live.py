@@ -22,16 +22,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.qos import qos_profile_sensor_data
 from ros_harness import Ros
-from signal_scenes import survivors
 
 if find_spec('selenium') is None or find_spec('viser') is None:
     pytest.skip('needs selenium and viser', allow_module_level=True)
 
-from rclpy.qos import qos_profile_sensor_data
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from sensor_msgs.msg import JointState
+from signal_scenes import survivors
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
