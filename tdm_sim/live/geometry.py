@@ -39,7 +39,7 @@ _PAINT: dict[Style, Colour] = {
     'force': (235, 95, 30),
 }
 _PLANNED: Colour = (70, 130, 235)
-_CLEAR: dict[Style, float] = {'limit': 0.45, 'reach': 0.16}  # opacity of discs and boxes
+_CLEAR: dict[Style, float] = {'limit': 0.5, 'reach': 0.3}  # opacity of discs and boxes
 _THICK: dict[Style, float] = {'body': 1.0, 'force': 1.8}  # of lines that are tubes, in widths
 _FLAT: dict[Style, float] = {
     'body': 3.0,

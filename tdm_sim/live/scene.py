@@ -34,6 +34,10 @@ _MESHES: Mapping[str, Callable[[], Any]] = {
     'box': lambda: trimesh.creation.box(),
 }
 _LINE = 2.5  # px
+_SHARES = np.arange(256) / 255
+_LINEAR = np.round(255 * np.where(
+    _SHARES < 0.04045, _SHARES / 12.92, ((_SHARES + 0.055) / 1.055) ** 2.4
+)).astype(np.uint8)  # fmt: skip
 _LIGHT = 0.35  # of the surroundings; more makes colours pale
 _LETTERS = 40  # in a line of a sentence
 
@@ -60,10 +64,10 @@ class Layer:
                 self._solids[kind] = self._add(kind, found)
                 continue
             handle.batched_positions, handle.batched_wxyzs = found.places, found.rotations
-            handle.batched_scales, handle.batched_colors = found.sizes, found.colours
+            handle.batched_scales, handle.batched_colors = found.sizes, _linear(found.colours)
         lines, count = self._lines, len(picture.lines)
         if lines is not None and len(lines.points) == count:
-            lines.points, lines.colors = picture.lines, picture.line_colours
+            lines.points, lines.colors = picture.lines, _linear(picture.line_colours)
             return
         if lines is not None:
             lines.remove()
@@ -73,7 +77,7 @@ class Layer:
         return self._server.scene.add_line_segments(
             f'/{self._name}/lines',
             points=picture.lines,
-            colors=picture.line_colours,
+            colors=_linear(picture.line_colours),
             thickness=_LINE,
             thickness_units='screen',
         )
@@ -88,7 +92,7 @@ class Layer:
             batched_wxyzs=solids.rotations,
             batched_positions=solids.places,
             batched_scales=solids.sizes,
-            batched_colors=solids.colours,
+            batched_colors=_linear(solids.colours),
             opacity=None if opacity == 1.0 else opacity,
             flat_shading=shape != 'ball',
             lod='off',
@@ -103,6 +107,11 @@ class Layer:
         if event.phase == 'end' and self._pulled is not None:
             group = int(self._groups[kind][event.instance_index or 0])
             self._pulled(group, event.start_position, event.end_position)
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return colours as the page takes them for many at once: not yet as a screen has them."""
+    return _LINEAR[colours]
 
 
 class Hold:

@@ -65,7 +65,8 @@ class Live:
         slow.write_text(SLOW)
         words = ['live', plant, '--no-browser', '--port', '0', '--params', str(slow)]
         words += ['-o', str(folder / plant)]
-        self.process = ros.run('tdm_planner.cli', words)
+        self.mark = f'TDM_TEST_MARK={folder.name}_{plant}'  # of all that it starts
+        self.process = ros.run('tdm_planner.cli', words, dict([self.mark.split('=')]))
         assert ros.spin_until(lambda: 'Ctrl-C ends it' in self.process.output), self.output
         (self.address,) = re.findall(r'http://\S+', self.process.output)
         for log in ('browser', 'performance'):
@@ -110,21 +111,20 @@ class Live:
 
     def drag(self, start: tuple[int, int], way: tuple[int, int]) -> None:
         """Drag from a pixel of the window by some pixels, slowly enough to be seen."""
-        body = self.driver.find_element(By.TAG_NAME, 'body')
-        size = body.size
         mouse = ActionChains(self.driver, duration=100)
-        mouse.move_to_element_with_offset(
-            body, start[0] - size['width'] // 2, start[1] - size['height'] // 2
-        )
+        pointer = mouse.w3c_actions.pointer_action
+        pointer.move_to_location(*start)
         mouse.pause(1.0).click_and_hold().pause(0.3)
-        for _ in range(5):
-            mouse.move_by_offset(way[0] // 5, way[1] // 5).pause(0.1)
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            x, y = (round(at + share * by) for at, by in zip(start, way, strict=True))
+            pointer.move_to_location(x, y)
+            mouse.pause(0.2)
         mouse.pause(0.5).release().perform()
 
     def end(self) -> None:
         assert self.process.end(signal.SIGINT) == 0, self.output
         assert 'Traceback' not in self.output
-        assert not survivors(f'ROS_DOMAIN_ID={self.ros.domain}')
+        assert not survivors(self.mark)
 
 
 @pytest.fixture(scope='module')
