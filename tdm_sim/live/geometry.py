@@ -42,7 +42,7 @@ _PLANNED: Colour = (70, 130, 235)
 _CLEAR: dict[Style, float] = {'limit': 0.5, 'reach': 0.3}  # opacity of discs and boxes
 _THICK: dict[Style, float] = {'body': 1.0, 'force': 1.8}  # of lines that are tubes, in widths
 _FLAT: dict[Style, float] = {
-    'body': 3.0,
+    'body': 1.2,
     'limit': 2.0,
     'reach': 0.15,
 }  # height of a disc in widths

@@ -35,13 +35,18 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, qos_profile_parameter_events, QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    qos_profile_parameter_events,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.client import PlanClient
 from tdm_planner.exceptions import InvalidProblem, NoAnswer
 from tdm_planner.nodes.diagnostics import TOPIC as DIAGNOSTICS
-from tdm_planner.nodes.qos import NEWEST, SERVICE
+from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 
@@ -55,6 +60,7 @@ _EVENTS = 200
 _LOOK = 0.2  # s between looks at nodes whose parameters are not known
 _AGAIN = 2.0  # s until they are asked again
 _LONGEST = 20.0  # s for an answer
+_LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _ROSOUT = QoSProfile(depth=_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -111,10 +117,10 @@ class Vehicle:
         self._kind = kind
         nothing = lambda _: None  # noqa: E731
         topic = f'{prefix}joint_states'
-        self._joints = node.create_subscription(JointState, topic, nothing, NEWEST)
+        self._joints = node.create_subscription(JointState, topic, nothing, _LAST)
         self._odometry = None
         if kind.odometry:
-            self._odometry = node.create_subscription(Odometry, f'{prefix}odom', nothing, NEWEST)
+            self._odometry = node.create_subscription(Odometry, f'{prefix}odom', nothing, _LAST)
         self._values: dict[str, float] = dict.fromkeys(kind.control_names, 0.0)
         self._instant = 0
 
@@ -146,12 +152,10 @@ class Vehicle:
 
 
 def _newest(subscription: Any) -> Any:
-    """Take all messages that have come; returns the last one, None where none has."""
-    found = None
+    """Take the last message that has come; None where there is no new one."""
     with subscription.handle:
-        while taken := subscription.handle.take_message(subscription.msg_type, False):
-            found = taken[0]
-    return found
+        taken = subscription.handle.take_message(subscription.msg_type, False)
+    return None if taken is None else taken[0]
 
 
 class Listener:
