@@ -95,6 +95,23 @@ class Live:
     def until(self, condition: Callable[[], bool]) -> bool:
         return self.ros.spin_until(condition, LONG)
 
+    def wait_until_drawn(self, node: str) -> None:
+        """Wait until something is in the scene, and has been drawn some times."""
+
+        def frames() -> int:
+            return int(
+                self.driver.execute_script(
+                    'const tree = window.__viserSceneTree, info = window.__viserTestpoints;'
+                    'return tree && info && arguments[0] in tree.getState()'
+                    ' ? info.rendererInfo.render.frame : 0',
+                    node,
+                )
+            )
+
+        assert self.until(lambda: frames() > 0), f'no {node}\n{self.output}'
+        first = frames()
+        assert self.until(lambda: frames() > first + 20), f'not drawn\n{self.output}'
+
     def press(self, label: str) -> None:
         path = f'//button[normalize-space()="{label}"]'
         button = self.driver.find_element(By.XPATH, path)
@@ -184,6 +201,7 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
     ahead, _, _ = axes_of(turn)
     handle = pixel(page, place + 0.6 * grip.size * ahead)
     beside = pixel(page, place + (0.6 * grip.size + 0.4) * ahead)
+    page.wait_until_drawn('/grips/robot1')
     page.drag(handle, (beside[0] - handle[0], beside[1] - handle[1]))
     assert page.until(lambda: len(plans) > 0), page.output + page.text('.tdm-note')
     page.wait_for('.tdm-status', 'robots in formation')
