@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plant_views import PlantView
-from tdm_planner.trajectory import TimedTrajectory, Trajectory
+from tdm_planner.trajectory import Sample, TimedTrajectory, Trajectory
 from tdm_planner.verification import Constraint
 
 Array = NDArray[np.float64]
@@ -45,13 +45,14 @@ class History:
     """
     States and controls of one vehicle lately, by instants [s] of the nodes' clock.
 
-    An instant before the last one (simulated time began anew) begins a new history.
+    `view` says what its limits are. An instant before the last one (simulated time began anew)
+    begins a new history.
     """
 
     def __init__(self, view: PlantView) -> None:
-        self._view = view
+        self.view = view
         self._rows: deque[tuple[float, Array, Array]] = deque(maxlen=round(SPAN * RATE))
-        self._limits: tuple[Trajectory | None, Sequence[Constraint]] = None, ()
+        self._limits: tuple[object, Sequence[Constraint]] = None, ()
 
     def add(self, instant: float, state: Array, control: Array) -> None:
         """Remember a state (nx,) and controls (nu,), unless the last one is too recent."""
@@ -62,24 +63,25 @@ class History:
             rows.append((instant, state, control))
 
     def charts(self, plan: TimedTrajectory | None) -> list[Chart]:
-        """Return a chart for every unit of states and controls, and one of the margins."""
+        """
+        Return a chart for every unit of states and controls, and one of the margins.
+
+        Curves are the same ones always: without a plan, planned ones lie on the measured ones.
+        """
         if len(self._rows) < 2:
             return []
-        kind, units = self._view.kind, self._view.units
+        kind, units = self.view.kind, self.view.units
         times = np.array([row[0] for row in self._rows])
-        rows = (np.array([row[k] for row in self._rows]) for k in (1, 2))
-        states, controls = rows
-        planned = None if plan is None else plan.sample(times)
+        states, controls = (np.array([row[k] for row in self._rows]) for k in (1, 2))
+        planned = Sample(states, controls) if plan is None else plan.sample(times)
         charts: list[Chart] = []
         for names, values, wanted in (
-            (kind.state_names, states, None if planned is None else planned.state),
-            (kind.control_names, controls, None if planned is None else planned.control),
+            (kind.state_names, states, planned.state),
+            (kind.control_names, controls, planned.control),
         ):
             for title, columns in _by_unit(names, units):
                 curves = {names[k]: values[:, k] for k in columns}
-                dashed = (
-                    {} if wanted is None else {_planned(names[k]): wanted[:, k] for k in columns}
-                )
+                dashed = {_planned(names[k]): wanted[:, k] for k in columns}
                 charts.append(Chart(title, times - times[-1], curves | dashed, frozenset(dashed)))
         if plan is not None:
             curves = self._margins(plan.trajectory, times - plan.start, states, controls)
@@ -91,8 +93,9 @@ class History:
         self, plan: Trajectory, times: Array, states: Array, controls: Array
     ) -> dict[str, Array]:
         """Return what is left to every limit, as a share of the most in what is shown."""
-        if self._limits[0] is not plan:
-            self._limits = plan, self._view.constraints(plan)
+        of = plan, self.view
+        if self._limits[0] != of:
+            self._limits = of, self.view.constraints(plan)
         found = {}
         for limit in self._limits[1]:
             with np.errstate(all='ignore'):

@@ -90,6 +90,8 @@ class Page:
     def figures(self) -> None:
         """Show the curves of the last seconds."""
         charts = self._history.charts(self._rig.timed(self._rig.chosen))
+        if not charts:
+            return
         solving = self._solve_times.chart()
         self._panel.charts(charts if solving is None else [*charts, solving])
 
@@ -121,8 +123,8 @@ class Page:
         self._seen, self._fault = changes, ''
         if self._rig.follow(dict(declared.values)):
             self._panel.vehicles(list(self._rig.vehicles))
-            self._width = 0.0
-        self._history = History(self._rig.view)
+            self._width, self._history = 0.0, History(self._rig.view)
+        self._history.view = self._rig.view
         if self._width:
             self._show_surroundings()
         self._show_controls()
