@@ -22,15 +22,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rclpy.qos import qos_profile_sensor_data
 from ros_harness import ENOUGH, Ros, SOURCE
 
 if find_spec('selenium') is None or find_spec('viser') is None:
     pytest.skip('needs selenium and viser', allow_module_level=True)
 
 from selenium.webdriver.common.action_chains import ActionChains
-from selenium.webdriver.common.by import By
-from sensor_msgs.msg import JointState
 from signal_scenes import survivors
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plant_views import view_of
@@ -64,8 +61,8 @@ class Live:
         self.ros, self.driver = ros, driver
         file = SOURCE / 'config' / f'{plant}.yaml'
         document = yaml.safe_load(file.read_text(encoding='utf-8'))
-        for name, values in RELAXED.items() if plant == 'robots' else ():
-            parameters = document.get(f'/**/{name}', {}).get('ros__parameters', {})
+        for name, values in RELAXED.items():
+            parameters = document[f'/**/{name}']['ros__parameters']
             for key, value in values.items():
                 parameters[key] = parameters[key] | value if isinstance(value, dict) else value
         relaxed = folder / 'relaxed.yaml'
@@ -118,11 +115,6 @@ class Live:
         assert self.until(lambda: frames() > 0), f'no {node}\n{self.output}'
         first = frames()
         assert self.until(lambda: frames() > first + 20), f'not drawn\n{self.output}'
-
-    def press(self, label: str) -> None:
-        path = f'//button[normalize-space()="{label}"]'
-        button = self.driver.find_element(By.XPATH, path)
-        self.driver.execute_script('arguments[0].click()', button)
 
     def complaints(self) -> list[str]:
         """Return errors of the page, and what it asked of anybody but its own server."""
@@ -226,24 +218,3 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
     page.driver.refresh()
     page.wait_for('.tdm-status', 'robots in formation')  # who comes late sees the present
     assert page.driver.execute_script('return document.documentElement.scrollWidth') <= PHONE[0]
-
-
-@pytest.mark.timeout(900)
-def test_the_pendulum_is_swung_up_pushed_and_held(
-    ros: Ros, open_page: Callable[[str], Live]
-) -> None:
-    states = ros.subscribe('/pendulum/joint_states', JointState, qos_profile_sensor_data)
-    page = open_page('pendulum')
-
-    def theta() -> float:
-        message = states[-1]
-        return math.remainder(message.position[list(message.name).index('pendulum')], math.tau)
-
-    page.press('Plan')
-    page.wait_for('.tdm-status', 'holding', 'upright')
-    assert page.until(lambda: abs(theta()) < 0.05)
-    page.press('Push')
-    page.wait_for('.tdm-note', 'pushed')
-    page.wait_for('.tdm-status', 'holding')
-    assert page.until(lambda: abs(theta()) < 0.05)
-    assert page.complaints() == []
