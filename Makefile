@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # make setup      virtual environment with everything that is needed to run
 # make demo       run the demo; PLANT=pendulum (the default) or PLANT=robots
+# make live       a page in the browser on simulated nodes; PLANT as for demo, or module:Class
 # make test       run every test that a change must pass (TESTS=test/ros picks some of them)
 # make nightly    run what takes longer: bad input, sabotaged solvers, faults of nodes, packages
 # make lint       check style and types
@@ -33,11 +34,11 @@ ROS := $(shell [ -n "$${AMENT_PREFIX_PATH:-}" ] \
 ifeq ($(ROS),native)
   KIND := native
   VENV_OPTIONS := --system-site-packages
-  PACKAGE := .
+  PACKAGE := .[live]
   WHAT := this package, for the ROS 2 $(ROS_DISTRO) that is sourced
 else
   KIND := wheels-$(basename $(notdir $(CONSTRAINTS)))
-  PACKAGE := .[jazzy]
+  PACKAGE := .[jazzy,live]
   WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
 endif
 
@@ -46,10 +47,10 @@ READY := $(VENV)/.ready-$(KIND)
 PINS := $(VENV)/pins.txt
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check -c '$(PINS)'
 
-.PHONY: help setup demo test nightly lint docs benchmark config clean
+.PHONY: help setup demo live test nightly lint docs benchmark config clean
 
 help:
-	@sed -n '3,14s/^# //p' Makefile
+	@sed -n '3,15s/^# //p' Makefile
 
 setup: $(READY)
 
@@ -85,6 +86,9 @@ $(READY)-%: $(READY)
 
 demo: $(READY)
 	@$(BIN)/tdm demo '$(PLANT)'
+
+live: $(READY)
+	@$(BIN)/tdm live '$(PLANT)'
 
 # Real processes come last, one test at a time: they need both cores.
 test: IN_TURN = $(filter test/system%,$(TESTS))

@@ -104,6 +104,8 @@ setup(
             'scipy-stubs',
             'types-PyYAML',
         ],
+        # The page of `tdm live`.
+        'live': ['trimesh', 'viser'],
         'docs': ['furo', 'myst-parser', 'sphinx'],
     },
     entry_points={

@@ -8,10 +8,11 @@
 # language governing permissions and limitations under the License.
 
 """
-The ``tdm`` command: plan without ROS, run the demo, record, report.
+The ``tdm`` command: plan without ROS, run the demo, a live page, record, report.
 
-Exit status: 0 done (a recording is when it is asked to end); 1 a demo missed its goal; 2 wrong
-usage or invalid problem; 3 no plan; 130, 143 anything else that SIGINT or SIGTERM ended.
+Exit status: 0 done (a recording and a page are when they are asked to end); 1 a demo missed its
+goal; 2 wrong usage or invalid problem; 3 no plan; 130, 143 anything else that SIGINT or SIGTERM
+ended.
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.starting import command, NO_ROS
 from tdm_sim.progress import make_progress
 
+NO_VISER = (
+    "this needs 'viser', which is not installed: run 'make setup' in the source tree, or "
+    "'pip install viser' into the environment"
+)
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
 
 EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
@@ -55,17 +60,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(_what_is_missing(error))
         return EXIT_USAGE
     except Interrupted as interrupted:
-        return EXIT_DONE if run is _record else interrupted.code
+        return EXIT_DONE if run in (_record, _live) else interrupted.code
     finally:
         if command():
             ignore_signals()  # what there was to do is done, and the process about to end
 
 
 def _what_is_missing(error: ImportError) -> str:
-    """Say how to get ROS 2; others' errors are passed on."""
+    """Say how to get ROS 2, or what an extra brings; others' errors are passed on."""
     if not isinstance(error, ModuleNotFoundError):
         return str(error)  # ROS 2 is there twice, see starting.require_one_ros
-    if (error.name or '').partition('.')[0] != 'rclpy':
+    package = (error.name or '').partition('.')[0]
+    if package == 'viser':
+        return NO_VISER
+    if package != 'rclpy':
         raise error
     return NO_ROS
 
@@ -121,6 +129,21 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument('--view', action='store_true', help='show the report in the browser')
     demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
     demo.set_defaults(run=_demo)
+
+    live = commands.add_parser('live', help='a page in the browser on nodes, and hands on them')
+    nodes = live.add_mutually_exclusive_group(required=True)
+    nodes.add_argument(
+        'plant', nargs='?', help='pendulum, robots, a stated problem: its nodes are started'
+    )
+    nodes.add_argument('--attach', metavar='NAMESPACE', help='of nodes that run')
+    live.add_argument('-o', '--output', type=Path, default=Path('live'), metavar='DIR')
+    live.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    live.add_argument(
+        '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
+    )
+    live.add_argument('--port', type=int, default=8080, help='the next free one is taken')
+    live.add_argument('--no-browser', action='store_true', help='do not open the browser')
+    live.set_defaults(run=_live)
 
     record = commands.add_parser('record', help='record topics to a rosbag2')
     record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
@@ -207,6 +230,21 @@ def _demo(options: argparse.Namespace) -> int:
     if options.view and (output / 'report.html').is_file():
         _show(output / 'report.html')
     return EXIT_DONE if reached else EXIT_MISSED
+
+
+def _live(options: argparse.Namespace) -> int:
+    from tdm_sim.live.run import run_live
+
+    run_live(
+        options.plant,
+        options.attach,
+        options.output,
+        parameters=options.params,
+        host=options.host,
+        port=options.port,
+        browser=not options.no_browser,
+    )
+    return EXIT_DONE
 
 
 def _record(options: argparse.Namespace) -> int:

@@ -50,6 +50,7 @@ _REMEMBERED = 64  # plans, and motions of all vehicles
 _SECOND = 1_000_000_000  # ns
 _LATCHED = QoSProfile(depth=_REMEMBERED, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _LOOK = 0.05  # s between looks at what comes without a callback
+_FIGURES = ('plan_id', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'summary')
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +107,8 @@ class PlanClient:
         self._prefix = f'{namespace.rstrip("/")}/' if namespace else ''
         self._news = threading.Event()
         self._summaries: dict[int, dict[str, Any]] = {}  # by plan_id
+        self._last: Mapping[str, Any] | None = None  # of them
+        self._newest: tuple[Mapping[str, Any], PlanResult] | None = None
         self._messages: dict[tuple[str, int], JointTrajectory] = {}  # by topic and start [ns]
         self._subscriptions: dict[str, Any] = {}
         self._client = node.create_client(
@@ -194,6 +197,20 @@ class PlanClient:
         assert found is not None
         return found
 
+    @property
+    def newest(self) -> PlanResult | None:
+        """
+        Return the newest plan that was published, whoever asked for it; None before there is one.
+
+        It is known as far as the node has been served.
+        """
+        told = self._last
+        if told is not None and (self._newest is None or self._newest[0] is not told):
+            found = self._read(told)
+            if found is not None:
+                self._newest = told, found
+        return None if self._newest is None else self._newest[1]
+
     # What was received.
 
     def _subscribe(self, topic: str, kind: Any, callback: Callable[[Any], None]) -> Any:
@@ -218,6 +235,7 @@ class PlanClient:
             for topic in topics:
                 self._subscribe(topic, JointTrajectory, partial(self._on_trajectory, topic))
             _remember(self._summaries, summary['plan_id'], summary)
+            self._last = summary
         except (ValueError, TypeError, KeyError, RecursionError, NameValidationException):
             return  # not a planner's
 
@@ -226,10 +244,17 @@ class PlanClient:
 
     def _found(self, answer: Mapping[str, Any]) -> PlanResult | None:
         """Return the plan of an answer once its summary and all its motions have come."""
+        warnings = tuple(answer.get('warnings', ()))
         figures = {name: value for name, value in answer.items() if name != 'warnings'}
         summary = self._summaries.get(answer['plan_id'])
         if summary is None or any(summary[name] != value for name, value in figures.items()):
             return None
+        return self._read(summary, warnings)
+
+    def _read(
+        self, summary: Mapping[str, Any], warnings: tuple[str, ...] = ()
+    ) -> PlanResult | None:
+        """Return the plan that a summary tells of; None until all its motions have come."""
         start = summary['stamp']['sec'] * _SECOND + summary['stamp']['nanosec']
         trajectories = {}
         for vehicle, told in summary['vehicles'].items():
@@ -239,11 +264,11 @@ class PlanClient:
                 return None
             trajectories[vehicle] = read_plan(_kind(told), messages[0], told['interpolation'])
         return PlanResult(
-            **figures,
+            **{name: summary[name] for name in _FIGURES},
             start=start,
             trajectories=trajectories,
             parameters=summary['parameters'],
-            warnings=tuple(answer.get('warnings', ())),
+            warnings=warnings,
         )
 
     # Waiting.

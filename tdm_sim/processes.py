@@ -75,10 +75,13 @@ class NodeProcesses:
             Naming the process, its exit code and the last line it printed.
 
         """
-        for name, process in self._processes.items():
-            code = process.poll()
-            if code is not None:
-                raise ProcessFailed(f'{name} ended with exit code {code}: {self.last_line(name)}')
+        for name, code in self.ended().items():
+            raise ProcessFailed(f'{name} ended with exit code {code}: {self.last_line(name)}')
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit codes of the processes that have ended by themselves, by name."""
+        codes = {name: process.poll() for name, process in self._processes.items()}
+        return {name: code for name, code in codes.items() if code is not None}
 
     def last_line(self, name: str) -> str:
         """Return the last line a process printed, and where its log is."""

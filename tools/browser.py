@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A headless Chromium that asks nothing of the network, for tests and pictures of the report."""
+"""A headless Chromium that asks nothing of the network, for tests and pictures of pages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from typing import Any
 FLAGS = (
     '--headless',
     '--no-sandbox',
-    '--disable-gpu',
     '--disable-dev-shm-usage',
     '--disable-quic',
     '--no-first-run',
@@ -30,6 +29,7 @@ FLAGS = (
     '--disable-sync',
     '--hide-scrollbars',
 )
+FLAT, IN_SPACE = ('--disable-gpu',), ('--use-angle=swiftshader', '--enable-unsafe-swiftshader')
 PATIENCE = 30.0  # s
 
 
@@ -40,16 +40,23 @@ def chromium() -> str | None:
 
 
 @contextmanager
-def open_browser(profile: Path) -> Iterator[Any]:
-    """Start Chromium with the empty folder `profile`; yields selenium's driver."""
+def open_browser(profile: Path, in_space: bool = False) -> Iterator[Any]:
+    """
+    Start Chromium with the empty folder `profile`; yields selenium's driver.
+
+    With `in_space` it draws what pages show in three dimensions, by software, and does not wait
+    for pages to be loaded.
+    """
     from selenium import webdriver
     from selenium.webdriver.chrome.options import Options
     from selenium.webdriver.chrome.service import Service
 
     options = Options()
     options.binary_location = chromium() or ''
-    for flag in (*FLAGS, f'--user-data-dir={profile}'):
+    for flag in (*FLAGS, *(IN_SPACE if in_space else FLAT), f'--user-data-dir={profile}'):
         options.add_argument(flag)
+    if in_space:
+        options.page_load_strategy = 'none'
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(shutil.which('chromedriver')))
     try:
@@ -58,13 +65,18 @@ def open_browser(profile: Path) -> Iterator[Any]:
         driver.quit()
 
 
+def set_window(driver: Any, size: tuple[int, int], pixels: float = 1.0) -> None:
+    """Let the window have a size [px]; small ones are those of phones."""
+    width, height = size
+    metrics = {'width': width, 'height': height, 'deviceScaleFactor': pixels}
+    driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics | {'mobile': width < 600})
+
+
 def open_report(
     driver: Any, report: Path, size: tuple[int, int], scheme: str = 'light', pixels: float = 1.0
 ) -> None:
     """Open a report in a window of a size [px], in the colour scheme `light` or `dark`."""
-    width, height = size
-    metrics = {'width': width, 'height': height, 'deviceScaleFactor': pixels}
-    driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics | {'mobile': width < 600})
+    set_window(driver, size, pixels)
     media = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
     driver.execute_cdp_cmd('Emulation.setEmulatedMedia', media)
     driver.get(report.resolve().as_uri())

@@ -23,6 +23,7 @@ from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.reading import yaw_of
 from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import ARENA_FRAME
+from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
 from visualization_msgs.msg import MarkerArray
 
 # Asks the planner node for a plan with some parameters changed, by name. They are set if there is
@@ -54,28 +55,6 @@ def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InvalidProblem(f"the pose's position is ({x:g}, {y:g}) m: must be finite numbers")
     return x, y, yaw_of(message.pose.orientation)
-
-
-def place_in_formation(anchor: Sequence[float], pose: Sequence[float]) -> list[float]:
-    """Return a pose of the arena [x, y, yaw] as one in the frame of the formation's anchor."""
-    x, y, yaw = pose
-    across, along = x - anchor[0], y - anchor[1]
-    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
-    return [
-        cosine * across + sine * along,
-        cosine * along - sine * across,
-        math.remainder(yaw - anchor[2], 2 * math.pi),
-    ]
-
-
-def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[float]:
-    """Return a place [x, y, yaw] in the frame of the formation's anchor as a pose of the arena."""
-    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
-    return [
-        anchor[0] + cosine * place[0] - sine * place[1],
-        anchor[1] + sine * place[0] + cosine * place[1],
-        anchor[2] + place[2],
-    ]
 
 
 class GoalTool:

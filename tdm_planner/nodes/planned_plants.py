@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from tdm_planner.drawing import Shape
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.goal_tool import place_in_arena
 from tdm_planner.nodes.known_plants import tracked_problem
 from tdm_planner.nodes.markers import Way
 from tdm_planner.parameters import build
@@ -36,7 +35,7 @@ from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.problems.formation_parameters import Arena
+from tdm_planner.problems.formation_parameters import Arena, place_in_arena
 from tdm_planner.problems.swing_up_task import VEHICLE as SWING_UP
 from tdm_planner.replanning import (
     Execution,

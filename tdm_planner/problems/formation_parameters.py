@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 import re
 from types import MappingProxyType
 from typing import Any
@@ -290,3 +291,25 @@ def formation_specifications(values: Mapping[str, Any]) -> dict[str, ParameterSp
                 spec, name=f'{name}.start.{key}', default=getattr(start, key)
             )
     return found
+
+
+def place_in_formation(anchor: Sequence[float], pose: Sequence[float]) -> list[float]:
+    """Return a pose of the arena [x, y, yaw] as one in the frame of the formation's anchor."""
+    x, y, yaw = pose
+    across, along = x - anchor[0], y - anchor[1]
+    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
+    return [
+        cosine * across + sine * along,
+        cosine * along - sine * across,
+        math.remainder(yaw - anchor[2], 2 * math.pi),
+    ]
+
+
+def place_in_arena(anchor: Sequence[float], place: Sequence[float]) -> list[float]:
+    """Return a place [x, y, yaw] in the frame of the formation's anchor as a pose of the arena."""
+    cosine, sine = math.cos(anchor[2]), math.sin(anchor[2])
+    return [
+        anchor[0] + cosine * place[0] - sine * place[1],
+        anchor[1] + sine * place[0] + cosine * place[1],
+        anchor[2] + place[2],
+    ]

@@ -144,3 +144,16 @@ def test_a_demo_leaves_alone_what_is_not_its_own(
     assert main(['demo', 'pendulum', '-o', 'out']) == 2
     assert "'out'" in capsys.readouterr().err
     assert mine.read_text() == 'mine'
+
+
+def test_the_live_page_says_what_it_needs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.startswith('tdm_sim.live')]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    assert main(['live', 'pendulum']) == 2
+    assert 'pip install viser' in capsys.readouterr().err
+    for words in ([], ['pendulum', '--attach', '/pendulum']):
+        with pytest.raises(SystemExit):
+            main(['live', *words])

@@ -16,8 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.goal_tool import arena_pose, place_in_arena, place_in_formation
+from tdm_planner.nodes.goal_tool import arena_pose
 from tdm_planner.problems import RobotFormation
+from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
 
 
 @given(st.tuples(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0)))

@@ -1,0 +1,191 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What is asked for on the page: by buttons, sliders, and by dragging; and how it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+import time
+from typing import Any
+
+from tdm_planner.exceptions import Busy
+from tdm_sim.live.grips import Grip, Pose, pulled
+from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
+from tdm_sim.live.recordings import Recordings
+from tdm_sim.live.rig import Rig
+from tdm_sim.live.sliders import Slider
+from tdm_sim.live.wishes import LONGEST, start_delay, Told, Wishes
+
+REPLAN_RATE = 5.0  # Hz
+PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
+
+_LOOK = 0.02  # s between requests while the planner is busy
+_ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
+
+
+class Hands:
+    """
+    Has done what is asked for on the page, in a thread of its own, and tells what came of it.
+
+    `note` takes what came of buttons. What takes long (recordings, reports) is done beside.
+    """
+
+    def __init__(self, rig: Rig, listener: Listener, recordings: Recordings, note: Told) -> None:
+        self.rig, self._listener, self._recordings, self._note = rig, listener, recordings, note
+        self._wishes, self._keeping = Wishes(), Wishes()
+        self._delay: float | None = None
+
+    def close(self) -> None:
+        """Drop what is wished, and end a recording."""
+        self._wishes.close()
+        self._keeping.close()
+        self._recordings.stop()
+
+    def plan(self) -> None:
+        """Make a plan."""
+        self._wishes.wish('plan', self._make_plan, self._note)
+
+    def push(self) -> None:
+        """Push the vehicle whose curves are shown."""
+        self._wishes.wish('push', lambda: self._push({}, self.rig.chosen), self._note)
+
+    def reset(self) -> None:
+        """Put all plants back into their initial states."""
+        self._wishes.wish('reset', self._reset, self._note)
+
+    def replan(self, on: bool) -> None:
+        """Switch replanning on or off."""
+        rate = REPLAN_RATE if on else 0.0
+
+        def act() -> str:
+            self._set_planner({'replan.rate': rate})
+            return f'replanning at {rate:g} Hz' if on else 'no replanning'
+
+        self._wishes.wish('replan', act, self._note)
+
+    def change(self, slider: Slider, value: float, told: Told) -> None:
+        """Give a parameter a value on all nodes that have it, and plan anew where that matters."""
+
+        def act() -> str:
+            nodes = self._listener.with_parameter(slider.name)
+            self._listener.set_parameters(nodes, {slider.name: type(slider.value)(value)})
+            planner = self._listener.parameters_of(PLANNING)
+            if self.rig.plan is not None and planner and slider.name in planner.values:
+                self._make_plan()
+            return ''
+
+        self._wishes.wish(slider.name, act, told)
+
+    def record(self) -> None:
+        """Begin a recording, or end it."""
+
+        def act() -> str:
+            if not self._recordings.running:
+                return f'recording to {self._recordings.start()}'
+            self._recordings.stop()
+            return f'recorded to {self._recordings.last}'
+
+        self._keeping.wish('record', act, self._note)
+
+    def report(self, offer: Callable[[Path], None]) -> None:
+        """Make a report on the last recording, and offer it."""
+
+        def act() -> str:
+            self._note('making a report ...')
+            file = self._recordings.report()
+            offer(file)
+            return f'report in {file}'
+
+        self._keeping.wish('report', act, self._note)
+
+    def drag(self, grip: Grip, pose: Pose, told: Told) -> None:
+        """Put what a grip stands for to where it was dragged, and plan for that."""
+
+        def act() -> str:
+            if grip.node == 'planner':
+                wanted = grip.values_at(pose, self._values(PLANNING))
+                self._make_plan(wanted)
+                self._set_planner(wanted)
+            else:
+                wanted = grip.values_at(pose, self._values(SIMULATION))
+                plants = [node.name for node in self._listener.having(SIMULATION)]
+                self._listener.set_parameters(plants, wanted)
+                self._reset()
+                time.sleep(_ARRIVAL)
+                self._make_plan()
+            return ''
+
+        self._wishes.wish(f'drag {grip.name}', act, told)
+
+    def pull(self, name: str, start: tuple[float, ...], end: tuple[float, ...]) -> None:
+        """Push a vehicle to where it was pulled."""
+        problem, motion = self.rig.problem, self.rig.motions.get(name)
+        if problem is not None and motion is not None:
+            wanted = pulled(problem, self._values(SIMULATION), motion.state, start, end)
+            self._wishes.wish('push', lambda: self._push(wanted, name), self._note)
+
+    # How it is done; in the thread of the wishes.
+
+    def _make_plan(self, own: Mapping[str, Any] | None = None) -> str:
+        """Ask for a plan, again while somebody else's is being made; returns its summary."""
+        asked = dict(own or {})
+        if self._delay is not None:
+            asked['start.delay'] = self._delay
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                plan = self._listener.client.plan_with(asked, timeout=PATIENCE)
+                self._delay = start_delay(plan.solve_time)
+                return plan.summary
+            except Busy:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(_LOOK)
+
+    def _await_start(self) -> None:
+        """Wait until the newest plan has begun: until then the planner makes no other."""
+        end = time.monotonic() + 2.0 * LONGEST
+        while (plan := self._listener.client.newest) is not None and time.monotonic() < end:
+            if all(motion.instant >= plan.start for motion in self.rig.motions.values()):
+                return
+            time.sleep(_LOOK)
+
+    def _push(self, wanted: Mapping[str, Any], name: str) -> str:
+        """Push a vehicle, with parameters that are set for this push alone."""
+        space = self._listener.space
+        if len(self.rig.vehicles) > 1:
+            space = f'{space}/{name}'
+        nodes = [node.name for node in self._listener.having(SIMULATION) if node.space == space]
+        values = self._values(SIMULATION)
+        before = {parameter: values.get(parameter) for parameter in wanted}
+        self._listener.set_parameters(nodes, wanted)
+        try:
+            return self._listener.trigger(f'{space}/push')
+        finally:
+            self._listener.set_parameters(nodes, before)
+
+    def _reset(self) -> str:
+        self._await_start()  # or the plan would go on from the initial state
+        told = [
+            self._listener.trigger(f'{node.space}/reset')
+            for node in self._listener.having(SIMULATION)
+            if not node.silent
+        ]
+        return told[0] if told else 'there is no simulated plant'
+
+    def _set_planner(self, values: Mapping[str, Any]) -> None:
+        self._listener.set_parameters(
+            [node.name for node in self._listener.having(PLANNING)], values
+        )
+
+    def _values(self, role: str) -> Mapping[str, Any]:
+        declared = self._listener.parameters_of(role)
+        return {} if declared is None else declared.values

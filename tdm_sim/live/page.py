@@ -1,0 +1,256 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The page: brings together what is known of the nodes, what is shown, and what is asked for."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from tdm_planner.drawing import Box, points_of
+from tdm_planner.exceptions import TdmError
+from tdm_planner.trajectory import NANOSECOND
+from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, NOTHING, PATH, picture, view_on
+from tdm_sim.live.grips import Grip, grips_of, Pose
+from tdm_sim.live.hands import Hands
+from tdm_sim.live.history import History, SolveTimes
+from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
+from tdm_sim.live.panel import Panel
+from tdm_sim.live.recordings import Recordings
+from tdm_sim.live.rig import Rig
+from tdm_sim.live.scene import Scene
+from tdm_sim.live.sliders import in_order, Slider, slider_of
+import viser
+
+ROLES = {'planner': PLANNING, 'tracker': TRACKING, 'plant': SIMULATION}
+
+_PATH = 200  # points of a planned path
+_PLACES = 20  # along a plan, that the camera is to see
+_EVENTS = 60  # that are shown
+
+
+class Page:
+    """
+    The page on the nodes of a namespace.
+
+    `frame` is called as often as the picture is to move, `figures` for the curves and `news` for
+    what is read. What is asked for comes in threads of the server.
+    """
+
+    def __init__(
+        self, server: viser.ViserServer, listener: Listener, recordings: Recordings, title: str
+    ) -> None:
+        self._server, self._listener, self._recordings = server, listener, recordings
+        self._rig = Rig(listener)
+        self._panel = Panel(server, title)
+        self._hands = Hands(self._rig, listener, recordings, self._panel.note)
+        self._scene = Scene(server, self._on_dragged, self._on_pulled)
+        self._panel.connect(self)
+        self._width = 0.0  # of tubes; 0 until the camera is placed
+        self._seen = -1
+        self._fault = ''
+        self._history = History(self._rig.view)
+        self._solve_times = SolveTimes()
+
+    def close(self) -> None:
+        """Drop what is asked for, and end a recording."""
+        self._hands.close()
+
+    # What is shown.
+
+    def frame(self) -> None:
+        """Show the present state of all vehicles."""
+        rig = self._rig
+        try:
+            self._follow()
+            another = rig.move()
+            if not rig.motions:
+                return
+            with self._server.atomic():
+                if not self._width:
+                    self._place_camera([m.state for m in rig.motions.values()])
+                    another = True
+                if another:
+                    self._show_plan()
+                self._show_motion()
+        except TdmError as error:  # of the parameters, or the drawing of somebody's own
+            self._fault = f'{error.code}: {error}'
+        chosen = rig.motions.get(rig.chosen)
+        if chosen is not None:
+            self._history.add(chosen.instant * NANOSECOND, chosen.state, chosen.control)
+
+    def figures(self) -> None:
+        """Show the curves of the last seconds."""
+        charts = self._history.charts(self._rig.timed(self._rig.chosen))
+        if not charts:
+            return
+        solving = self._solve_times.chart()
+        self._panel.charts(charts if solving is None else [*charts, solving])
+
+    def news(self, fault: str = '') -> None:
+        """Show what nodes say, what is wrong with them, and `fault` before it."""
+        listener, plan = self._listener, self._rig.plan
+        nodes = {title: listener.having(role) for title, role in ROLES.items()}
+        silent = [node.name for found in nodes.values() for node in found if node.silent]
+        faults = [fault, self._fault]
+        if not nodes['planner']:
+            faults.append(f'waiting for a planner in {listener.space or "/"}')
+        if silent:
+            faults.append('no sign of life from ' + ', '.join(silent))
+        rows = [(title, _worst(found)) for title, found in nodes.items() if found]
+        if plan is not None:
+            solved = f'solved in {1e3 * plan.solve_time:.0f} ms'
+            rows.append((f'plan {plan.plan_id}', f'{plan.summary}; {solved}'))
+        self._panel.tell(rows, '; '.join(filter(None, faults)))
+        self._panel.events(list(listener.events)[::-1][:_EVENTS])
+        simulated = any(not node.silent for node in nodes['plant'])
+        recordings = self._recordings
+        self._panel.can(simulated, recordings.running, recordings.last is not None)
+
+    def _follow(self) -> None:
+        """Follow the parameters of the nodes."""
+        declared, changes = self._listener.parameters_of(PLANNING), self._listener.changes
+        if declared is None or changes == self._seen:
+            return
+        self._seen, self._fault = changes, ''
+        if self._rig.follow(dict(declared.values)):
+            self._panel.vehicles(list(self._rig.vehicles))
+            self._width, self._history = 0.0, History(self._rig.view)
+        self._history.view = self._rig.view
+        if self._width:
+            self._show_surroundings()
+        self._show_controls()
+
+    def _show_controls(self) -> None:
+        """Show grips and sliders where the parameters have them."""
+        assert self._rig.problem is not None
+        declared = {name: self._listener.parameters_of(role) for name, role in ROLES.items()}
+        grips = {}
+        for grip in grips_of(self._rig.problem):
+            owner = declared[grip.node]
+            if owner is not None:
+                grips[grip.name] = grip, grip.pose(owner.values)
+        self._scene.hold(grips)
+        sliders: dict[str, Slider] = {}
+        for owner in filter(None, declared.values()):
+            for name, descriptor in owner.descriptors.items():
+                slider = slider_of(descriptor, owner.values.get(name))
+                if slider is not None:
+                    sliders.setdefault(name, slider)
+        self._panel.sliders(in_order(sliders.values()))
+        planner = declared['planner']
+        assert planner is not None
+        self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
+
+    def _place_camera(self, states: list[Array]) -> None:
+        """Let the camera see what stands still, and a vehicle in these states (nx,)."""
+        drawn = [shape for state in states for shape in self._rig.drawn(state)]
+        view = view_on([*self._rig.view.surroundings(), *drawn])
+        self._width = view.width
+        self._scene.look(view)
+        self._show_surroundings()
+
+    def _show_surroundings(self) -> None:
+        still = [(self._rig.view.surroundings(), Look())]
+        self._scene.show('still', picture(still, self._width))
+
+    def _show_motion(self) -> None:
+        rig = self._rig
+        plants, ghosts = [], []
+        for name, (state, control, instant) in rig.motions.items():
+            plants.append((rig.drawn(state, control), Look(rig.colour(name))))
+            plan, now = rig.timed(name), instant * NANOSECOND
+            if plan is not None and now < plan.end:
+                ghosts.append((rig.drawn(plan.reference(now)), GHOST))
+        self._scene.show('plants', picture(plants, self._width))
+        self._scene.show('ghost', picture(ghosts, self._width))
+
+    def _show_plan(self) -> None:
+        rig = self._rig
+        if rig.plan is None:
+            self._scene.show('plan', picture(NOTHING, self._width))
+            return
+        self._solve_times.add(rig.plan.plan_id, rig.plan.solve_time)
+        goals, paths, along = [], [], []
+        for name in rig.vehicles:
+            trajectory = rig.trajectory(name)
+            if trajectory is None:
+                continue
+            count = trajectory.times.size
+            thin = np.linspace(0, count - 1, min(_PATH, count)).astype(int)
+            goals.append((rig.drawn(trajectory.states[-1]), GOAL))
+            for shape in rig.drawn(trajectory.states[thin]):
+                if shape.trail:
+                    points = points_of(shape, thin.size)
+                    way = points.mean(axis=1) if isinstance(shape, Box) else points[:, -1]
+                    paths.append((way, rig.colour(name) or PATH))
+            along += list(trajectory.states[thin[:: max(thin.size // _PLACES, 1)]])
+        if not rig.view.surroundings():
+            self._place_camera(along)
+        self._scene.show('plan', picture(goals, self._width, paths))
+
+    # What is asked for, see `panel.Actions`.
+
+    def plan(self) -> None:
+        """Make a plan."""
+        self._hands.plan()
+
+    def push(self) -> None:
+        """Push the vehicle whose curves are shown."""
+        self._hands.push()
+
+    def reset(self) -> None:
+        """Put all plants back into their initial states."""
+        self._hands.reset()
+
+    def replan(self, on: bool) -> None:
+        """Switch replanning on or off."""
+        self._hands.replan(on)
+
+    def change(self, slider: Slider, value: float) -> None:
+        """Give a parameter a value."""
+        self._hands.change(slider, value, partial(self._panel.reason, slider.name))
+
+    def choose(self, vehicle: str) -> None:
+        """Show the curves of another vehicle."""
+        if vehicle in self._rig.vehicles:
+            self._rig.chosen, self._history = vehicle, History(self._rig.view)
+
+    def record(self) -> None:
+        """Begin a recording, or end it."""
+        self._hands.record()
+
+    def report(self) -> None:
+        """Make a report on the last recording, and offer it to the browsers."""
+        self._hands.report(self._offer)
+
+    def _offer(self, file: Path) -> None:
+        self._server.send_file_download(file.name, file.read_bytes())
+
+    def _on_dragged(self, grip: Grip, pose: Pose) -> None:
+        def told(text: str) -> None:
+            self._scene.tell(grip.name, text)
+            self._panel.note(text)
+
+        self._hands.drag(grip, pose, told)
+
+    def _on_pulled(self, number: int, start: tuple[float, ...], end: tuple[float, ...]) -> None:
+        names = list(self._rig.motions)
+        if number < len(names):
+            self._hands.pull(names[number], start, end)
+
+
+def _worst(nodes: list[NodeStatus]) -> str:
+    """Return what the node in the worst state says, with its namespace where there are several."""
+    worst = max(nodes, key=lambda node: node.level)
+    return (
+        f'{worst.space.rpartition("/")[2]}: {worst.message}' if len(nodes) > 1 else worst.message
+    )

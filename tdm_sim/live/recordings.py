@@ -1,0 +1,78 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Recordings that are begun and ended on the page, and reports on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+
+from tdm_planner.exceptions import TdmError
+from tdm_sim.processes import NodeProcesses
+
+
+class ReportFailed(TdmError):
+    """A report could not be made; says what the command printed."""
+
+    code = 'REPORT_FAILED'
+
+
+class Recordings:
+    """Bags of a namespace in a folder, each recorded by a `tdm record` of its own."""
+
+    def __init__(self, folder: Path, namespace: str, problem: str = '') -> None:
+        self._folder, self._namespace, self._problem = folder, namespace, problem
+        self._recorder = NodeProcesses(folder / 'log')
+        self._number = 0
+        self.last: Path | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether a recording is being made."""
+        return bool(self._recorder.identifiers)
+
+    def start(self) -> Path:
+        """Begin a recording; returns its folder."""
+        while (bag := self._folder / f'recording_{self._number + 1}').exists():
+            self._number += 1
+        words = ['record', '-o', str(bag), '--namespace', self._namespace, '--quiet']
+        self._recorder.start('recorder', 'tdm_planner.cli', words)
+        self.last = bag
+        return bag
+
+    def stop(self) -> None:
+        """End the recording."""
+        self._recorder.end()
+
+    def report(self) -> Path:
+        """
+        Make a report on the last recording, which ends if it has not.
+
+        Raises
+        ------
+        ReportFailed
+            If there is none, or nothing can be told of it.
+
+        """
+        if self.last is None:
+            raise ReportFailed('nothing was recorded yet')
+        if self.running:
+            self.stop()
+        file = self.last.with_suffix('.html')
+        words = ['report', str(self.last), '-o', str(file), '--namespace', self._namespace, '-q']
+        if ':' in self._problem:
+            words += ['--problem', self._problem]
+        done = subprocess.run(
+            [sys.executable, '-m', 'tdm_planner.cli', *words], capture_output=True, text=True
+        )
+        if done.returncode:
+            raise ReportFailed(done.stderr.strip() or f'tdm report ended with {done.returncode}')
+        return file

@@ -1,0 +1,198 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""`tdm live`: nodes in processes of their own, or those that run, and one page on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, ExitStack, redirect_stdout
+import io
+import ipaddress
+import os
+from pathlib import Path
+import sys
+import threading
+import time
+from urllib.parse import urlsplit
+import webbrowser
+
+import rclpy
+from rclpy.context import Context
+from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
+from tdm_planner.starting import require_one_ros
+from tdm_sim.demo_scene import make_scene, Scene
+from tdm_sim.live.listener import Listener
+from tdm_sim.live.page import Page
+from tdm_sim.live.recordings import Recordings
+from tdm_sim.processes import NodeProcesses
+import viser
+
+FRAME_RATE = 25.0  # Hz
+LOCAL = '127.0.0.1'
+
+_CURVES = 5  # frames between updates of the curves
+_NEWS = 12  # frames between updates of what is read
+_RESTART = 2.0  # s, the least time between two starts of a node
+
+
+def run_live(
+    plant: str | None,
+    attach: str | None,
+    output: Path,
+    parameters: Path | None = None,
+    host: str = LOCAL,
+    port: int = 8080,
+    browser: bool = True,
+) -> None:
+    """
+    Serve the page until the process is interrupted.
+
+    The nodes are those of `plant`, started here, or those that run in the namespace `attach`.
+    Recordings and logs go to the folder `output`.
+
+    Raises
+    ------
+    InvalidProblem
+        If there is no such problem, or the parameter file cannot be used.
+
+    """
+    require_one_ros()
+    with ExitStack() as stack:
+        nodes = None
+        namespace, problem = attach or '', ''
+        if plant is not None:
+            os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+            output.mkdir(parents=True, exist_ok=True)
+            scene = make_scene(plant, parameters, output)
+            if not scene.file.exists():
+                scene.file.write_text('/**:\n  ros__parameters: {}\n')
+            namespace, problem = scene.namespace, plant
+            nodes = Nodes(scene, output / 'log')
+            stack.enter_context(nodes)
+        listener = stack.enter_context(_served(namespace))
+        server = _server(host, port)
+        stack.callback(server.stop)
+        title = f'tdm live {namespace}'
+        page = Page(server, listener, Recordings(output, namespace, problem), title)
+        stack.callback(page.close)
+        address = f'http://{host}:{server.get_port()}'
+        print(f'{address} (Ctrl-C ends it)', flush=True)
+        if not _is_local(host):
+            print(
+                'tdm live: whoever reaches this computer over the network can move the plants',
+                file=sys.stderr,
+            )
+        if browser:
+            webbrowser.open(address)
+        _show(page, nodes)
+
+
+def _show(page: Page, nodes: Nodes | None) -> None:
+    """Draw frames at their rate; late ones are left out."""
+    number, due = 0, time.monotonic()
+    while True:
+        page.frame()
+        if number % _CURVES == 0:
+            page.figures()
+        if number % _NEWS == 0:
+            page.news('' if nodes is None else nodes.keep_up())
+        number += 1
+        due = max(due + 1.0 / FRAME_RATE, time.monotonic())
+        time.sleep(max(due - time.monotonic(), 0.0))
+
+
+class Nodes(NodeProcesses):
+    """The nodes of a scene as processes; one that ends by itself is started anew."""
+
+    def __init__(self, scene: Scene, folder: Path) -> None:
+        super().__init__(folder)
+        self._commands = {name: (module, words) for name, module, words in scene.nodes()}
+        self._started: dict[str, float] = {}
+        for name in self._commands:
+            self._begin(name)
+
+    def keep_up(self) -> str:
+        """Start anew what has ended; returns a sentence about it, '' if there is nothing."""
+        told = []
+        for name, code in self.ended().items():
+            told.append(f'{name} ended with exit code {code}: {self.last_line(name)}')
+            if time.monotonic() - self._started[name] > _RESTART:
+                self._begin(name)
+        return '; '.join(told)
+
+    def _begin(self, name: str) -> None:
+        module, words = self._commands[name]
+        self._started[name] = time.monotonic()
+        self.start(name, module, words)
+
+
+@contextmanager
+def _served(namespace: str) -> Iterator[Listener]:
+    """Make a listener whose node is served in a thread."""
+    context = Context()
+    rclpy.init(context=context)
+    listener = Listener(namespace, context)
+    executor = make_executor(context)
+    executor.add_node(listener.node)
+    ended = threading.Event()
+
+    def serve() -> None:
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=LONGEST_WAIT)
+
+    thread = threading.Thread(target=serve, name='listener', daemon=True)
+    thread.start()
+    try:
+        yield listener
+    finally:
+        ended.set()
+        thread.join()
+        executor.shutdown()
+        listener.close()
+        rclpy.try_shutdown(context=context)
+
+
+def _server(host: str, port: int) -> viser.ViserServer:
+    """Start the server; what it would print of itself is left out."""
+    with redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    connections = server._websock_server
+
+    async def only_own_pages(client: viser.infra.WebsockClientConnection) -> None:
+        """Close connections of pages from elsewhere: browsers let them reach this computer."""
+        connection = connections._live_connections[client.client_id]
+        assert connection.request is not None
+        origin = connection.request.headers.get('Origin')
+        if origin is not None and not _may_ask(urlsplit(origin).hostname or '', host):
+            await connection.close()
+
+    connections.on_client_connect(only_own_pages)
+    return server
+
+
+def _may_ask(origin: str, host: str) -> bool:
+    """Whether a page of the host `origin` is one that is served on `host`."""
+    if origin in (host, 'localhost'):
+        return True
+    try:
+        address = ipaddress.ip_address(origin)
+    except ValueError:
+        return False
+    return address.is_loopback or not _is_local(host)
+
+
+def _is_local(host: str) -> bool:
+    """Whether only this computer reaches an address."""
+    if host == 'localhost':
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

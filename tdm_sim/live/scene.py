@@ -1,0 +1,227 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The 3-D part of the page: pictures, camera, grips, sentences beside what was dragged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+import textwrap
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_sim.live.geometry import Picture, Solids, View
+from tdm_sim.live.grips import Grip, Pose
+import trimesh
+import viser
+
+Array = NDArray[np.float64]
+Kind = tuple[str, float]  # of solids, and their opacity
+Dragged = Callable[[Grip, Pose], None]
+Pulled = Callable[[int, tuple[float, ...], tuple[float, ...]], None]
+
+_MESHES: Mapping[str, Callable[[], Any]] = {
+    'cylinder': lambda: trimesh.creation.cylinder(radius=1.0, height=1.0, sections=32),
+    'ball': lambda: trimesh.creation.icosphere(subdivisions=3, radius=1.0),
+    'box': lambda: trimesh.creation.box(),
+}
+_LINE = 2.5  # px
+_SHARES = np.arange(256) / 255
+_LINEAR = np.round(255 * np.where(
+    _SHARES < 0.04045, _SHARES / 12.92, ((_SHARES + 0.055) / 1.055) ** 2.4
+)).astype(np.uint8)  # fmt: skip
+_LIGHT = 0.35  # of the surroundings; more makes colours pale
+_LETTERS = 40  # in a line of a sentence
+
+
+class Layer:
+    """A picture under a name; what changes is sent, in few messages."""
+
+    def __init__(self, server: viser.ViserServer, name: str, pulled: Pulled | None = None) -> None:
+        self._server, self._name, self._pulled = server, name, pulled
+        self._solids: dict[Kind, Any] = {}
+        self._groups: dict[Kind, NDArray[np.int_]] = {}
+        self._lines: Any = None
+
+    def show(self, picture: Picture) -> None:
+        """Show another picture."""
+        solids = picture.solids
+        for kind, handle in list(self._solids.items()):
+            if kind not in solids or len(handle.batched_positions) != len(solids[kind].places):
+                self._solids.pop(kind).remove()
+        for kind, found in solids.items():
+            self._groups[kind] = found.groups
+            handle = self._solids.get(kind)
+            if handle is None:
+                self._solids[kind] = self._add(kind, found)
+                continue
+            handle.batched_positions, handle.batched_wxyzs = found.places, found.rotations
+            handle.batched_scales, handle.batched_colors = found.sizes, _linear(found.colours)
+        lines, count = self._lines, len(picture.lines)
+        if lines is not None and len(lines.points) == count:
+            lines.points, lines.colors = picture.lines, _linear(picture.line_colours)
+            return
+        if lines is not None:
+            lines.remove()
+        self._lines = None if count == 0 else self._add_lines(picture)
+
+    def _add_lines(self, picture: Picture) -> Any:
+        return self._server.scene.add_line_segments(
+            f'/{self._name}/lines',
+            points=picture.lines,
+            colors=_linear(picture.line_colours),
+            thickness=_LINE,
+            thickness_units='screen',
+        )
+
+    def _add(self, kind: Kind, solids: Solids) -> Any:
+        shape, opacity = kind
+        mesh = _MESHES[shape]()
+        handle = self._server.scene.add_batched_meshes_simple(
+            f'/{self._name}/{shape}_{100 * opacity:.0f}',
+            vertices=mesh.vertices,
+            faces=mesh.faces,
+            batched_wxyzs=solids.rotations,
+            batched_positions=solids.places,
+            batched_scales=solids.sizes,
+            batched_colors=_linear(solids.colours),
+            opacity=None if opacity == 1.0 else opacity,
+            flat_shading=shape != 'ball',
+            lod='off',
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        if self._pulled is not None:
+            handle.on_drag(partial(self._on_drag, kind))
+        return handle
+
+    def _on_drag(self, kind: Kind, event: Any) -> None:
+        if event.phase == 'end' and self._pulled is not None:
+            group = int(self._groups[kind][event.instance_index or 0])
+            self._pulled(group, event.start_position, event.end_position)
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return colours as the page takes them for many at once: not yet as a screen has them."""
+    return _LINEAR[colours]
+
+
+class Hold:
+    """A grip on the page, and the sentence beside it."""
+
+    def __init__(
+        self, server: viser.ViserServer, grip: Grip, pose: Pose, dragged: Dragged
+    ) -> None:
+        self.grip = grip
+        name = f'/grips/{grip.name}'
+        self._label: Any = None
+        self._server, self._name = server, name
+        turns = grip.moves == 'turn'
+        self._handle = server.scene.add_transform_controls(
+            name,
+            scale=grip.size,
+            active_axes=(True, True, False),
+            disable_axes=turns,
+            disable_sliders=turns,
+            depth_test=False,
+            opacity=0.75,
+            position=pose[0],
+            wxyz=pose[1],
+        )
+        self._held, self._given = False, pose
+
+        async def on_update(event: Any) -> None:  # a coroutine: phases come in their order
+            self._held = event.phase != 'end'
+            if event.phase != 'start':
+                dragged(self.grip, (np.array(event.target.position), np.array(event.target.wxyz)))
+
+        self._handle.on_update(on_update)
+
+    def move(self, pose: Pose) -> None:
+        """
+        Put it elsewhere, unless somebody holds it.
+
+        Where it was dropped it stays until what it stands for changes.
+        """
+        changed = any(not np.allclose(*pair) for pair in zip(pose, self._given, strict=True))
+        if changed and not self._held:
+            self._given = pose
+            self._handle.position, self._handle.wxyz = pose
+
+    def tell(self, text: str) -> None:
+        """Show a sentence beside it; '' shows none."""
+        if self._label is not None:
+            self._label.remove()
+            self._label = None
+        if text:
+            self._label = self._server.scene.add_label(
+                f'{self._name}/reason', textwrap.fill(text, _LETTERS), anchor='bottom-center'
+            )
+
+    def remove(self) -> None:
+        """Take it away."""
+        self._handle.remove()
+
+
+class Scene:
+    """Everything in space: layers by name, grips, camera."""
+
+    def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
+        self._server, self._dragged = server, dragged
+        self._layers = {
+            'still': Layer(server, 'still'),
+            'plan': Layer(server, 'plan'),
+            'ghost': Layer(server, 'ghost'),
+            'plants': Layer(server, 'plants', pulled),
+        }
+        self.holds: dict[str, Hold] = {}
+        self._grid: Any = None
+        server.scene.world_axes.visible = False
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.configure_environment_map(environment_intensity=_LIGHT)
+
+    def show(self, layer: str, picture: Picture) -> None:
+        """Show a picture in a layer."""
+        self._layers[layer].show(picture)
+
+    def look(self, view: View) -> None:
+        """Let the camera of every browser, and of those that come, stand where a view says."""
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = view.camera, view.target
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = view.camera, view.target
+        if self._grid is not None:
+            self._grid.remove()
+        step = 10.0 ** np.floor(np.log10(view.size))
+        self._grid = self._server.scene.add_grid(
+            '/grid',
+            width=4.0 * view.size,
+            height=4.0 * view.size,
+            cell_size=0.1 * step,
+            section_size=step,
+            position=(view.target[0], view.target[1], view.floor - view.width),
+        )
+
+    def hold(self, grips: Mapping[str, tuple[Grip, Pose]]) -> None:
+        """Show these grips and no others; those that are there are moved."""
+        for name in [name for name in self.holds if name not in grips]:
+            self.holds.pop(name).remove()
+        for name, (grip, pose) in grips.items():
+            if name in self.holds:
+                self.holds[name].grip = grip
+                self.holds[name].move(pose)
+            else:
+                self.holds[name] = Hold(self._server, grip, pose, self._dragged)
+
+    def tell(self, grip: str, text: str) -> None:
+        """Show a sentence beside a grip; '' shows none."""
+        if grip in self.holds:
+            self.holds[grip].tell(text)

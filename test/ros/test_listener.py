@@ -1,0 +1,249 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What the live page knows of nodes, and what it has done, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from stepped_ros import Stepped
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.qos import LATCHED
+from tdm_sim.live.geometry import about
+from tdm_sim.live.grips import grips_of
+from tdm_sim.live.hands import Hands
+from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
+from tdm_sim.live.recordings import Recordings
+from tdm_sim.live.rig import Rig
+from tdm_sim.live.sliders import slider_of
+from trajectory_msgs.msg import JointTrajectory
+
+PLANNER, TRACKER = 'tdm_planner.nodes.planner', 'tdm_planner.nodes.tracker'
+PLANT = 'tdm_sim.pendulum_plant'
+STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0}
+SPACE = 'seen'
+
+Do = Callable[..., Any]
+
+
+class Seen:
+    """The nodes of a pendulum, a listener, and hands whose deeds are told to `texts`."""
+
+    def __init__(self, ros: Stepped, folder: Path) -> None:
+        self.ros = ros
+        self.nodes = {
+            PLANT: ros.start(PLANT, {'limits.torque': 0.09}, namespace=SPACE),
+            TRACKER: ros.start(TRACKER, {'limits.torque': 0.09}, namespace=SPACE),
+            PLANNER: ros.start(PLANNER, STRONG, namespace=SPACE),
+        }
+        self.listener = Listener(SPACE, ros._context)
+        ros._executor.add_node(self.listener.node)
+        self.rig = Rig(self.listener)
+        self.texts: list[str] = []
+        recordings = Recordings(folder, SPACE)
+        self.hands = Hands(self.rig, self.listener, recordings, self.texts.append)
+        self.plans = ros.subscribe(f'/{SPACE}/trajectory', JointTrajectory, LATCHED)
+        roles = PLANNING, TRACKING, SIMULATION
+        assert ros.spin_until(lambda: all(map(self.listener.parameters_of, roles)))
+        self.rig.follow(self.values(PLANNING))
+        assert ros.spin_until(lambda: self.rig.move() or bool(self.rig.motions))
+
+    def values(self, role: str) -> dict[str, Any]:
+        declared = self.listener.parameters_of(role)
+        assert declared is not None
+        return declared.values
+
+    def state(self) -> Any:
+        self.rig.move()
+        return self.rig.motions['pendulum'].state
+
+    def told(self, deed: Callable[[], None]) -> str:
+        """Do something by hand; returns what was told of it."""
+        count = len(self.texts)
+
+        def done() -> bool:
+            self.rig.motions = {n: m for n, v in self.rig.vehicles.items() if (m := v.newest())}
+            return len(self.texts) > count
+
+        deed()
+        assert self.ros.spin_until(done, 20.0)
+        return self.texts[-1]
+
+    def close(self) -> None:
+        self.hands.close()
+        self.ros._executor.remove_node(self.listener.node)
+        self.listener.close()
+
+
+@pytest.fixture(scope='module')
+def seen(ros: Stepped, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
+    made = Seen(ros, tmp_path_factory.mktemp('live'))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def do(ros: Stepped) -> Iterator[Do]:
+    """Do something in a thread while the nodes are served; return or raise what came of it."""
+    with ThreadPoolExecutor(1) as pool:
+
+        def done(what: Callable[..., Any], *arguments: Any) -> Any:
+            future = pool.submit(what, *arguments)
+            assert ros.spin_until(future.done)
+            return future.result()
+
+        yield done
+
+
+def test_nodes_their_parameters_and_the_state_are_known(seen: Seen) -> None:
+    listener = seen.listener
+    assert [node.name for node in listener.having(SIMULATION)] == [f'/{SPACE}/pendulum_plant']
+    assert not any(node.silent for node in listener.nodes.values())
+    assert seen.values(PLANNING)['limits.torque'] == 0.09
+    assert len(listener.with_parameter('limits.torque')) == 3
+    assert listener.with_parameter('weights.theta') == [f'/{SPACE}/tracker']
+    assert seen.state() == pytest.approx([math.pi, 0.0, 0.0, 0.0])
+    assert seen.ros.spin_until(lambda: len(listener.events) > 0)
+
+
+def test_parameters_are_set_and_changes_are_followed(seen: Seen, do: Do) -> None:
+    listener, plant = seen.listener, f'/{SPACE}/pendulum_plant'
+    before = listener.changes
+    do(listener.set_parameters, [plant], {'disturbance.impulse': 3e-4})
+    values = seen.values(SIMULATION)
+    assert seen.ros.spin_until(lambda: values['disturbance.impulse'] == 3e-4)
+    assert listener.changes > before
+    with pytest.raises(InvalidProblem, match=r"'limits.torque' = -1.0 is not allowed"):
+        do(
+            listener.set_parameters,
+            listener.with_parameter('limits.torque'),
+            {'limits.torque': -1.0},
+        )
+
+
+def test_a_push_and_a_pull_move_the_pendulum_and_a_reset_puts_it_back(seen: Seen) -> None:
+    assert 'pushed' in seen.told(seen.hands.push)
+    assert seen.ros.spin_until(lambda: abs(seen.state()[2]) > 0.1)
+    assert 'initial' in seen.told(seen.hands.reset)
+    assert seen.ros.spin_until(lambda: abs(seen.state()[2]) < 1e-9)
+    told = seen.told(lambda: seen.hands.pull('pendulum', (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+    assert '-' in told
+    assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
+    seen.told(seen.hands.reset)
+
+
+def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
+    assert 'upright' in seen.told(seen.hands.plan)
+    assert seen.ros.spin_until(seen.rig.move)
+    plan, first = seen.rig.plan, nanoseconds_of(seen.plans[-1].header.stamp)
+    assert plan is not None
+    assert plan.start == first
+    timed = seen.rig.timed('pendulum')
+    assert timed is not None
+    assert timed.reference(plan.start * 1e-9)[0] == pytest.approx(math.pi, abs=0.1)
+    assert seen.ros.trigger(f'/{SPACE}/plan')[0]
+    assert seen.ros.spin_until(seen.rig.move)
+    assert seen.rig.plan is not None
+    assert seen.rig.plan.plan_id == plan.plan_id + 1
+
+
+def test_a_start_that_is_dragged_is_planned_from(seen: Seen) -> None:
+    assert seen.rig.problem is not None
+    grip = grips_of(seen.rig.problem)[0]
+    pose = np.zeros(3), about((0, 0, 1), 0.5)
+    assert seen.told(lambda: seen.hands.drag(grip, pose, seen.texts.append)) == ''
+    assert seen.values(SIMULATION)['initial.psi'] == pytest.approx(0.5)
+    assert seen.ros.spin_until(seen.rig.move)
+    trajectory = seen.rig.trajectory('pendulum')
+    assert trajectory is not None
+    assert trajectory.states[0, 1] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_slider_acts_on_all_nodes_and_what_is_infeasible_is_told(seen: Seen) -> None:
+    declared, before = seen.listener.parameters_of(PLANNING), seen.rig.plan
+    assert declared is not None
+    name = 'limits.disk_angle'
+    slider = slider_of(declared.descriptors[name], declared.values[name])
+    assert slider is not None
+
+    def change(value: float) -> str:
+        return seen.told(lambda: seen.hands.change(slider, value, seen.texts.append))
+
+    assert change(2.5) == ''
+    roles = PLANNING, TRACKING, SIMULATION
+    assert seen.ros.spin_until(lambda: all(seen.values(role)[name] == 2.5 for role in roles))
+    assert seen.rig.move()
+    good = seen.rig.plan
+    assert good is not before
+    seen.told(seen.hands.reset)
+    assert 'INVALID_PROBLEM' in change(0.3)  # the start is beyond it
+    assert not seen.rig.move()
+    assert seen.rig.plan is good
+    change(2.5)
+
+
+def test_a_switch_turns_replanning_on(seen: Seen) -> None:
+    assert '5 Hz' in seen.told(lambda: seen.hands.replan(True))
+    assert seen.ros.spin_until(lambda: seen.values(PLANNING)['replan.rate'] == 5.0)
+    seen.told(lambda: seen.hands.replan(False))
+
+
+def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path) -> None:
+    viser = pytest.importorskip('viser')
+    from tdm_sim.live.page import Page
+
+    server = viser.ViserServer(host='127.0.0.1', port=0, verbose=False)
+    page = Page(server, seen.listener, Recordings(tmp_path, SPACE), 'seen')
+    try:
+        page.news()  # nothing is known yet
+        for _ in range(20):
+            seen.ros.spin_for(0.05)
+            page.frame()
+        page.figures()
+        page.news('a node ended')
+        shown = set(server.scene._handle_from_node_name)
+        assert {'/still/lines', '/plants/cylinder_100', '/plan/lines'} <= shown
+        assert {'/grips/disk', '/grips/pendulum'} <= shown
+        status = page._panel._status.content
+        assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
+        charts = page._panel._charts
+        assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= set(charts)
+        assert 'limits.torque' in page._panel._sliders
+        hold = page._scene.holds['disk']
+        before = np.array(hold._handle.wxyz)
+        page._scene.tell('disk', 'INFEASIBLE: why')
+        assert '/grips/disk/reason' in server.scene._handle_from_node_name
+        page._scene.tell('disk', '')
+        assert '/grips/disk/reason' not in server.scene._handle_from_node_name
+        moved = about((0, 0, 1), 1.0)
+        hold.move((np.zeros(3), moved))
+        assert not np.allclose(before, hold._handle.wxyz)
+    finally:
+        page.close()
+        server.stop()
+
+
+def test_a_node_that_is_gone_is_missed_and_known_again_when_it_is_back(seen: Seen) -> None:
+    ros, listener = seen.ros, seen.listener
+    seen.nodes.pop(PLANT).end()
+    gone = listener.having(SIMULATION)[0].name
+    assert ros.spin_until(lambda: listener.nodes[gone].silent, SILENT + 3.0)
+    seen.nodes[PLANT] = ros.start(PLANT, {'initial.theta': 3.0}, namespace=SPACE)
+    assert ros.spin_until(lambda: not listener.nodes[gone].silent)
+    assert ros.spin_until(lambda: gone in listener.declared)
+    assert seen.values(SIMULATION)['initial.theta'] == 3.0
+    assert ros.spin_until(lambda: abs(seen.state()[0] - 3.0) < 0.2)

@@ -1,0 +1,220 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The live page in a headless browser, on nodes in processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+import json
+import math
+from pathlib import Path
+import re
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_harness import ENOUGH, Ros, SOURCE
+
+if find_spec('selenium') is None or find_spec('viser') is None:
+    pytest.skip('needs selenium and viser', allow_module_level=True)
+
+from selenium.webdriver.common.action_chains import ActionChains
+from signal_scenes import survivors
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems import RobotFormation
+from tdm_sim.live.geometry import axes_of, view_on
+from tdm_sim.live.grips import grips_of
+from tools.browser import chromium, open_browser, set_window
+from trajectory_msgs.msg import JointTrajectory
+import yaml
+
+if chromium() is None:
+    pytest.skip(
+        'no headless Chromium: apt-get install chromium chromium-driver', allow_module_level=True
+    )
+
+LONG = 180.0  # s that anything may take: drawing in space by software is slow
+DESKTOP, PHONE = (800, 500), (390, 700)
+LOCAL = ('http://127.0.0.1', 'ws://127.0.0.1', 'blob:', 'data:', 'chrome:')
+RELAXED = {  # for a machine that draws by software beside
+    'planner': {'start': {'max_age': 2.0}, 'solver': {'deadline': ENOUGH}},
+    'tracker': {'rate': 50.0, 'state_timeout': 1.0},
+    'robot_plant': {'rate': 50.0, 'command_timeout': 1.0},
+}
+FOV = math.radians(75.0)  # of the camera, upright
+
+
+class Live:
+    """A page on the nodes of a plant, open in a browser."""
+
+    def __init__(self, ros: Ros, driver: Any, plant: str, folder: Path) -> None:
+        self.ros, self.driver = ros, driver
+        file = SOURCE / 'config' / f'{plant}.yaml'
+        document = yaml.safe_load(file.read_text(encoding='utf-8'))
+        for name, values in RELAXED.items():
+            parameters = document[f'/**/{name}']['ros__parameters']
+            for key, value in values.items():
+                parameters[key] = parameters[key] | value if isinstance(value, dict) else value
+        relaxed = folder / 'relaxed.yaml'
+        relaxed.write_text(yaml.safe_dump(document))
+        words = ['live', plant, '--no-browser', '--port', '0', '--params', str(relaxed)]
+        words += ['-o', str(folder / plant)]
+        self.mark = f'TDM_TEST_MARK={folder.name}_{plant}'  # of all that it starts
+        self.process = ros.run('tdm_planner.cli', words, dict([self.mark.split('=')]))
+        assert ros.spin_until(lambda: 'Ctrl-C ends it' in self.process.output), self.output
+        (self.address,) = re.findall(r'http://\S+', self.process.output)
+        for log in ('browser', 'performance'):
+            driver.get_log(log)
+        set_window(driver, DESKTOP)
+        driver.get(self.address)
+        self.wait_for('.tdm-status', 'ready')
+
+    @property
+    def output(self) -> str:
+        return self.process.output
+
+    def text(self, selector: str) -> str:
+        script = 'return [...document.querySelectorAll(arguments[0])].map(e => e.innerText).join()'
+        return str(self.driver.execute_script(script, selector))
+
+    def wait_for(self, selector: str, *words: str) -> str:
+        """Wait until the page says all these words in some place."""
+
+        def said() -> bool:
+            return all(word in self.text(selector) for word in words)
+
+        assert self.until(said), f'{words} not in {self.text(selector)!r}\n{self.output}'
+        return self.text(selector)
+
+    def until(self, condition: Callable[[], bool]) -> bool:
+        return self.ros.spin_until(condition, LONG)
+
+    def wait_until_drawn(self, node: str) -> None:
+        """Wait until something is in the scene, and has been drawn some times."""
+
+        def frames() -> int:
+            return int(
+                self.driver.execute_script(
+                    'const tree = window.__viserSceneTree, info = window.__viserTestpoints;'
+                    'return tree && info && arguments[0] in tree.getState()'
+                    ' ? info.rendererInfo.render.frame : 0',
+                    node,
+                )
+            )
+
+        assert self.until(lambda: frames() > 0), f'no {node}\n{self.output}'
+        first = frames()
+        assert self.until(lambda: frames() > first + 20), f'not drawn\n{self.output}'
+
+    def complaints(self) -> list[str]:
+        """Return errors of the page, and what it asked of anybody but its own server."""
+        found = [e['message'] for e in self.driver.get_log('browser') if e['level'] == 'SEVERE']
+        events = [json.loads(e['message'])['message'] for e in self.driver.get_log('performance')]
+        sent = [e for e in events if e['method'] == 'Network.requestWillBeSent']
+        asked = [e['params']['request']['url'] for e in sent]
+        assert asked
+        return found + [url for url in asked if not url.startswith(LOCAL)]
+
+    def drag(self, start: tuple[int, int], way: tuple[int, int]) -> None:
+        """Drag from a pixel of the window by some pixels, slowly enough to be seen."""
+        mouse = ActionChains(self.driver, duration=100)
+        pointer = mouse.w3c_actions.pointer_action
+        pointer.move_to_location(*start)
+        mouse.pause(1.0).click_and_hold().pause(0.3)
+        for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+            x, y = (round(at + share * by) for at, by in zip(start, way, strict=True))
+            pointer.move_to_location(x, y)
+            mouse.pause(0.2)
+        mouse.pause(0.5).release().perform()
+
+    def end(self) -> None:
+        assert self.process.end(signal.SIGINT) == 0, self.output
+        assert 'Traceback' not in self.output
+        assert not survivors(self.mark)
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with open_browser(tmp_path_factory.mktemp('chromium'), in_space=True) as driver:
+        driver.set_script_timeout(LONG)
+        yield driver
+
+
+@pytest.fixture
+def open_page(ros: Ros, browser: Any, tmp_path: Path) -> Iterator[Callable[[str], Live]]:
+    opened: list[Live] = []
+
+    def opens(plant: str) -> Live:
+        opened.append(Live(ros, browser, plant, tmp_path))
+        return opened[-1]
+
+    yield opens
+    browser.get('about:blank')
+    for page in opened:
+        page.end()
+
+
+def pixel(page: Live, point: np.ndarray) -> tuple[int, int]:
+    """Return where the camera shows a point of the arena at first."""
+    problem = RobotFormation()
+    view = view_of(problem)
+    states = [dict.fromkeys(view.kind.state_names, np.float64(0.0)) for _ in problem.robots]
+    for state, start, yaw in zip(states, problem.task.start, problem.task.yaw, strict=True):
+        state |= {'x': start[0], 'y': start[1], 'yaw': yaw}
+    controls = dict.fromkeys(view.kind.control_names, np.float64(0.0))
+    drawn = [shape for state in states for shape in view.drawing(state, controls)]
+    seen = view_on([*view.surroundings(), *drawn])
+    ahead = (seen.target - seen.camera) / np.linalg.norm(seen.target - seen.camera)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    above = np.cross(right, ahead)
+    box = page.driver.execute_script(
+        'const b = document.querySelector("canvas").getBoundingClientRect();'
+        'return [b.left, b.top, b.width, b.height]'
+    )
+    away = point - seen.camera
+    scale = 0.5 * box[3] / math.tan(FOV / 2) / float(away @ ahead)
+    x = box[0] + 0.5 * box[2] + scale * float(away @ right)
+    y = box[1] + 0.5 * box[3] - scale * float(away @ above)
+    return round(x), round(y)
+
+
+@pytest.mark.timeout(900)
+def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
+    ros: Ros, open_page: Callable[[str], Live]
+) -> None:
+    plans = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
+    page = open_page('robots')
+    grip = grips_of(RobotFormation())[0]
+    place, turn = grip.pose({})
+    ahead, _, _ = axes_of(turn)
+    handle = pixel(page, place + 0.6 * grip.size * ahead)
+    beside = pixel(page, place + (0.6 * grip.size + 0.4) * ahead)
+    page.wait_until_drawn('/grips/robot1')
+    page.drag(handle, (beside[0] - handle[0], beside[1] - handle[1]))
+    assert page.until(lambda: len(plans) > 0), page.output + page.text('.tdm-note')
+    page.wait_for('.tdm-status', 'robots in formation')
+    end = plans[-1].points[-1].positions[:2]
+    moved = np.array(end) - place[:2]
+    assert float(moved @ ahead[:2]) > 0.1
+    assert abs(moved[0] * ahead[1] - moved[1] * ahead[0]) < 0.02
+    count, handle = len(plans), pixel(page, place + 0.6 * grip.size * ahead + [*moved, 0.0])
+    page.drag(handle, (400, 0))
+    reason = page.wait_for('.tdm-note', 'INVALID_PROBLEM')
+    assert 'robot1' in reason
+    assert len(plans) >= count
+    assert page.complaints() == []
+    set_window(page.driver, PHONE)
+    page.driver.refresh()
+    page.wait_for('.tdm-status', 'robots in formation')  # who comes late sees the present
+    assert page.driver.execute_script('return document.documentElement.scrollWidth') <= PHONE[0]

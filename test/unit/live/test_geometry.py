@@ -1,0 +1,110 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Shapes as solids in space, and what the camera sees of them."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tdm_planner.drawing import Box, Disc, Line
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_sim.live.geometry import (
+    about,
+    axes_of,
+    from_axes,
+    from_vertical,
+    GHOST,
+    Look,
+    picture,
+    UPWARDS,
+    view_on,
+)
+
+component = st.floats(-2.0, 2.0)
+vector = st.tuples(component, component, component)
+
+
+@given(vector)
+def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
+    direction = np.array(way)
+    assume(np.linalg.norm(direction) > 1e-3)
+    _, _, along = axes_of(from_vertical(direction))
+    assert along == pytest.approx(direction / np.linalg.norm(direction), abs=1e-7)
+
+
+def test_the_rotations_that_turn_nothing_and_upside_down() -> None:
+    assert from_vertical(np.zeros(3)) == pytest.approx(UPWARDS)
+    assert axes_of(from_vertical(np.array([0.0, 0.0, -3.0])))[2] == pytest.approx([0, 0, -1])
+
+
+@given(vector, st.floats(-3.0, 3.0))
+def test_axes_and_rotations_are_inverse(axis: tuple[float, ...], angle: float) -> None:
+    length = math.hypot(*axis)
+    assume(length > 1e-3)
+    rotation = about(np.array(axis) / length, angle)
+    again = from_axes(*axes_of(rotation))
+    assert abs(float(rotation @ again)) == pytest.approx(1.0)
+
+
+def test_what_a_shape_becomes() -> None:
+    shapes = [
+        Line(((0.0, 0.0), (3.0, 4.0))),
+        Disc((1.0, 2.0), 0.5, 'reach'),
+        Disc((1.0, 2.0, 3.0), 0.5),
+        Box((1.0, 2.0, 3.0), (1.0, 2.0, 4.0), math.pi / 2),
+        Line(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), 'limit'),
+    ]
+    found = picture([(shapes, Look())], 0.1)
+    assert {kind for kind, _ in found.solids} == {'cylinder', 'ball', 'box'}
+    tube = found.solids['cylinder', 1.0]
+    assert tube.places[0] == pytest.approx([1.5, 2.0, 0.0])
+    assert tube.sizes[0] == pytest.approx([0.1, 0.1, 5.0])
+    ((_, opacity),) = [kind for kind in found.solids if kind[1] < 1.0]
+    assert found.solids['cylinder', opacity].sizes[0][:2] == pytest.approx([0.5, 0.5])
+    assert found.solids['ball', 1.0].places[0] == pytest.approx([1.0, 2.0, 3.0])
+    ahead, _, _ = axes_of(found.solids['box', 1.0].rotations[0])
+    assert ahead == pytest.approx([0.0, 1.0, 0.0], abs=1e-12)
+    assert found.lines == pytest.approx(np.array([[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [1, 1, 0]]]))
+    assert found.line_colours.shape == found.lines.shape
+
+
+def test_groups_keep_their_number_and_a_ghost_has_bodies_only() -> None:
+    shapes = [Disc((0.0, 0.0), 0.1), Line(((0.0, 0.0), (1.0, 0.0)), 'limit')]
+    found = picture([(shapes, GHOST), (shapes, GHOST)], 0.1)
+    ((_, solids),) = found.solids.items()
+    assert solids.groups.tolist() == [0, 1]
+    assert len(found.lines) == 0
+
+
+@pytest.mark.parametrize('kind', [PendulumSwingUp, RobotFormation])
+def test_built_in_plants_are_seen_whole(kind: type) -> None:
+    view = view_of(kind())
+    states = {name: np.float64(0.3) for name in view.kind.state_names}
+    controls = {name: np.float64(0.01) for name in view.kind.control_names}
+    shapes = [*view.surroundings(), *view.drawing(states, controls)]
+    seen = view_on(shapes)
+    found = picture([(shapes, Look())], seen.width)
+    places = np.concatenate([solids.places for solids in found.solids.values()])
+    assert np.linalg.norm(places - seen.target, axis=1).max() < seen.size
+    assert 0.5 < np.linalg.norm(seen.camera - seen.target) / seen.size < 2.0
+    assert places[:, 2].min() >= seen.floor - 1e-9
+
+
+def test_paths_are_lines_and_nothing_is_seen_too() -> None:
+    way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
+    found = picture([], 0.1, [(way, (1, 2, 3))])
+    assert found.lines.shape == (2, 2, 3)
+    assert found.line_colours[0, 0].tolist() == [1, 2, 3]
+    assert view_on([]).size > 0.0

@@ -1,0 +1,68 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Who may look at the live page, and nodes that are kept up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import time
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip('rclpy')
+viser = pytest.importorskip('viser')
+
+from tdm_sim.live import run  # noqa: E402
+from websockets.exceptions import ConnectionClosed  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
+
+
+@pytest.mark.parametrize(
+    ('origin', 'host', 'may'),
+    [
+        ('127.0.0.1', '127.0.0.1', True),
+        ('localhost', '127.0.0.1', True),
+        ('evil.example', '127.0.0.1', False),
+        ('192.168.1.7', '127.0.0.1', False),
+        ('192.168.1.7', '0.0.0.0', True),
+        ('evil.example', '0.0.0.0', False),
+        ('rig.local', 'rig.local', True),
+    ],
+)
+def test_only_own_pages_may_ask(origin: str, host: str, may: bool) -> None:
+    assert run._may_ask(origin, host) is may
+
+
+def test_a_page_from_elsewhere_is_turned_away() -> None:
+    server = run._server('127.0.0.1', 0)
+    address = f'ws://127.0.0.1:{server.get_port()}'
+    words = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
+    try:
+        with connect(address, origin='http://localhost:8080', **words) as own:
+            assert own.recv(timeout=20.0)
+        evil = connect(address, origin='http://evil.example', **words)
+        with evil as other, pytest.raises(ConnectionClosed):
+            other.recv(timeout=20.0)
+    finally:
+        server.stop()
+
+
+def test_a_node_that_ends_is_started_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, '_RESTART', 0.0)
+    scene = SimpleNamespace(nodes=lambda: [('clock', 'calendar', ['2026'])])
+    with run.Nodes(scene, tmp_path) as nodes:
+        first = nodes.identifiers['clock']
+        told = ''
+        end = time.monotonic() + 30.0
+        while not told and time.monotonic() < end:
+            told = nodes.keep_up()
+        assert told.startswith('clock ended with exit code 0: ')
+        assert nodes.identifiers['clock'] != first
