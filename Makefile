@@ -33,12 +33,12 @@ ROS := $(shell [ -n "$${AMENT_PREFIX_PATH:-}" ] \
 ifeq ($(ROS),native)
   KIND := native
   VENV_OPTIONS := --system-site-packages
-  PACKAGE := .
+  PACKAGE := .[study]
   WHAT := this package, for the ROS 2 $(ROS_DISTRO) that is sourced
 else
   KIND := wheels-$(basename $(notdir $(CONSTRAINTS)))
-  PACKAGE := .[jazzy]
-  WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
+  PACKAGE := .[jazzy,study]
+  WHAT := ROS 2 Jazzy wheels and this package (about 950 MB)
 endif
 
 BIN := $(VENV)/bin

@@ -74,6 +74,7 @@ setup(
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        'study': ['dask', 'distributed', 'pyarrow'],  # `tdm study`
         'test': [
             'catkin-pkg',
             'colcon-core',
