@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
+from functools import cache
 import math
 import operator
 import re
@@ -214,10 +215,11 @@ def group(cls: type[T]) -> T:
     return made
 
 
-def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
+@cache
+def _fields(cls: type) -> tuple[tuple[dataclasses.Field[Any], Any], ...]:
+    """Return the fields of a dataclass and their types, which take a millisecond to resolve."""
     hints = get_type_hints(cls)
-    for item in dataclasses.fields(cls):
-        yield item, hints[item.name]
+    return tuple((item, hints[item.name]) for item in dataclasses.fields(cls))
 
 
 def _unwrap_optional(hint: Any) -> tuple[Any, bool]:

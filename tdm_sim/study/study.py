@@ -25,8 +25,6 @@ from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, checked, Chosen, parse_axis, Point, Points
 from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.page import write_page, write_pictures
-from tdm_sim.study.pictures import draw
 from tdm_sim.study.rows import Trial
 from tdm_sim.study.tables import claim, ENDINGS, Table
 from tdm_sim.study.workers import each, workers
@@ -156,6 +154,10 @@ def _show(
     folder: Path, problem: type[Problem], table: pa.Table, axes: Sequence[Axis], shared: Point
 ) -> None:
     """Write pictures and page."""
+    # matplotlib takes half a second to import, and processes that plan have no use for it
+    from tdm_sim.study.page import write_page, write_pictures
+    from tdm_sim.study.pictures import draw
+
     columns = {name: table[name].to_pylist() for name in table.column_names}
     specs = problem.parameter_specifications(shared)
     units = {axis.name: specs[axis.name].unit for axis in axes}
