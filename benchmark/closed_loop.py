@@ -13,7 +13,7 @@ Closed-loop experiments: the trackers' own code against plants that are not thei
     python -m benchmark.closed_loop [--seeds 40] [--mismatch 0.05]
 
 Every physical constant and actuator gain is off by up to the mismatch, measurements are noisy; no
-plan is made anew on the way.
+plan is made anew on the way. The flights are those of `tdm study`.
 
 A pendulum counts as held when |theta - 2 pi n| < 0.05 rad and |psi| < psi_max throughout the last
 5 s, which begin 2 s after the planned end. Robots count as arrived when every one is within 2 cm
@@ -24,31 +24,21 @@ separated when no two have come closer than the minimum separation.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
-import itertools
-import math
 from typing import Any
 
-from benchmark.parallel import each
+from benchmark.progress import report
 from benchmark.scenarios import crossing, MINIMUM_SEPARATION
+from distributed import Client
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Solution
-from tdm_planner.tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
-    Phase,
-    RobotTracker,
-    RobotTrackerParameters,
-    TrajectoryTracker,
-)
 from tdm_planner.tracking.tracker import wrapped
-from tdm_planner.trajectory import Trajectory
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.report.margins import separations
+from tdm_sim.study import ClosedLoop, each, fly, workers
 
 Array = NDArray[np.float64]
 
@@ -57,8 +47,6 @@ MISMATCH = 0.05
 SETTLING, HELD = 2.0, 5.0  # s
 HELD_ANGLE, DISK_ANGLE = 0.05, 2.0  # rad
 ARRIVED = 0.02  # m
-PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
-ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.0])
 RIGS: dict[str, tuple[float, float, float]] = {
     # largest thrust [N], thruster rate [rad/s], torque [N m]
     'quick robots': (1.05, 2.0, 0.02),
@@ -66,172 +54,108 @@ RIGS: dict[str, tuple[float, float, float]] = {
 }
 
 
-@dataclass
-class Loop:
-    """A tracker and a plant stepped together."""
-
-    tracker: TrajectoryTracker
-    plant: SimulatedPlant
-    interval: float
-
-    def begin(self, plan: Trajectory) -> None:
-        """Have the plan tracked from the first tick on."""
-        self.tracker.observe(self.plant.measure(), -self.interval)
-        self.tracker.accept(plan, 0.0, -self.interval)
-
-    def tick(self, now: float) -> Array:
-        """Measure, command, move; return the true state after the interval."""
-        self.tracker.observe(self.plant.measure(), now)
-        self.plant.command(self.tracker.command(now).control)
-        self.plant.step(self.interval)
-        return self.plant.state
+def runs(client: Client, work: Callable[[int], Any], seeds: int, what: str) -> list[Any]:
+    """Return what `work` makes of every seed."""
+    found = {}
+    for seed, result in each(client, work, range(seeds)):
+        found[seed] = result
+        report(f'{what}: {len(found)} of {seeds}')
+    return [found[seed] for seed in range(seeds)]
 
 
 def swing_up(
-    plan: Trajectory, limit: float, interval: float, seed: int, mismatch: float
+    problem: PendulumSwingUp, solution: Solution, how: ClosedLoop, seed: int
 ) -> dict[str, float]:
     """Track a swing-up; returns what was reached."""
-    values = {'rate': 1.0 / interval, 'limits.torque': limit}
-    parameters = build(PendulumTrackerParameters, values)
-    setup = PlantSetup(
-        plant=mismatched(parameters.plant, mismatch, seed),
-        initial=plan.states[0],
-        lower=np.array([-limit]),
-        upper=np.array([limit]),
-        noise=PENDULUM_NOISE,
-    )
-    loop = Loop(PendulumTracker(parameters), SimulatedPlant(setup, seed), interval)
-    loop.begin(plan)
-    ticks = math.ceil((plan.duration + SETTLING + HELD) / interval)
-    states = np.array([loop.tick(k * interval) for k in range(ticks)])
-    count = round(HELD / interval)
-    last = states[-count:]
+    (vehicle,) = fly(problem, solution, how, seed).vehicles
+    assert vehicle.states is not None
+    settled = solution.duration + SETTLING
+    last = vehicle.states.between(settled, settled + HELD)
     return {
-        'angle': float(np.abs(wrapped(last[:, 0])).max()),
-        'disk': float(np.abs(states[:, 1]).max()),
+        'angle': float(np.abs(wrapped(last.column('theta'))).max()),
+        'disk': float(np.abs(vehicle.states.column('psi')).max()),
     }
 
 
-def pendulum(limit: float, reserve: float, interval: float, **options: Any) -> dict[str, Any]:
+def pendulum(
+    client: Client, limit: float, reserve: float, interval: float, seeds: int, mismatch: float
+) -> dict[str, Any]:
     """Return how many swing-ups are caught and held."""
     problem = build(PendulumSwingUp, {'limits.torque': limit, 'torque_reserve': reserve})
-    plan = problem.solve(deadline=2.0).trajectory
-    seeds = options['seeds']
-    work = partial(swing_up, plan, limit, interval, mismatch=options['mismatch'])
-    runs = each(work, range(seeds), f'pendulum, {limit:g} N m, {interval * 1e3:g} ms')
-    held = [run['angle'] < HELD_ANGLE and run['disk'] < DISK_ANGLE for run in runs]
+    solution = problem.solve(deadline=2.0)
+    how = ClosedLoop(mismatch=mismatch, rate=1.0 / interval)
+    what = f'pendulum, {limit:g} N m, {interval * 1e3:g} ms'
+    found = runs(client, partial(swing_up, problem, solution, how), seeds, what)
+    held = [run['angle'] < HELD_ANGLE and run['disk'] < DISK_ANGLE for run in found]
     return {
         'runs': seeds,
         'held': sum(held),
-        'duration': plan.duration,
-        'angle_median': float(np.median([run['angle'] for run in runs])),
-        'angle_worst': max(run['angle'] for run in runs),
-        'disk_worst': max(run['disk'] for run in runs),
+        'duration': solution.duration,
+        'angle_median': float(np.median([run['angle'] for run in found])),
+        'angle_worst': max(run['angle'] for run in found),
+        'disk_worst': max(run['disk'] for run in found),
     }
 
 
-def robot_loop(
-    plan: Trajectory, rig: tuple[float, float, float], interval: float, seed: int, mismatch: float
-) -> Loop:
-    """Return tracker and plant of one robot."""
-    thrust, rate, torque = rig
-    values = {
-        'rate': 1.0 / interval,
-        'limits.thrust': thrust,
-        'limits.thruster_rate': rate,
-        'limits.torque': torque,
-    }
-    parameters = build(RobotTrackerParameters, values)
-    gains = mismatched_gains(3, mismatch, seed)
-    gains[1] = 1.0  # the thruster turns by a servo
-    setup = PlantSetup(
-        plant=mismatched(parameters.plant, mismatch, seed),
-        initial=plan.states[0],
-        lower=np.array([0.0, -rate, -torque]),
-        upper=np.array([thrust, rate, torque]),
-        noise=ROBOT_NOISE,
-        gains=gains,
-        largest_step=0.005,
-    )
-    loop = Loop(RobotTracker(parameters), SimulatedPlant(setup, seed), interval)
-    loop.begin(plan)
-    return loop
-
-
-def formation(
-    solution: Solution,
-    rig: tuple[float, float, float],
-    interval: float,
-    seed: int,
-    mismatch: float,
-) -> dict[str, Any]:
-    """Track the plans of all robots; returns what was reached."""
-    plans = list(solution.trajectories.values())
-    loops = [
-        robot_loop(plan, rig, interval, 100 * seed + number, mismatch)
-        for number, plan in enumerate(plans)
-    ]
-    ticks = math.ceil((solution.duration + HELD) / interval)
-    states = np.array([[loop.tick(k * interval) for loop in loops] for k in range(ticks)])
-    times = interval * (np.arange(ticks) + 1)
-    errors = []
-    for number, plan in enumerate(plans):
-        offset = states[:, number, :2] - plan.sample(times).state[:, :2]
-        errors.append(np.hypot(offset[:, 0], offset[:, 1]))
-    moving = [times < plan.duration for plan in plans]
-    pairs = itertools.combinations(range(len(plans)), 2)
-    gaps = [np.linalg.norm(states[:, i, :2] - states[:, j, :2], axis=1).min() for i, j in pairs]
-    planned = solution.trajectory.sample(times).state.reshape(ticks, len(plans), 7)[:, :, :2]
-    pairs = itertools.combinations(range(len(plans)), 2)
-    wanted = [np.linalg.norm(planned[:, i] - planned[:, j], axis=1).min() for i, j in pairs]
-    return {
-        'arrival': max(float(e[~m][0]) for e, m in zip(errors, moving, strict=True)),
-        'held': max(float(e[~m].max()) for e, m in zip(errors, moving, strict=True)),
-        'path': [e[m] for e, m in zip(errors, moving, strict=True)],
-        'separation': float(min(gaps)),
-        'approach': float(max(np.array(wanted) - np.array(gaps))),
-        'stopped': any(loop.tracker.phase is Phase.STOPPED for loop in loops),
-    }
-
-
-def tracked_crossing(name: str, interval: float, mismatch: float, seed: int) -> dict[str, Any]:
+def formation(name: str, interval: float, mismatch: float, seed: int) -> dict[str, Any]:
     """Plan the crossing of a seed for the rig `name` and track it; returns what was reached."""
-    rig = RIGS[name]
-    limits = dict(zip(('thrust', 'thruster_rate', 'torque'), rig, strict=True))
+    limits = dict(zip(('thrust', 'thruster_rate', 'torque'), RIGS[name], strict=True))
     changes = {f'limits.{key}': value for key, value in limits.items()}
     problem = RobotFormation.from_parameters(crossing(seed).parameters(**changes))
-    return formation(problem.solve(deadline=2.0), rig, interval, seed, mismatch)
-
-
-def robots(name: str, interval: float, **options: Any) -> dict[str, Any]:
-    """Return how many crossings of three robots end in formation, without a collision."""
-    work = partial(tracked_crossing, name, interval, options['mismatch'])
-    runs = each(work, range(options['seeds']), name)
-    path = np.concatenate([error for run in runs for error in run['path']])
-    arrived = [run['held'] < ARRIVED and not run['stopped'] for run in runs]
+    solution = problem.solve(deadline=2.0)
+    mission = fly(problem, solution, ClosedLoop(mismatch=mismatch, rate=1.0 / interval), seed)
+    held, path = [], []
+    for vehicle, plan in zip(mission.vehicles, solution.trajectories.values(), strict=True):
+        assert vehicle.states is not None
+        seen = vehicle.states.between(0.0, solution.duration + HELD)
+        offset = seen.select('x', 'y').values - plan.sample(seen.times).state[:, :2]
+        error, moving = np.hypot(*offset.T), seen.times < plan.duration
+        held.append(error[~moving])
+        path.append(error[moving])
+    apart = separations(mission)
+    assert apart.planned is not None
+    assert apart.measured is not None
+    planned, gaps = apart.planned.values.min(axis=0), apart.measured.values.min(axis=0)
     return {
-        'runs': options['seeds'],
-        'arrived': sum(arrived),
-        'separated': sum(run['separation'] >= MINIMUM_SEPARATION for run in runs),
-        'arrival_worst': max(run['arrival'] for run in runs),
-        'held_worst': max(run['held'] for run in runs),
+        'arrival': max(float(error[0]) for error in held),
+        'held': max(float(error.max()) for error in held),
+        'path': path,
+        'separation': float(gaps.min()),
+        'approach': float(max(planned - gaps)),
+    }
+
+
+def robots(
+    client: Client, name: str, interval: float, seeds: int, mismatch: float
+) -> dict[str, Any]:
+    """Return how many crossings of three robots end in formation, without a collision."""
+    found = runs(client, partial(formation, name, interval, mismatch), seeds, name)
+    path = np.concatenate([error for run in found for error in run['path']])
+    return {
+        'runs': seeds,
+        'arrived': sum(run['held'] < ARRIVED for run in found),
+        'separated': sum(run['separation'] >= MINIMUM_SEPARATION for run in found),
+        'arrival_worst': max(run['arrival'] for run in found),
+        'held_worst': max(run['held'] for run in found),
         'path_rms': float(np.sqrt(np.mean(path**2))),
         'path_worst': float(path.max()),
-        'separation_least': min(run['separation'] for run in runs),
-        'margin_needed': max(run['approach'] for run in runs),
+        'separation_least': min(run['separation'] for run in found),
+        'margin_needed': max(run['approach'] for run in found),
     }
 
 
 def run(seeds: int = SEEDS, mismatch: float = MISMATCH) -> dict[str, Any]:
     """Measure everything."""
-    options = {'seeds': seeds, 'mismatch': mismatch}
     figures: dict[str, Any] = {'pendulum': {}, 'robots': {}}
-    for limit, reserve in ((0.09, 0.2), (0.02, 0.3)):
-        for interval in (0.002, 0.005):
-            key = f'{limit:g} N m, reserve {reserve:g}, {interval * 1e3:g} ms'
-            figures['pendulum'][key] = pendulum(limit, reserve, interval, **options)
-    for name in RIGS:
-        figures['robots'][f'{name}, 10 ms'] = robots(name, 0.01, **options)
+    with workers() as client:
+        for limit, reserve in ((0.09, 0.2), (0.02, 0.3)):
+            for interval in (0.002, 0.005):
+                key = f'{limit:g} N m, reserve {reserve:g}, {interval * 1e3:g} ms'
+                found = pendulum(client, limit, reserve, interval, seeds, mismatch)
+                figures['pendulum'][key] = found
+        for name in RIGS:
+            found = robots(client, name, 0.01, seeds, mismatch)
+            figures['robots'][f'{name}, 10 ms'] = found
     return figures
 
 

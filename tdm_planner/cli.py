@@ -70,8 +70,8 @@ def _what_is_missing(error: ImportError) -> str:
     name = (error.name or '').partition('.')[0]
     if name in EXTRAS:
         return (
-            f"this needs '{name}', which is not installed: run 'make setup' in the source tree, or "
-            f"'pip install tdm_planner[{EXTRAS[name]}]'"
+            f"this needs '{name}', which is not installed: run 'make setup' in the source tree, "
+            f"or 'pip install tdm_planner[{EXTRAS[name]}]'"
         )
     if name != 'rclpy':
         raise error

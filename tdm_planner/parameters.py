@@ -16,7 +16,7 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
 from functools import cache
@@ -215,11 +215,13 @@ def group(cls: type[T]) -> T:
     return made
 
 
-@cache
-def _fields(cls: type) -> tuple[tuple[dataclasses.Field[Any], Any], ...]:
-    """Return the fields of a dataclass and their types, which take a millisecond to resolve."""
-    hints = get_type_hints(cls)
-    return tuple((item, hints[item.name]) for item in dataclasses.fields(cls))
+_hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # it takes a millisecond
+
+
+def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
+    hints = _hints(cls)
+    for item in dataclasses.fields(cls):
+        yield item, hints[item.name]
 
 
 def _unwrap_optional(hint: Any) -> tuple[Any, bool]:

@@ -115,7 +115,7 @@ def _vehicle(name: str, view: PlantView, plan: Trajectory, loop: _Loop, ticks: i
         controls.append(plant.control)
         plant.step(interval)
         states.append(plant.state)
-    times = interval * np.arange(ticks + 1)
+    times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
     applied = np.array([*controls, plant.control])
     return Vehicle(
         name=name,

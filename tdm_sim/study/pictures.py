@@ -39,7 +39,7 @@ _HATCHES = {  # of what is not verified, by the reason's code
     'INTERNAL': '+++',
 }
 _OTHER, _GROUND, _INK = 'ooo', '0.93', '0.45'
-_WIDE = 30.0  # ratio of the largest value to the smallest, from which colours are logarithmic
+_WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
 _MARKERS = 'xv^<>sd'
 
 
@@ -114,7 +114,7 @@ def quantities(columns: Columns) -> list[Quantity]:
     cost, duration = numbers('cost'), numbers('duration')
     found = [Quantity('cost', 'cost J', cost)]
     if np.array_equal(cost, duration, equal_nan=True):
-        found = [Quantity('duration', 'duration [s], the cost', duration)]
+        found = [Quantity('duration', 'duration [s]', duration)]
     else:
         found.append(Quantity('duration', 'duration [s]', duration))
     if 'flights' in columns:
@@ -172,8 +172,9 @@ def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> 
         for k in np.flatnonzero(np.isnan(middle)).tolist():
             code = _most(codes[at == k].tolist())
             if code:
-                left, right = variable.edges[k : k + 2]
-                axis.axvspan(left, right, fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code))
+                axis.axvspan(
+                    *variable.edges[[k, k + 1]], fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)
+                )
         axis.set_ylabel(quantity.title)
         axis.grid(alpha=0.25)
         if quantity.share:
@@ -229,7 +230,7 @@ def _pairs(columns: Columns, variables: Sequence[Variable], quantity: Quantity) 
     n = len(variables) - 1
     figure = Figure(figsize=(3.2 * n + 2.0, 2.8 * n + 0.8), layout='constrained')
     axes = figure.subplots(n, n, squeeze=False)
-    drawn = None
+    drawn: Any = None
     for q in range(n):
         for p in range(n):
             if p > q:

@@ -18,6 +18,7 @@ from itertools import islice
 import logging
 import math
 import os
+import signal
 from tempfile import TemporaryDirectory
 import time
 from typing import Any, TypeVar
@@ -60,16 +61,31 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
             yield client
         return
     with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
-        local = LocalCluster(
-            n_workers=count or len(os.sched_getaffinity(0)),
-            threads_per_worker=1,
-            memory_limit=None,
-            dashboard_address=None,
-            local_directory=scratch,
-            silence_logs=logging.CRITICAL,
-        )
+        with _children_deaf():
+            local = LocalCluster(
+                n_workers=count or len(os.sched_getaffinity(0)),
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address=None,
+                local_directory=scratch,
+                silence_logs=logging.CRITICAL,
+            )
         with local, Client(local) as client:
             yield client
+
+
+@contextmanager
+def _children_deaf() -> Iterator[None]:
+    """
+    Start threads and processes that do not hear SIGINT: a terminal sends it to all of them.
+
+    Here it waits meanwhile.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _address(scheduler: str) -> str:

@@ -15,11 +15,12 @@ import itertools
 import time
 from typing import Any
 
-import numpy as np
 import pytest
+from ros_harness import SOURCE
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_sim.study.flights import ClosedLoop, fly
+from tdm_planner.problems.registry import load_problem
+from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.rows import Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
@@ -107,13 +108,16 @@ def test_a_flight_is_lost_on_a_plant_that_is_too_different() -> None:
     assert 'pendulum' in row['lost']
 
 
-@pytest.mark.parametrize('kind', [RobotFormation])
-def test_robots_fly_in_formation(kind: Any) -> None:
-    problem = kind()
-    solution = problem.solve(counted=True)
-    mission = fly(problem, solution, ClosedLoop(rate=50.0), seed=0)
-    assert [vehicle.name for vehicle in mission.vehicles] == list(problem.robots)
-    for vehicle in mission.vehicles:
-        assert vehicle.states is not None
-        end = solution.trajectories[vehicle.name].states[-1]
-        assert np.abs(vehicle.states.values[-1, :2] - end[:2]).max() < 0.02
+def test_robots_fly_in_formation_and_keep_their_distance() -> None:
+    names = ['robot1', 'robot2']
+    row = Trial(RobotFormation, {'robots': names}, ClosedLoop(mismatch=0.03, rate=20.0))({})
+    assert (row['caught'], row['held']) == (1, 1), row['lost']
+    assert row['flown.robot1 - robot2'] > 0.0
+
+
+def test_a_stated_plant_flies_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(SOURCE / 'docs' / 'plants')
+    cart = load_problem('double_integrator:DoubleIntegrator')
+    row = Trial(cart, {}, ClosedLoop(seeds=2, mismatch=0.02))({'start.x': -0.5})
+    assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
+    assert row['cost'] == pytest.approx(2.0**0.5, rel=1e-2)
