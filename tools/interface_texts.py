@@ -135,6 +135,6 @@ EXECUTABLES: Mapping[str, str] = MappingProxyType(
         'pendulum_plant': 'simulates the rotary pendulum in real time',
         'plant': 'simulates any stated problem in real time',
         'robot_plant': 'simulates one floating robot in real time',
-        'tdm': 'plans without ROS, runs the demo, records and reports',
+        'tdm': 'plans without ROS, studies many plans, runs the demo, records, reports',
     }
 )

@@ -92,8 +92,7 @@ def write_page(
     if shared:
         rows = [(name, str(value)) for name, value in shared.items()]
         cards.append(_card('What was the same', _table(('', ''), rows)))
-    half = (len(cards) + 1) // 2 if len(pictures) > 1 else max(len(pictures), 1)
-    halves = (cards[:half], cards[half:])
+    halves = cards[::2], cards[1::2]
     page = _PAGE.format(
         version=__version__,
         title=escape(f'Study of {problem}'),

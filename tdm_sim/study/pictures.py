@@ -22,6 +22,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.palette import COLOURS
@@ -89,6 +90,14 @@ class Variable:
             axis.set_ticks(self.places, self.labels)
         elif self.spacing == 'log':
             axis._set_axes_scale('log')
+            _plain(axis)
+
+
+def _plain(axis: Any) -> None:
+    """Write plain numbers on a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(lambda value, _: f'{value:g}')
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _key(value: Any) -> str:
@@ -147,7 +156,7 @@ def draw(
             figure = Figure(figsize=(8, 5.6), layout='constrained')
             axis = figure.subplots()
             drawn = _map(axis, columns, (variables[0], variables[1]), quantity)
-            figure.colorbar(drawn, ax=axis, label=quantity.title)
+            _key_of_colours(figure, drawn, [axis], quantity.title)
             _legend(axis, columns)
         else:
             figure = _pairs(columns, variables, quantity)
@@ -218,10 +227,10 @@ def _map(
             axis.add_collection(
                 PatchCollection(cells_of, fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code))
             )
+        axis.set_xlim(x.edges[0], x.edges[-1])
+        axis.set_ylim(y.edges[0], y.edges[-1])
     x.label(axis.xaxis)
     y.label(axis.yaxis)
-    axis.set_xlim(x.edges[0], x.edges[-1])
-    axis.set_ylim(y.edges[0], y.edges[-1])
     return drawn
 
 
@@ -241,10 +250,18 @@ def _pairs(columns: Columns, variables: Sequence[Variable], quantity: Quantity) 
                 axes[q, p].set_xlabel('')
             if p:
                 axes[q, p].set_ylabel('')
-    shown = list(axes[np.tril_indices(n)])
-    figure.colorbar(drawn, ax=shown, label=f'{quantity.title}, median', shrink=0.8)
+    kept = list(axes[np.tril_indices(n)])
+    _key_of_colours(figure, drawn, kept, f'{quantity.title}, median', shrink=0.8)
     _legend(axes[0, 0], columns)
     return figure
+
+
+def _key_of_colours(
+    figure: Figure, drawn: Any, axes: Sequence[Axes], title: str, shrink: float = 1.0
+) -> None:
+    bar = figure.colorbar(drawn, ax=list(axes), label=title, shrink=shrink)
+    if isinstance(drawn.norm, LogNorm):
+        _plain(bar.ax.yaxis)
 
 
 def _norm(quantity: Quantity) -> Normalize:

@@ -96,7 +96,7 @@ def run(
     found = table.save()
     if folder is not None:
         say.phase(f'drawing {folder}')
-        _show(folder, kind, found, axes, shared)
+        _show(folder, found, axes, trial)
     return found
 
 
@@ -131,8 +131,10 @@ def _collect(
             row = left[index]
             table.add({'row': row, **points[row], **found})
             now = time.monotonic()
-            rest = (now - began) / count * (len(left) - count)
-            text = f'{len(points) - len(left) + count} of {len(points)}, {_span(rest)} left'
+            began = now if count == 1 else began  # processes have started by then
+            text = f'{len(points) - len(left) + count} of {len(points)}'
+            if count > 1:
+                text += f', {_span((now - began) / (count - 1) * (len(left) - count))} left'
             say.update(f'planning: {text}')
             if now - said > _SAID:
                 said = now
@@ -150,18 +152,19 @@ def _span(seconds: float) -> str:
     return f'{minutes} min {rest:02d} s' if minutes else f'{rest} s'
 
 
-def _show(
-    folder: Path, problem: type[Problem], table: pa.Table, axes: Sequence[Axis], shared: Point
-) -> None:
+def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
     """Write pictures and page."""
     # matplotlib takes half a second to import, and processes that plan have no use for it
     from tdm_sim.study.page import write_page, write_pictures
     from tdm_sim.study.pictures import draw
 
     columns = {name: table[name].to_pylist() for name in table.column_names}
-    specs = problem.parameter_specifications(shared)
+    specs = trial.problem.parameter_specifications(trial.parameters)
     units = {axis.name: specs[axis.name].unit for axis in axes}
     pictures = draw(columns, axes, units)
     data = write_pictures(folder, pictures)
     titled = {name: (title, data[name]) for name, (_, title) in pictures.items()}
-    write_page(folder / PAGE, problem.name, columns, axes, shared, titled)
+    shared = dict(trial.parameters)
+    if trial.closed_loop is not None:
+        shared |= {f'closed loop: {name}': v for name, v in asdict(trial.closed_loop).items()}
+    write_page(folder / PAGE, trial.problem.name, columns, axes, shared, titled)

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from itertools import islice
 import logging
 import math
+from multiprocessing import resource_tracker
 import os
 import signal
 from tempfile import TemporaryDirectory
@@ -66,7 +67,7 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
                 n_workers=count or len(os.sched_getaffinity(0)),
                 threads_per_worker=1,
                 memory_limit=None,
-                dashboard_address=None,
+                dashboard_address='127.0.0.1:0',
                 local_directory=scratch,
                 silence_logs=logging.CRITICAL,
             )
@@ -81,6 +82,7 @@ def _children_deaf() -> Iterator[None]:
 
     Here it waits meanwhile.
     """
+    resource_tracker.ensure_running()  # where it starts later, it unblocks the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -19,22 +19,20 @@ import subprocess
 import sys
 import time
 
-import pytest
+import psutil
 from ros_harness import PATIENCE, SOURCE
 from tdm_planner.problems import PendulumSwingUp
-
-pytest.importorskip('pyarrow')
-psutil = pytest.importorskip('psutil')
-from tdm_sim.study import Axis, each, workers  # noqa: E402
-from tdm_sim.study.axes import Points  # noqa: E402
-from tdm_sim.study.rows import Trial  # noqa: E402
-from tdm_sim.study.tables import Table  # noqa: E402
+from tdm_sim.study import Axis, each, run, workers
+from tdm_sim.study.axes import Points
+from tdm_sim.study.rows import Trial
+from tdm_sim.study.tables import Table
 
 
 def squared(folder: Path, number: int) -> int:
     """Return the square; of 3 the process dies when it is first asked, of 5 always."""
-    if number == 5 or (number == 3 and not (folder / 'dead').exists()):
-        (folder / 'dead').touch()
+    first = folder / 'asked 3'
+    if number == 5 or (number == 3 and not first.exists()):
+        (folder / f'asked {number}').touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number * number
 
@@ -44,6 +42,14 @@ def test_what_a_dead_worker_had_is_done_by_another(tmp_path: Path) -> None:
     with workers(count=2) as client:
         found = dict(each(client, work, range(8), lost=lambda number: -number))
     assert found == {number: -5 if number == 5 else number * number for number in range(8)}
+
+
+def test_the_workers_of_a_cluster_do_it_as_well() -> None:
+    with workers(count=1) as client:
+        address = client.scheduler.address.removeprefix('tcp://')
+        table = run('pendulum_swing_up', {'start.theta': [1.0, 2.0]}, scheduler=address)
+    trial = Trial(PendulumSwingUp)
+    assert table['cost'].to_pylist() == [trial({'start.theta': x})['cost'] for x in (1.0, 2.0)]
 
 
 def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path: Path) -> None:

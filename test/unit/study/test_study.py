@@ -21,16 +21,13 @@ from tdm_planner.cli import main
 from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.progress import Progress
-
-pa = pytest.importorskip('pyarrow')
-pytest.importorskip('distributed')
-from tdm_sim.study import Axis  # noqa: E402
-from tdm_sim.study.axes import Chosen, Points  # noqa: E402
-from tdm_sim.study.page import write_page  # noqa: E402
-from tdm_sim.study.pictures import draw  # noqa: E402
-from tdm_sim.study.rows import Trial  # noqa: E402
-from tdm_sim.study.study import _collect  # noqa: E402
-from tdm_sim.study.tables import claim, Table  # noqa: E402
+from tdm_sim.study import Axis
+from tdm_sim.study.axes import Chosen, Points
+from tdm_sim.study.page import write_page
+from tdm_sim.study.pictures import draw
+from tdm_sim.study.rows import Trial
+from tdm_sim.study.study import _collect
+from tdm_sim.study.tables import claim, Table
 
 AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), Axis('kind', ('plain', 'odd'))]
 
