@@ -82,14 +82,14 @@ class Variable:
         numbers = {_key(value): number for number, value in enumerate(self.values)}
         return np.array([numbers[_key(value)] for value in column], dtype=np.intp)
 
-    def label(self, axis: Any) -> None:
-        """Name an axis (x or y) of a picture, and its values where they are no numbers."""
-        text = f'{self.name} [{self.unit}]' if self.unit else self.name
-        axis.set_label_text(text)
+    def label(self, axes: Axes, which: str) -> None:
+        """Name the axis x or y of a picture, and its values where they are no numbers."""
+        axis: Any = getattr(axes, f'{which}axis')
+        axis.set_label_text(f'{self.name} [{self.unit}]' if self.unit else self.name)
         if self.labels:
             axis.set_ticks(self.places, self.labels)
         elif self.spacing == 'log':
-            axis._set_axes_scale('log')
+            axes.set(**{f'{which}scale': 'log'})
             _plain(axis)
 
 
@@ -188,7 +188,7 @@ def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> 
         axis.grid(alpha=0.25)
         if quantity.share:
             axis.set_ylim(-0.03, 1.03)
-    variable.label(axes[-1].xaxis)
+    variable.label(axes[-1], 'x')
     _legend(axes[0], columns)
     return figure
 
@@ -229,8 +229,8 @@ def _map(
             )
         axis.set_xlim(x.edges[0], x.edges[-1])
         axis.set_ylim(y.edges[0], y.edges[-1])
-    x.label(axis.xaxis)
-    y.label(axis.yaxis)
+    x.label(axis, 'x')
+    y.label(axis, 'y')
     return drawn
 
 
