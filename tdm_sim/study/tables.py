@@ -28,6 +28,7 @@ from tdm_sim.study.flights import FLOWN
 from tdm_sim.study.rows import MARGIN
 
 STATEMENT = 'study.json'
+_TEXTS = dict.fromkeys(('code', 'reason', 'lost'), pa.string())
 ENDINGS = ('.parquet', '.csv')
 
 
@@ -84,7 +85,9 @@ def _cell(value: Any) -> Any:
 
 def _read(path: Path) -> pa.Table:
     try:
-        return csv.read_csv(path) if path.suffix == '.csv' else parquet.read_table(path)
+        if path.suffix == '.csv':  # where all texts are empty, it cannot tell that they are texts
+            return csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=_TEXTS))
+        return parquet.read_table(path)
     except (OSError, pa.ArrowInvalid) as error:
         raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
 

@@ -70,6 +70,12 @@ def test_the_table_is_the_same_in_whatever_order_rows_come(path: Path) -> None:
     assert Table(path).save().equals(whole)
 
 
+def test_texts_that_are_all_empty_stay_texts(path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        collected(path, [0, 1, 2, 4], until=3)
+    assert Table(path).save()['reason'].to_pylist() == ['', '', '']
+
+
 def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         collected(path, [4, 3, 0, 1, 2, 5], until=2)
@@ -143,6 +149,7 @@ def test_pictures_and_page_of_any_number_of_variables(
     assert 'http' not in page.replace('http-equiv', '')
 
 
+@pytest.mark.timeout(300)
 def test_processes_find_the_same_to_the_last_bit_and_go_on_where_they_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
