@@ -34,12 +34,12 @@ ROS := $(shell [ -n "$${AMENT_PREFIX_PATH:-}" ] \
 ifeq ($(ROS),native)
   KIND := native
   VENV_OPTIONS := --system-site-packages
-  PACKAGE := .[live]
+  PACKAGE := .[live,study]
   WHAT := this package, for the ROS 2 $(ROS_DISTRO) that is sourced
 else
   KIND := wheels-$(basename $(notdir $(CONSTRAINTS)))
-  PACKAGE := .[jazzy,live]
-  WHAT := ROS 2 Jazzy wheels and this package (about 750 MB)
+  PACKAGE := .[jazzy,live,study]
+  WHAT := ROS 2 Jazzy wheels and this package (about 950 MB)
 endif
 
 BIN := $(VENV)/bin

@@ -74,6 +74,8 @@ setup(
         # ROS 2 Jazzy as wheels, for machines without ROS. Never a requirement: a sourced ROS 2
         # must not be shadowed.
         'jazzy': ['ros-jazzy-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces==5.3.6'],
+        # `tdm study`; pyarrow 26 needs NumPy 2, and Ubuntu 24.04 has 1.26.
+        'study': ['dask', 'distributed', 'pyarrow<26'],
         'test': [
             'catkin-pkg',
             'colcon-core',

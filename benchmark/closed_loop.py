@@ -11,7 +11,7 @@
 Closed-loop experiments: the trackers' own code against plants that are not their models.
 
 Every physical constant and actuator gain is off by up to the mismatch, measurements are noisy; no
-plan is made anew on the way.
+plan is made anew on the way. The flights are those of `tdm study`.
 
 A pendulum counts as held when |theta - 2 pi n| < 0.05 rad and |psi| < psi_max throughout the last
 5 s, which begin 2 s after the planned end. Robots count as arrived when every one is within 2 cm
@@ -21,120 +21,125 @@ separated when no two have come closer than the minimum separation.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-import math
 from typing import Any
 
-from benchmark.progress import each
+from benchmark.progress import report
 from benchmark.scenarios import MINIMUM_SEPARATION
-from benchmark.vehicles import (
-    ARRIVED,
-    crossing_of,
-    DISK_ANGLE,
-    formation_loop,
-    HELD_ANGLE,
-    MISMATCH,
-    nearest,
-    pendulum_loop,
-    RIGS,
-    ticked,
-)
+from benchmark.vehicles import ARRIVED, crossing_of, DISK_ANGLE, HELD_ANGLE, MISMATCH, RIGS
+from distributed import Client
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.base import Solution
-from tdm_planner.tracking import Phase
 from tdm_planner.tracking.motion import wrapped
+from tdm_sim.report.margins import separations
+from tdm_sim.study import ClosedLoop, each, fly, workers
 
 SETTLING, HELD = 2.0, 5.0  # s
-ROBOT_INTERVAL = 0.01  # s
+
+
+def runs(client: Client, work: Callable[[int], Any], seeds: int, what: str) -> list[Any]:
+    """Return what `work` makes of every seed."""
+    found = {}
+    for seed, result in each(client, work, range(seeds)):
+        found[seed] = result
+        report(f'{what}: {len(found)} of {seeds}')
+    return [found[seed] for seed in range(seeds)]
 
 
 def swing_up(
-    problem: PendulumSwingUp, solution: Solution, interval: float, mismatch: float, seed: int
+    problem: PendulumSwingUp, solution: Solution, how: ClosedLoop, seed: int
 ) -> dict[str, float]:
     """Track a swing-up; returns what was reached."""
-    loop = pendulum_loop(problem, solution, interval, seed, mismatch)
-    ticks = math.ceil((solution.duration + SETTLING + HELD) / interval)
-    states = np.array([ticked(loop)[0] for _ in range(ticks)])
-    count = round(HELD / interval)
-    last = states[-count:]
+    (vehicle,) = fly(problem, solution, how, seed).vehicles
+    assert vehicle.states is not None
+    settled = solution.duration + SETTLING
+    last = vehicle.states.between(settled, settled + HELD)
     return {
-        'angle': float(np.abs(wrapped(last[:, 0])).max()),
-        'disk': float(np.abs(states[:, 1]).max()),
+        'angle': float(np.abs(wrapped(last.column('theta'))).max()),
+        'disk': float(np.abs(vehicle.states.column('psi')).max()),
     }
 
 
-def pendulum(limit: float, reserve: float, interval: float, **options: Any) -> dict[str, Any]:
+def pendulum(
+    client: Client, limit: float, reserve: float, interval: float, seeds: int, mismatch: float
+) -> dict[str, Any]:
     """Return how many swing-ups are caught and held."""
     problem = build(PendulumSwingUp, {'limits.torque': limit, 'torque_reserve': reserve})
     solution = problem.solve(deadline=2.0)
-    seeds = options['seeds']
-    work = partial(swing_up, problem, solution, interval, options['mismatch'])
-    runs = each(work, range(seeds), f'pendulum, {limit:g} N m, {interval * 1e3:g} ms')
-    held = [run['angle'] < HELD_ANGLE and run['disk'] < DISK_ANGLE for run in runs]
+    how = ClosedLoop(mismatch=mismatch, rate=1.0 / interval)
+    what = f'pendulum, {limit:g} N m, {interval * 1e3:g} ms'
+    found = runs(client, partial(swing_up, problem, solution, how), seeds, what)
+    held = [run['angle'] < HELD_ANGLE and run['disk'] < DISK_ANGLE for run in found]
     return {
         'runs': seeds,
         'held': sum(held),
         'duration': solution.duration,
-        'angle_median': float(np.median([run['angle'] for run in runs])),
-        'angle_worst': max(run['angle'] for run in runs),
-        'disk_worst': max(run['disk'] for run in runs),
+        'angle_median': float(np.median([run['angle'] for run in found])),
+        'angle_worst': max(run['angle'] for run in found),
+        'disk_worst': max(run['disk'] for run in found),
     }
 
 
-def tracked_crossing(rig: str, mismatch: float, seed: int) -> dict[str, Any]:
-    """Plan the crossing of a seed and track the plans of all robots; returns what was reached."""
-    problem = crossing_of(rig, seed)
+def formation(name: str, interval: float, mismatch: float, seed: int) -> dict[str, Any]:
+    """Plan the crossing of a seed for the rig `name` and track it; returns what was reached."""
+    problem = crossing_of(name, seed)
     solution = problem.solve(deadline=2.0)
-    plans = solution.trajectories.values()
-    loop = formation_loop(problem, solution, ROBOT_INTERVAL, seed, mismatch)
-    ticks = math.ceil((solution.duration + HELD) / ROBOT_INTERVAL)
-    places = np.array([ticked(loop)[:, :2] for _ in range(ticks)])
-    times = ROBOT_INTERVAL * (np.arange(ticks) + 1)
-    planned = np.stack([plan.sample(times).state[:, :2] for plan in plans], axis=1)
-    errors = np.linalg.norm(places - planned, axis=2).T
-    moving = [times < plan.duration for plan in plans]
-    gaps = nearest(places)
+    mission = fly(problem, solution, ClosedLoop(mismatch=mismatch, rate=1.0 / interval), seed)
+    held, path = [], []
+    for vehicle, plan in zip(mission.vehicles, solution.trajectories.values(), strict=True):
+        assert vehicle.states is not None
+        seen = vehicle.states.between(0.0, solution.duration + HELD)
+        offset = seen.select('x', 'y').values - plan.sample(seen.times).state[:, :2]
+        error, moving = np.hypot(*offset.T), seen.times < plan.duration
+        held.append(error[~moving])
+        path.append(error[moving])
+    apart = separations(mission)
+    assert apart.planned is not None
+    assert apart.measured is not None
+    planned, gaps = apart.planned.values.min(axis=0), apart.measured.values.min(axis=0)
     return {
-        'arrival': max(float(e[~m][0]) for e, m in zip(errors, moving, strict=True)),
-        'held': max(float(e[~m].max()) for e, m in zip(errors, moving, strict=True)),
-        'path': [e[m] for e, m in zip(errors, moving, strict=True)],
+        'arrival': max(float(error[0]) for error in held),
+        'held': max(float(error.max()) for error in held),
+        'path': path,
         'separation': float(gaps.min()),
-        'approach': float((nearest(planned) - gaps).max()),
-        'stopped': any(v.tracker.phase is Phase.STOPPED for v in loop.vehicles.values()),
+        'approach': float(max(planned - gaps)),
     }
 
 
-def robots(rig: str, **options: Any) -> dict[str, Any]:
+def robots(
+    client: Client, name: str, interval: float, seeds: int, mismatch: float
+) -> dict[str, Any]:
     """Return how many crossings of three robots end in formation, without a collision."""
-    work = partial(tracked_crossing, rig, options['mismatch'])
-    runs = each(work, range(options['seeds']), rig)
-    path = np.concatenate([error for run in runs for error in run['path']])
-    arrived = [run['held'] < ARRIVED and not run['stopped'] for run in runs]
+    found = runs(client, partial(formation, name, interval, mismatch), seeds, name)
+    path = np.concatenate([error for run in found for error in run['path']])
     return {
-        'runs': options['seeds'],
-        'arrived': sum(arrived),
-        'separated': sum(run['separation'] >= MINIMUM_SEPARATION for run in runs),
-        'arrival_worst': max(run['arrival'] for run in runs),
-        'held_worst': max(run['held'] for run in runs),
+        'runs': seeds,
+        'arrived': sum(run['held'] < ARRIVED for run in found),
+        'separated': sum(run['separation'] >= MINIMUM_SEPARATION for run in found),
+        'arrival_worst': max(run['arrival'] for run in found),
+        'held_worst': max(run['held'] for run in found),
         'path_rms': float(np.sqrt(np.mean(path**2))),
         'path_worst': float(path.max()),
-        'separation_least': min(run['separation'] for run in runs),
-        'margin_needed': max(run['approach'] for run in runs),
+        'separation_least': min(run['separation'] for run in found),
+        'margin_needed': max(run['approach'] for run in found),
     }
 
 
 def run(seeds: int = 40, mismatch: float = MISMATCH) -> dict[str, Any]:
     """Measure everything."""
-    options = {'seeds': seeds, 'mismatch': mismatch}
     figures: dict[str, Any] = {'pendulum': {}, 'robots': {}}
-    for limit, reserve in ((0.09, 0.2), (0.02, 0.3)):
-        for interval in (0.002, 0.005):
-            key = f'{limit:g} N m, reserve {reserve:g}, {interval * 1e3:g} ms'
-            figures['pendulum'][key] = pendulum(limit, reserve, interval, **options)
-    for rig in RIGS:
-        figures['robots'][f'{rig}, {1e3 * ROBOT_INTERVAL:g} ms'] = robots(rig, **options)
+    with workers() as client:
+        for limit, reserve in ((0.09, 0.2), (0.02, 0.3)):
+            for interval in (0.002, 0.005):
+                key = f'{limit:g} N m, reserve {reserve:g}, {interval * 1e3:g} ms'
+                found = pendulum(client, limit, reserve, interval, seeds, mismatch)
+                figures['pendulum'][key] = found
+        for name in RIGS:
+            found = robots(client, name, 0.01, seeds, mismatch)
+            figures['robots'][f'{name}, 10 ms'] = found
     return figures
 
 

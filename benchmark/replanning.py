@@ -71,6 +71,8 @@ PENDULUM_INTERVAL, ROBOT_INTERVAL = 0.005, 0.02  # s
 HELD_FROM, HELD_UNTIL = 10.0, 15.0  # s
 ROBOT_PUSH, PUSH_MARGIN = 0.05, 0.1  # m/s, m
 SETTLING, AT_GOAL = 5.0, 3.0  # s
+PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
+ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.0])
 
 
 def momentum(problem: PendulumSwingUp, states: Array) -> float:

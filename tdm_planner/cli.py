@@ -24,7 +24,7 @@ import sys
 import webbrowser
 
 from tdm_planner import __version__
-from tdm_planner.exceptions import Infeasible, TdmError
+from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.interruption import ignore_signals, Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
@@ -34,11 +34,14 @@ from tdm_planner.problems.registry import load_problem
 from tdm_planner.starting import command, NO_ROS
 from tdm_sim.progress import make_progress
 
-NO_VISER = (
-    "this needs 'viser', which is not installed: run 'make setup' in the source tree, or "
-    "'pip install viser' into the environment"
-)
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
+
+EXTRAS = {
+    'dask': 'study',
+    'distributed': 'study',
+    'pyarrow': 'study',
+    'viser': 'live',
+}  # by package
 
 EXIT_DONE, EXIT_MISSED, EXIT_USAGE, EXIT_NO_PLAN = 0, 1, 2, 3
 
@@ -67,13 +70,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _what_is_missing(error: ImportError) -> str:
-    """Say how to get ROS 2, or what an extra brings; others' errors are passed on."""
+    """Say how to get ROS 2, or the packages of an extra; others' errors are passed on."""
     if not isinstance(error, ModuleNotFoundError):
         return str(error)  # ROS 2 is there twice, see starting.require_one_ros
-    package = (error.name or '').partition('.')[0]
-    if package == 'viser':
-        return NO_VISER
-    if package != 'rclpy':
+    name = (error.name or '').partition('.')[0]
+    if name in EXTRAS:
+        return (
+            f"this needs '{name}', which is not installed: run 'make setup' in the source tree, "
+            f"or 'pip install tdm_planner[{EXTRAS[name]}]'"
+        )
+    if name != 'rclpy':
         raise error
     return NO_ROS
 
@@ -169,6 +175,35 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument('--view', action='store_true', help='show it in the browser')
     report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     report.set_defaults(run=_report)
+
+    study = commands.add_parser('study', help='plan many times, over ranges of parameters')
+    study.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
+    study.add_argument(
+        '--over',
+        action='append',
+        required=True,
+        metavar='NAME=RANGE',
+        help="LOW:HIGH:N, 'LOW:HIGH:log N', 'LOW:HIGH:random N' or VALUE,VALUE,...; may be given "
+        'several times, for all combinations',
+    )
+    study.add_argument('-o', '--output', type=Path, required=True, metavar='DIR')
+    study.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    study.add_argument(
+        '--set', nargs='+', action='extend', default=[], metavar='NAME=VALUE', help='parameters'
+    )
+    study.add_argument('--closed-loop', action='store_true', help='fly every plan, too')
+    study.add_argument(
+        '--mismatch', type=float, metavar='SHARE', help='largest relative error of the plant flown'
+    )
+    study.add_argument('--seeds', type=int, metavar='N', help='flights of every plan, default 1')
+    study.add_argument('--scheduler', metavar='HOST:PORT', help='of a Dask cluster')
+    study.add_argument(
+        '--processes', type=int, metavar='N', help='on this machine; default: one a core'
+    )
+    study.add_argument('--csv', action='store_true', help='write table.csv, not table.parquet')
+    study.add_argument('--view', action='store_true', help='show the page in the browser')
+    study.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
+    study.set_defaults(run=_study)
     return parser
 
 
@@ -261,6 +296,32 @@ def _report(options: argparse.Namespace) -> int:
     progress.line(f'written to {options.output}')
     if options.view:
         _show(options.output)
+    return EXIT_DONE
+
+
+def _study(options: argparse.Namespace) -> int:
+    from tdm_sim.study import ClosedLoop, parse_axis, run
+    from tdm_sim.study.study import PAGE
+
+    asked = {'seeds': options.seeds, 'mismatch': options.mismatch}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if given and not options.closed_loop:
+        raise InvalidProblem(f"'--{next(iter(given))}' is of flights: it needs '--closed-loop'")
+    with make_progress(options.quiet) as progress:
+        run(
+            SHORT_NAMES.get(options.problem, options.problem),
+            [parse_axis(text) for text in options.over],
+            options.output,
+            parameters=read_parameters(options.params, options.set),
+            closed_loop=ClosedLoop(**given) if options.closed_loop else None,
+            scheduler=options.scheduler,
+            processes=options.processes,
+            ending='.csv' if options.csv else '.parquet',
+            progress=progress,
+        )
+    progress.line(f'written to {options.output}: {PAGE}, table, pictures')
+    if options.view:
+        _show(options.output / PAGE)
     return EXIT_DONE
 
 

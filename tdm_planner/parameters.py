@@ -16,9 +16,10 @@ the ROS parameters, the default YAML files and the tables of the documentation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass, field
+from functools import cache
 import math
 import operator
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar, Union
@@ -213,8 +214,11 @@ def group(cls: type[T]) -> T:
     return made
 
 
+_hints: Callable[..., dict[str, Any]] = cache(get_type_hints)  # it takes a millisecond
+
+
 def _fields(cls: type) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
-    hints = get_type_hints(cls)
+    hints = _hints(cls)
     for item in dataclasses.fields(cls):
         yield item, hints[item.name]
 

@@ -17,7 +17,13 @@ from types import TracebackType
 
 
 class Progress:
-    """Plain lines, one for every part of the work; none when quiet. A context manager."""
+    """
+    Plain lines, one for every part of the work; none when quiet. A context manager.
+
+    `live`: whether `update` is seen.
+    """
+
+    live = False
 
     def __init__(self, quiet: bool = False) -> None:
         self.quiet = quiet
@@ -49,6 +55,8 @@ class Progress:
 
 class LiveProgress(Progress):
     """Lines that stay, and below them a live one with the time the part at work has taken."""
+
+    live = True
 
     def __init__(self) -> None:
         super().__init__()

@@ -127,5 +127,5 @@ EXECUTABLES: Mapping[str, str] = {
     'pendulum_plant': 'simulates the rotary pendulum in real time',
     'plant': 'simulates any stated problem in real time',
     'robot_plant': 'simulates one floating robot in real time',
-    'tdm': 'plans without ROS, runs the demo, serves a live page, records and reports',
+    'tdm': 'plans once or many times, runs the demo, serves a live page, records, reports',
 }

@@ -23,12 +23,19 @@ Array = NDArray[np.float64]
 
 
 class Budget:
-    """The time a search may take, and a count of what it did: of its parts as well."""
+    """
+    The time a search may take, and a count of what it did: of its parts as well.
 
-    def __init__(self, seconds: float, whole: Budget | None = None) -> None:
+    With `evaluations` the count is the clock, and so many of them are the `seconds`: then what is
+    found does not depend on the machine, nor on what else it does.
+    """
+
+    def __init__(self, seconds: float, evaluations: int | None = None) -> None:
         self.started = time.perf_counter()
         self.seconds = seconds
-        self._count: list[int] = [0] if whole is None else whole._count
+        self._count = [0]
+        self._counted_from = 0
+        self._worth = None if evaluations is None else seconds / evaluations
 
     @property
     def evaluations(self) -> int:
@@ -40,9 +47,16 @@ class Budget:
         self._count[0] = count
 
     @property
-    def elapsed(self) -> float:
-        """Time since the search began [s]."""
+    def age(self) -> float:
+        """Time since the search began, by the clock on the wall [s]."""
         return time.perf_counter() - self.started
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the search began [s], or what the evaluations since then are worth."""
+        if self._worth is None:
+            return self.age
+        return (self._count[0] - self._counted_from) * self._worth
 
     @property
     def remaining(self) -> float:
@@ -56,11 +70,18 @@ class Budget:
 
     def part(self, seconds: float) -> Budget:
         """Return a budget of so many seconds [s] from now, whose count is that of the whole."""
-        return Budget(seconds, self)
+        part = Budget(seconds)
+        part._count, part._counted_from = self._count, self._count[0]
+        part._worth = self._worth
+        return part
+
+    def charged(self, seconds: float) -> float:
+        """Return what such work [s] counts: nothing where evaluations are counted."""
+        return seconds if self._worth is None else 0.0
 
     def leaving(self, seconds: float, share: float) -> Budget:
         """Return what remains but for `seconds` [s], at most that `share` of the whole."""
-        return Budget(self.remaining - min(seconds, share * self.seconds))
+        return self.part(self.remaining - min(seconds, share * self.seconds))
 
 
 @dataclass(frozen=True)

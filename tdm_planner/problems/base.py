@@ -175,6 +175,11 @@ class Problem(ABC):
         """Do the work that does not depend on the boundary conditions (compile, tabulate)."""
         return
 
+    @property
+    def evaluations_per_second(self) -> float:
+        """Return how often a search computes the dynamics in a second, about, on one core."""
+        return 500.0
+
     @abstractmethod
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
@@ -213,12 +218,16 @@ class Problem(ABC):
         deadline: float | None = None,
         seed: int | None = None,
         warm_start: Solution | None = None,
+        counted: bool = False,
     ) -> Solution:
         """
         Find the best verified plan within `deadline` s (default: `solver.deadline`).
 
         `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
         of a problem of the same kind, with other boundary conditions or limits, to start from.
+        With `counted` the search does not look at the clock: every second of the deadline is
+        `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
+        the same to the last bit however slow or busy the machine.
 
         Raises
         ------
@@ -232,11 +241,12 @@ class Problem(ABC):
             self.prepare()
         self._check_warm_start(warm_start)
         allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
-        budget = Budget(allowed)
+        count = max(1, round(allowed * self.evaluations_per_second))
+        budget = Budget(allowed, count if counted else None)
         rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
         with _computed():
             plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
-        return self._told(plan, budget.evaluations, budget.elapsed)
+        return self._told(plan, budget.evaluations, budget.age)
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
         """

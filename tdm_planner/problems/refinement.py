@@ -229,7 +229,8 @@ class Refinement:
 
     def affords(self, intervals: int) -> bool:
         """Whether a program on so many intervals may be made and solved in time for the check."""
-        making = Collocation.of(self.trace, COARSE, WARM).seconds * intervals / COARSE
+        made = self._budget.charged(Collocation.of(self.trace, COARSE, WARM).seconds)
+        making = made * intervals / COARSE
         room = self._budget.remaining - _CHECK_SHARE * self._budget.seconds
         return intervals <= FINEST and room > _MAKING * making
 

@@ -219,6 +219,11 @@ class RobotFormation(FormationParameters, Problem):
             )
         return tuple(offset)
 
+    @property
+    def evaluations_per_second(self) -> float:
+        """Return how often a search computes all motions in a second."""
+        return 2000.0
+
     def prepare(self) -> None:
         """Compile the kernels, or load them from the disk."""
         _compile()

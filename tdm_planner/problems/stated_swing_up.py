@@ -136,15 +136,13 @@ class StatedMethod(Search[Solution]):
         """Plan for the nearest goal, then for the next one if there is time."""
         for number, turns in enumerate(self._goals()):
             share = _FIRST_SHARE if number == 0 else 1.0
-            until = Budget(share * self.budget.remaining)
+            until = self.budget.part(share * self.budget.remaining)
             search = self._stated(2.0 * math.pi * turns).search(until, self._rng, self._previous)
             try:
                 plan = search.run()
             except Infeasible as error:
                 self._refusal = self._refusal or error
                 continue
-            finally:
-                self.budget.evaluations += until.evaluations
             yield plan
             if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
                 return

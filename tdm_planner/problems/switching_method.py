@@ -174,9 +174,7 @@ class SwitchingMethod(Search[Candidate]):
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""
         until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
-        found = polish(self._task, candidate, steps, self._tolerance, until)
-        self.budget.evaluations += until.evaluations
-        return found
+        return polish(self._task, candidate, steps, self._tolerance, until)
 
     def widen(self) -> bool:
         """
@@ -249,7 +247,7 @@ class SwitchingMethod(Search[Candidate]):
         done: list[Candidate] = []
         best = math.inf
         budget = self.budget
-        until = Budget(_COARSE * budget.seconds - budget.elapsed)
+        until = budget.part(_COARSE * budget.seconds - budget.elapsed)
         for candidate in candidates[:_POLISHED]:
             if until.spent:
                 done.append(candidate)
@@ -261,7 +259,6 @@ class SwitchingMethod(Search[Candidate]):
             done.append(better)
             if violation < 1e-6:
                 best = min(best, better.total)
-        budget.evaluations += until.evaluations
         return sorted(done, key=lambda c: c.total)
 
     def _remember_closest(self, batch: ArcBatch) -> None:

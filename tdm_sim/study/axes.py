@@ -1,0 +1,176 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What a study varies: parameters and their values, and all combinations of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+import re
+from typing import Any, Literal
+
+import numpy as np
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameter_files import parse_yaml
+from tdm_planner.parameters import shown
+from tdm_planner.problems.base import Problem, problem_parameters
+import yaml
+
+Spacing = Literal['linear', 'log', 'list', 'random']
+Point = dict[str, Any]
+
+_RANGE = re.compile(r'([^:]+):([^:]+):\s*(log|random)?\s*(\d+)')
+_FORMS = (
+    'NAME=LOW:HIGH:N, NAME=LOW:HIGH:log N, NAME=LOW:HIGH:random N or NAME=VALUE,VALUE,...; '
+    'N must be in [1, 1e6]'
+)
+_MOST = 1_000_000  # values of one parameter
+_WHOLE = 1e-9  # from an integer
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter by its dotted name, the `values` it takes, and how they are spaced."""
+
+    name: str
+    values: tuple[Any, ...]
+    spacing: Spacing = 'list'
+
+
+def parse_axis(text: str) -> Axis:
+    """
+    Return what ``--over`` says: a range, linear, logarithmic or random, or a list of values.
+
+    Raises
+    ------
+    InvalidProblem
+        If `text` has none of these forms.
+
+    """
+    name, equals, given = text.partition('=')
+    if not (name and equals and given.strip()):
+        raise _unusable(text)
+    found = _RANGE.fullmatch(given.strip())
+    if found is None:
+        try:
+            values = parse_yaml(f'[{given}]')
+        except yaml.YAMLError:
+            raise _unusable(text) from None
+        if ':' in given or not isinstance(values, list):
+            raise _unusable(text)
+        return Axis(name, tuple(values))
+    try:
+        low, high, count = float(found[1]), float(found[2]), int(found[4])
+    except ValueError:
+        raise _unusable(text) from None
+    spacing: Spacing = 'linear' if found[3] is None else 'log' if found[3] == 'log' else 'random'
+    if not (math.isfinite(low) and math.isfinite(high) and 1 <= count <= _MOST):
+        raise _unusable(text)
+    if spacing == 'log' and not (low > 0.0 and high > 0.0):
+        raise InvalidProblem(
+            f"'{shown(text)}' is not allowed: both ends of a log range must be > 0"
+        )
+    if spacing == 'random':  # the same whenever it is asked for, another for another parameter
+        generator = np.random.default_rng([count, *name.encode()])
+        values = generator.uniform(low, high, count)
+    else:
+        values = (np.geomspace if spacing == 'log' else np.linspace)(low, high, count)
+    return Axis(name, tuple(values.tolist()), spacing)
+
+
+def _unusable(text: str) -> InvalidProblem:
+    return InvalidProblem(f"'{shown(text)}' is not allowed: must be {_FORMS}")
+
+
+def checked(axis: Axis, problem: type[Problem], parameters: Mapping[str, Any]) -> Axis:
+    """
+    Return an axis whose values have the type that the problem declares for the parameter.
+
+    Raises
+    ------
+    InvalidProblem
+        If the problem has no such parameter, or does not allow a value of it.
+
+    """
+    spec = problem.parameter_specifications(parameters).get(axis.name)
+    values = []
+    for value in axis.values:
+        if spec is not None and spec.kind is int and isinstance(value, float):
+            whole = math.isfinite(value) and abs(value - round(value)) < _WHOLE
+            value = round(value) if whole else value
+        found = problem_parameters(problem, {**parameters, axis.name: value})
+        if axis.name not in found:
+            raise InvalidProblem(
+                f"parameter '{shown(axis.name)}' belongs to a node: a study varies those of "
+                f'{problem.name}'
+            )
+        values.append(found[axis.name])
+    if not values:
+        raise InvalidProblem(f"parameter '{shown(axis.name)}' has no values to vary over")
+    return Axis(axis.name, tuple(values), axis.spacing)
+
+
+class Points(Sequence[Point]):
+    """
+    Every combination of the axes' values, the last axis varied first.
+
+    Random axes are drawn together: the n-th values of all of them make one combination.
+
+    Raises
+    ------
+    InvalidProblem
+        If a parameter is varied twice, or random axes have different numbers of values.
+
+    """
+
+    def __init__(self, axes: Sequence[Axis]) -> None:
+        names = [axis.name for axis in axes]
+        for name in names:
+            if names.count(name) > 1:
+                raise InvalidProblem(f"parameter '{shown(name)}' is varied twice")
+        random = [axis for axis in axes if axis.spacing == 'random']
+        if len({len(axis.values) for axis in random}) > 1:
+            raise InvalidProblem(
+                'random parameters are drawn together and must have as many values each: '
+                + ', '.join(f'{axis.name} has {len(axis.values)}' for axis in random)
+            )
+        grid = [(axis,) for axis in axes if axis.spacing != 'random']
+        self._groups: list[Sequence[Axis]] = [*grid, *([random] if random else [])]
+        self._names = names
+
+    def __len__(self) -> int:
+        """Return the number of combinations."""
+        return math.prod(len(group[0].values) for group in self._groups)
+
+    def __getitem__(self, row: Any) -> Any:
+        """Return a combination, values by name."""
+        if not 0 <= row < len(self):
+            raise IndexError(row)
+        point: Point = {}
+        for group in reversed(self._groups):
+            row, index = divmod(row, len(group[0].values))
+            point.update({axis.name: axis.values[index] for axis in group})
+        return {name: point[name] for name in self._names}
+
+
+class Chosen(Sequence[Point]):
+    """Some of the points, by their rows."""
+
+    def __init__(self, points: Points, rows: Sequence[int]) -> None:
+        self._points, self._rows = points, rows
+
+    def __len__(self) -> int:
+        """Return the number of the points chosen."""
+        return len(self._rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return a point."""
+        return self._points[self._rows[index]]

@@ -1,0 +1,227 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Plans flown without ROS: the trackers' own code on simulated plants that are not their models.
+
+A flight becomes a `Mission`, as a recording does, and is judged by the same judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
+from tdm_planner.plant_views import PlantView, view_of
+from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
+from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.tracking import (
+    PendulumTracker,
+    PendulumTrackerParameters,
+    RobotTracker,
+    RobotTrackerParameters,
+    TrackerParameters,
+    TrajectoryRefused,
+    TrajectoryTracker,
+)
+from tdm_planner.tracking.stated_tracking import StatedTracker
+from tdm_planner.trajectory import Trajectory
+from tdm_sim.mismatch import mismatched, mismatched_gains
+from tdm_sim.report.margins import margin_history, separations, smallest
+from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
+from tdm_sim.report.verdict import arrival, goal_errors, HOLD_TIME, judge
+from tdm_sim.simulation import PlantSetup, SimulatedPlant
+
+Array = NDArray[np.float64]
+
+FLOWN = 'flown.'  # before the name of a limit: what flights leave of it at worst
+_AFTER = 0.1  # s that a flight lasts beyond what its judge asks for
+
+
+@dataclass(frozen=True)
+class ClosedLoop(Validated):
+    """How plans are flown: how often, on what plants, with what sensors and commands."""
+
+    seeds: int = parameter(
+        1, 'flights of every plan, each on a plant of its own', allowed=Range(1, 1e6)
+    )
+    mismatch: float = parameter(
+        0.0,
+        'largest relative error of every physical constant and actuator gain, at random',
+        allowed=Range(0.0, 1.0, upper_open=True),
+    )
+    rate: float = parameter(
+        TrackerParameters.rate, 'rate of the commands', unit='Hz', allowed=POSITIVE
+    )
+    noise: float = parameter(
+        1.0,
+        'measurement noise, relative to what the estimator assumes of the sensors',
+        allowed=NON_NEGATIVE,
+    )
+
+
+class _Loop(NamedTuple):
+    tracker: TrajectoryTracker
+    plant: SimulatedPlant
+
+
+def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mission:
+    """
+    Return the flight of one seed along a plan, and beyond its end for as long as it is judged.
+
+    Raises
+    ------
+    TrajectoryRefused
+        If a tracker does not accept the plan.
+    InvalidProblem
+        If no tracker for plants of the problem is known.
+
+    """
+    count, vehicles = len(solution.trajectories), []
+    view = view_of(problem, solution.trajectory)
+    held = any(view.is_held(plan) for plan in solution.trajectories.values())
+    after = view.settling + HOLD_TIME + _AFTER if held else 0.0
+    ticks = math.ceil((solution.duration + after) * how.rate)
+    for number, (name, plan) in enumerate(solution.trajectories.items()):
+        loop = _loop(problem, plan, how, count * seed + number)
+        vehicles.append(_vehicle(name if count > 1 else view.name, view, plan, loop, ticks))
+    return Mission(problem.name, problem.name, tuple(vehicles))
+
+
+def _vehicle(name: str, view: PlantView, plan: Trajectory, loop: _Loop, ticks: int) -> Vehicle:
+    """Fly one plan for so many ticks."""
+    tracker, plant = loop
+    interval, nx = tracker.parameters.interval, len(plan.state_names)
+    states, controls = [plant.state], []
+    tracker.observe(plant.measure(), -interval)
+    tracker.accept(plan, 0.0, -interval)
+    for tick in range(ticks):
+        now = tick * interval
+        tracker.observe(plant.measure(), now)
+        plant.command(tracker.command(now).control)
+        controls.append(plant.control)
+        plant.step(interval)
+        states.append(plant.state)
+    times: Array = np.asarray(interval * np.arange(ticks + 1), dtype=float)
+    applied = np.array([*controls, plant.control])
+    return Vehicle(
+        name=name,
+        view=view,
+        plans=(FollowedPlan(plan, 0.0),),
+        states=Signals(times, np.array(states)[:, :nx], plan.state_names, plan.state_units),
+        applied=Signals(times, applied, plan.control_names, plan.control_units),
+    )
+
+
+def _loop(problem: Problem, plan: Trajectory, how: ClosedLoop, seed: int) -> _Loop:
+    """Return a tracker, which knows the problem's plant, and a plant that is not quite so."""
+    for kind, made in _LOOPS.items():
+        if isinstance(problem, kind):
+            tracker, changes = made(problem, how, seed)
+            noise = tracker.estimator.noise.measurement[: len(plan.state_names)]
+            setup = PlantSetup(initial=plan.states[0], noise=how.noise * noise, **changes)
+            return _Loop(tracker, SimulatedPlant(setup, seed))
+    raise InvalidProblem(f"problem '{problem.name}' cannot be flown: no tracker of it is known")
+
+
+def _pendulum(problem: PendulumSwingUp, how: ClosedLoop, seed: int) -> Any:
+    limits, torque = problem.limits, np.array([problem.limits.torque])
+    parameters = PendulumTrackerParameters(rate=how.rate, plant=problem.plant, limits=limits)
+    plant = mismatched(problem.plant, how.mismatch, seed)
+    return PendulumTracker(parameters), {'plant': plant, 'lower': -torque, 'upper': torque}
+
+
+def _robot(problem: RobotFormation, how: ClosedLoop, seed: int) -> Any:
+    limits = problem.limits
+    parameters = RobotTrackerParameters(rate=how.rate, plant=problem.plant, limits=limits)
+    gains = mismatched_gains(3, how.mismatch, seed)
+    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
+    return RobotTracker(parameters), {
+        'plant': mismatched(problem.plant, how.mismatch, seed),
+        'lower': upper * [0.0, -1.0, -1.0],
+        'upper': upper,
+        'gains': gains,
+        'largest_step': 5e-3,
+    }
+
+
+def _stated(problem: DirectProblem, how: ClosedLoop, seed: int) -> Any:
+    plant = DirectPlant(mismatched(problem, how.mismatch, seed))
+    limits = plant.stated.control_limits
+    both = [limits.get(name, (-np.inf, np.inf)) for name in problem.control_names]
+    lower, upper = np.clip(np.array(both).T, -LARGEST, LARGEST)
+    tracker = StatedTracker(problem, TrackerParameters(rate=how.rate))
+    return tracker, {'plant': plant, 'lower': lower, 'upper': upper}
+
+
+_LOOPS: Mapping[Any, Callable[[Any, ClosedLoop, int], Any]] = {
+    PendulumSwingUp: _pendulum,
+    RobotFormation: _robot,
+    DirectProblem: _stated,
+}
+
+
+def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str, Any]:
+    """
+    Return what all flights of a plan come to, as columns of a study's row.
+
+    `caught` counts the flights that end at the goal, `held` those of them that were there in time
+    and stayed, within all limits; `lost` says why the first of the others was not held.
+    """
+    caught, held, lost = 0, 0, ''
+    least: dict[str, float] = {}
+    for seed in range(how.seeds):
+        try:
+            mission = fly(problem, solution, how, seed)
+        except TrajectoryRefused as refused:
+            lost = lost or str(refused)
+            continue
+        verdict = judge(mission)
+        caught += all(map(_at_goal, mission.vehicles))
+        if verdict is not None and verdict.reached:
+            held += 1
+        elif verdict is not None:
+            lost = lost or next(iter(verdict.reasons), verdict.undecided)
+        for name, margin in _margins(mission).items():
+            least[name] = min(margin, least.get(name, math.inf))
+    flown = {f'{FLOWN}{name}': value for name, value in least.items()}
+    return {'flights': how.seeds, 'caught': caught, 'held': held, 'lost': lost, **flown}
+
+
+def _at_goal(vehicle: Vehicle) -> bool:
+    """Whether a flight ends at the goal; where that cannot be held, whether it comes there."""
+    plan, states = vehicle.plan, vehicle.states
+    assert plan is not None
+    assert states is not None
+    if vehicle.view.is_held(plan.trajectory):
+        return (arrival(vehicle) or 0.0) < math.inf
+    _, errors = goal_errors(vehicle.view, plan.trajectory, states)
+    return not errors.size or bool(errors[-1] <= 1.0)
+
+
+def _margins(mission: Mission) -> dict[str, float]:
+    """Return the least margin of every limit on a flight, by the names that plans have for it."""
+    several = len(mission.vehicles) > 1
+    found = {
+        f'{vehicle.name}.{name}' if several else name: margin.worst
+        for vehicle in mission.vehicles
+        for name, margin in smallest(margin_history(vehicle).measured).items()
+    }
+    apart = mission.vehicles[0].view.separation or 0.0
+    for pair, distance in smallest(separations(mission).measured).items():
+        found[pair] = distance.worst - apart
+    return found

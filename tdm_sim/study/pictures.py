@@ -1,0 +1,308 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Pictures of a study: a curve over one variable, a map over two, all pairs of more."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.palette import COLOURS
+from tdm_sim.study.axes import Axis
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Sequence[Any]]
+
+REPEATED = 'solver.seed'  # varied, it repeats plans: their spread is shown
+_HATCHES = {  # of what is not verified, by the reason's code
+    'INFEASIBLE': '///',
+    'DEADLINE': '...',
+    'VERIFICATION_FAILED': 'xxx',
+    'INVALID_PROBLEM': '\\\\\\',
+    'INTERNAL': '+++',
+}
+_OTHER, _GROUND, _INK = 'ooo', '0.93', '0.45'
+_WIDE = 10.0  # ratio of the largest value to the smallest, from which colours are logarithmic
+_MARKERS = 'xv^<>sd'
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """
+    A parameter as it runs along a picture's axis.
+
+    `places` (n,) are where the values lie; of what are no numbers their count. `edges` (n + 1,)
+    lie between them.
+    """
+
+    name: str
+    unit: str
+    values: tuple[Any, ...]
+    places: Array
+    edges: Array
+    spacing: str
+    labels: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, axis: Axis, unit: str) -> Variable:
+        """Return an axis of a study as one of a picture."""
+        numbers = all(isinstance(value, (int, float)) for value in axis.values)
+        numbers = numbers and not any(isinstance(value, bool) for value in axis.values)
+        values = tuple(sorted(set(axis.values))) if numbers else axis.values
+        labels = () if numbers else tuple(map(str, values))
+        places = np.array(values if numbers else range(len(values)), dtype=float)
+        log = axis.spacing == 'log'
+        at = np.log(places) if log else places
+        between = 0.5 * (at[1:] + at[:-1])
+        ends = 1.5 * at[[0, -1]] - 0.5 * at[[1, -2]]
+        edges = np.concatenate([ends[:1], between, ends[1:]])
+        edges = np.exp(edges) if log else edges
+        return cls(axis.name, unit, values, places, edges, axis.spacing, labels)
+
+    def place(self, column: Sequence[Any]) -> NDArray[np.intp]:
+        """Return which of the values every row has (N,)."""
+        numbers = {_key(value): number for number, value in enumerate(self.values)}
+        return np.array([numbers[_key(value)] for value in column], dtype=np.intp)
+
+    def label(self, axes: Axes, which: str) -> None:
+        """Name the axis x or y of a picture, and its values where they are no numbers."""
+        axis: Any = getattr(axes, f'{which}axis')
+        axis.set_label_text(f'{self.name} [{self.unit}]' if self.unit else self.name)
+        if self.labels:
+            axis.set_ticks(self.places, self.labels)
+        elif self.spacing == 'log':
+            axes.set(**{f'{which}scale': 'log'})
+            _plain(axis)
+
+
+def _plain(axis: Any) -> None:
+    """Write plain numbers on a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(lambda value, _: f'{value:g}')
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _key(value: Any) -> str:
+    return str(list(value)) if isinstance(value, (list, tuple)) else str(value)
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """What a picture shows: `values` (N,) of every row, NaN where it has none."""
+
+    name: str
+    title: str
+    values: Array
+    share: bool = False
+
+
+def quantities(columns: Columns) -> list[Quantity]:
+    """Return what there is to show: cost, duration where it is another, shares of flights."""
+
+    def numbers(name: str) -> Array:
+        return np.array([np.nan if v is None else float(v) for v in columns[name]])
+
+    cost, duration = numbers('cost'), numbers('duration')
+    found = [Quantity('cost', 'cost J', cost)]
+    if np.array_equal(cost, duration, equal_nan=True):
+        found = [Quantity('duration', 'duration [s]', duration)]
+    else:
+        found.append(Quantity('duration', 'duration [s]', duration))
+    if 'flights' in columns:
+        flights = numbers('flights')
+        for name in ('caught', 'held'):
+            share = numbers(name) / flights
+            found.append(Quantity(name, f'share of flights {name}', share, share=True))
+    return found
+
+
+def draw(
+    columns: Columns, axes: Sequence[Axis], units: Mapping[str, str]
+) -> dict[str, tuple[Figure, str]]:
+    """
+    Return pictures and their titles by name; none where nothing is varied.
+
+    `columns` are those of a study's table, all of one length.
+    """
+    varied = [a for a in axes if len(set(map(_key, a.values))) > 1 and a.name != REPEATED]
+    variables = [Variable.of(axis, units.get(axis.name, '')) for axis in varied]
+    shown = quantities(columns)
+    if not variables:
+        return {}
+    if len(variables) == 1:
+        names = ' and '.join(q.name for q in shown)
+        return {'curve': (_curves(columns, variables[0], shown), names)}
+    found = {}
+    for quantity in shown:
+        if len(variables) == 2:
+            figure = Figure(figsize=(8, 5.6), layout='constrained')
+            axis = figure.subplots()
+            drawn = _map(axis, columns, (variables[0], variables[1]), quantity)
+            _key_of_colours(figure, drawn, [axis], quantity.title)
+            _legend(axis, columns)
+        else:
+            figure = _pairs(columns, variables, quantity)
+        found[quantity.name] = figure, quantity.title
+    return found
+
+
+def _curves(columns: Columns, variable: Variable, shown: Sequence[Quantity]) -> Figure:
+    """Draw medians over one variable, the spread of repeated plans, what is not verified."""
+    figure = Figure(figsize=(8, 1.2 + 2.4 * len(shown)), layout='constrained')
+    axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    at, codes = variable.place(columns[variable.name]), np.array(columns['code'], dtype=object)
+    for axis, quantity in zip(axes, shown, strict=True):
+        groups = [quantity.values[at == k] for k in range(len(variable.places))]
+        low, middle, high = (
+            np.array([np.nan if np.isnan(g).all() else share(g) for g in groups])
+            for share in (np.nanmin, np.nanmedian, np.nanmax)
+        )
+        style = '.' if variable.spacing == 'random' or variable.labels else '.-'
+        axis.fill_between(variable.places, low, high, color=COLOURS[0], alpha=0.2, lw=0)
+        axis.plot(variable.places, middle, style, color=COLOURS[0])
+        for k in np.flatnonzero(np.isnan(middle)).tolist():
+            code = _most(codes[at == k].tolist())
+            if code:
+                axis.axvspan(
+                    *variable.edges[[k, k + 1]], fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code)
+                )
+        axis.set_ylabel(quantity.title)
+        axis.grid(alpha=0.25)
+        if quantity.share:
+            axis.set_ylim(-0.03, 1.03)
+    variable.label(axes[-1], 'x')
+    _legend(axes[0], columns)
+    return figure
+
+
+def _map(
+    axis: Axes, columns: Columns, variables: tuple[Variable, Variable], quantity: Quantity
+) -> Any:
+    """Colour the plane of two variables, hatched where nothing is verified; return the colours."""
+    x, y = variables
+    norm = _norm(quantity)
+    codes = columns['code']
+    i, j = x.place(columns[x.name]), y.place(columns[y.name])
+    if x.spacing == y.spacing == 'random':
+        drawn: Any = axis.scatter(x.places[i], y.places[j], c=quantity.values, norm=norm, s=22)
+        for code, marker in zip(_codes(columns), _MARKERS * 9, strict=False):
+            of = np.array([c == code for c in codes])
+            axis.plot(x.places[i[of]], y.places[j[of]], marker, color=_INK, ms=4, label=code)
+    else:
+        cells: dict[tuple[int, int], list[int]] = {}
+        for row, cell in enumerate(zip(j.tolist(), i.tolist(), strict=True)):
+            cells.setdefault(cell, []).append(row)
+        values = np.full((y.places.size, x.places.size), np.nan)
+        hatched: dict[str, list[Rectangle]] = {}
+        for (q, p), rows in cells.items():
+            known = quantity.values[rows]
+            if not np.isnan(known).all():
+                values[q, p] = np.nanmedian(known)
+                continue
+            corner = float(x.edges[p]), float(y.edges[q])
+            sides = float(x.edges[p + 1]) - corner[0], float(y.edges[q + 1]) - corner[1]
+            code = _most([codes[row] for row in rows])
+            hatched.setdefault(code, []).append(Rectangle(corner, *sides))
+        drawn = axis.pcolormesh(x.edges, y.edges, np.ma.masked_invalid(values), norm=norm)
+        drawn.set_rasterized(True)
+        for code, cells_of in hatched.items():
+            axis.add_collection(
+                PatchCollection(cells_of, fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code))
+            )
+        axis.set_xlim(x.edges[0], x.edges[-1])
+        axis.set_ylim(y.edges[0], y.edges[-1])
+    x.label(axis, 'x')
+    y.label(axis, 'y')
+    return drawn
+
+
+def _pairs(columns: Columns, variables: Sequence[Variable], quantity: Quantity) -> Figure:
+    """Draw the plane of every two variables: the median over all values of the others."""
+    n = len(variables) - 1
+    figure = Figure(figsize=(3.2 * n + 2.0, 2.8 * n + 0.8), layout='constrained')
+    axes = figure.subplots(n, n, squeeze=False)
+    drawn: Any = None
+    for q in range(n):
+        for p in range(n):
+            if p > q:
+                axes[q, p].remove()
+                continue
+            drawn = _map(axes[q, p], columns, (variables[p], variables[q + 1]), quantity)
+            if q < n - 1:
+                axes[q, p].set_xlabel('')
+            if p:
+                axes[q, p].set_ylabel('')
+    kept = list(axes[np.tril_indices(n)])
+    _key_of_colours(figure, drawn, kept, f'{quantity.title}, median', shrink=0.8)
+    _legend(axes[0, 0], columns)
+    return figure
+
+
+def _key_of_colours(
+    figure: Figure, drawn: Any, axes: Sequence[Axes], title: str, shrink: float = 1.0
+) -> None:
+    bar = figure.colorbar(drawn, ax=list(axes), label=title, shrink=shrink)
+    if isinstance(drawn.norm, LogNorm):
+        _plain(bar.ax.yaxis)
+
+
+def _norm(quantity: Quantity) -> Normalize:
+    if quantity.share:
+        return Normalize(0.0, 1.0)
+    known = quantity.values[np.isfinite(quantity.values)]
+    if not known.size:
+        return Normalize(0.0, 1.0)
+    low, high = float(known.min()), float(known.max())
+    return (LogNorm if 0.0 < low * _WIDE < high else Normalize)(low, high)
+
+
+def _codes(columns: Columns) -> list[str]:
+    """Return the codes of what is not verified."""
+    return sorted({code for code in columns['code'] if code})
+
+
+def _most(codes: Sequence[str]) -> str:
+    """Return the code that most of the rows have, '' if none."""
+    return Counter(codes).most_common(1)[0][0] if codes else ''
+
+
+def _hatch(code: str) -> str:
+    return _HATCHES.get(code, _OTHER)
+
+
+def _legend(axis: Axes, columns: Columns) -> None:
+    """Explain the hatches above a picture."""
+    handles: list[Any] = axis.get_legend_handles_labels()[0]
+    scattered = any(isinstance(handle, Line2D) for handle in handles)
+    if not scattered:
+        handles = [
+            Patch(fc=_GROUND, ec=_INK, lw=0, hatch=_hatch(code), label=code)
+            for code in _codes(columns)
+        ]
+    if handles:
+        axis.legend(
+            handles=handles,
+            loc='lower right',
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=4,
+            fontsize='small',
+            frameon=False,
+        )

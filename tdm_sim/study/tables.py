@@ -1,0 +1,130 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+The folder of a study: what was asked, and the table of what was found so far.
+
+The table is replaced as a whole, so that it can be read whenever the study ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from pyarrow import csv, parquet
+from tdm_planner.plan_files import finite, UnusableFile
+from tdm_sim.study.flights import FLOWN
+from tdm_sim.study.rows import MARGIN
+
+STATEMENT = 'study.json'
+_TEXTS = dict.fromkeys(('code', 'reason', 'lost'), pa.string())
+ENDINGS = ('.parquet', '.csv')
+
+
+class Table:
+    """Rows as they come, and as they were found on the disk before; `path` None: on no disk."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._kept = pa.table({'row': pa.array([], pa.int64())})
+        self._fresh: list[Mapping[str, Any]] = []
+        if path is not None and path.is_file():
+            self._kept = _read(path)
+
+    @property
+    def rows(self) -> set[int]:
+        """Numbers of the rows that were found on the disk."""
+        return set(self._kept['row'].to_pylist())
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Take a row; its column `row` is its number."""
+        self._fresh.append(row)
+
+    def save(self) -> pa.Table:
+        """
+        Return all rows in their order, written to the disk.
+
+        Raises
+        ------
+        UnusableFile
+            If that cannot be written.
+
+        """
+        if self._fresh:
+            names = dict.fromkeys(name for row in self._fresh for name in row)
+            columns = {name: [_cell(row.get(name)) for row in self._fresh] for name in names}
+            both = [self._kept, pa.table(columns)]
+            found = pa.concat_tables(both, promote_options='permissive').sort_by('row')
+            self._kept = found.select(_ordered(found.column_names)).combine_chunks()
+            self._fresh = []
+            if self._path is not None:
+                _write(self._kept, self._path)
+        return self._kept
+
+
+def _ordered(names: Sequence[str]) -> list[str]:
+    """Return columns in an order that does not depend on the first rows: margins by name."""
+    margins = [name for name in names if name.startswith((MARGIN, FLOWN))]
+    return [name for name in names if name not in margins] + sorted(margins, reverse=True)
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, (list, tuple)) else value
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        if path.suffix == '.csv':  # where all texts are empty, it cannot tell that they are texts
+            return csv.read_csv(path, convert_options=csv.ConvertOptions(column_types=_TEXTS))
+        return parquet.read_table(path)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise UnusableFile(f"the table '{path}' cannot be read: {error}") from None
+
+
+def _write(table: pa.Table, path: Path) -> None:
+    new = path.with_suffix('.new')
+    try:
+        if path.suffix == '.csv':
+            csv.write_csv(table, new)
+        else:
+            parquet.write_table(table, new)
+        os.replace(new, path)
+    except OSError as error:
+        raise UnusableFile(f"the table '{path}' cannot be written: {error.strerror}") from None
+
+
+def claim(folder: Path, statement: Mapping[str, Any]) -> None:
+    """
+    Take a folder for the study of this statement, a new one or that of the same study.
+
+    Raises
+    ------
+    UnusableFile
+        If it holds another study, or cannot be written.
+
+    """
+    asked = json.dumps(finite(statement), indent=1) + '\n'
+    path = folder / STATEMENT
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            if path.read_text(encoding='utf-8') != asked:
+                raise UnusableFile(
+                    f"the folder '{folder}' holds another study (see {STATEMENT}): name another "
+                    'one'
+                )
+        else:
+            path.write_text(asked, encoding='utf-8')
+    except OSError as error:
+        raise UnusableFile(f"the folder '{folder}' cannot be used: {error.strerror}") from None

@@ -1,0 +1,154 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Independent runs on all cores, or on the machines of a Dask cluster; the engine is Dask's."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+import logging
+import math
+from multiprocessing import resource_tracker
+import os
+import signal
+from tempfile import TemporaryDirectory
+import time
+from typing import Any, TypeVar
+
+import dask
+from distributed import as_completed, Client, Future, KilledWorker, LocalCluster
+from tdm_planner.exceptions import InvalidProblem
+
+Argument = TypeVar('Argument')
+Result = TypeVar('Result')
+
+_AHEAD = 2  # batches that a worker has: one at work, one waiting
+_BATCH_TIME = 0.5  # s of work that are sent at once, about
+_CONNECTED = 10  # s in which a scheduler must answer
+
+
+@contextmanager
+def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[Client]:
+    """
+    Have processes that work: one a core of this machine, `count` of them, or a Dask cluster.
+
+    `scheduler` is the cluster's, ``HOST:PORT``. Local processes are ended at the end, and listen
+    on this machine only.
+
+    Raises
+    ------
+    InvalidProblem
+        If no scheduler answers there.
+
+    """
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # what is lost is done again
+    if scheduler is not None:
+        try:
+            client = Client(_address(scheduler), timeout=_CONNECTED)
+        except (OSError, ValueError):
+            raise InvalidProblem(
+                f"scheduler '{scheduler}' does not answer: must be HOST:PORT of a Dask scheduler"
+            ) from None
+        with client:
+            yield client
+        return
+    with TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
+        with _children_deaf():
+            local = LocalCluster(
+                n_workers=count or len(os.sched_getaffinity(0)),
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address='127.0.0.1:0',
+                local_directory=scratch,
+                silence_logs=logging.CRITICAL,
+            )
+        with local, Client(local) as client:
+            yield client
+
+
+@contextmanager
+def _children_deaf() -> Iterator[None]:
+    """
+    Start threads and processes that do not hear SIGINT: a terminal sends it to all of them.
+
+    Here it waits meanwhile.
+    """
+    resource_tracker.ensure_running()  # where it starts later, it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _address(scheduler: str) -> str:
+    return scheduler if '://' in scheduler else f'tcp://{scheduler}'
+
+
+def each(
+    client: Client,
+    work: Callable[[Argument], Result],
+    arguments: Sequence[Argument],
+    lost: Callable[[Argument], Result] | None = None,
+) -> Iterator[tuple[int, Result]]:
+    """
+    Yield the index of every argument and what `work` makes of it, in the order they are done.
+
+    What a worker had that died is done by another. Of an argument that ends every worker that it
+    is given to, `lost` gives the result; without it `KilledWorker` is raised. The arguments are
+    sent in batches of about half a second, a few at a time, however many there are.
+    """
+    total = sum(client.nthreads().values()) or 1
+    waiting = iter(range(len(arguments)))
+    alone: deque[int] = deque()  # of batches that were lost
+    batches: dict[Future, list[int]] = {}
+    running = as_completed(loop=client.loop)
+    size, left = 1, len(arguments)
+
+    def start() -> None:
+        batch = [alone.popleft()] if alone else list(islice(waiting, size))
+        if batch:
+            given = [arguments[index] for index in batch]
+            future = client.submit(_worked, work, given, pure=False)
+            batches[future] = batch
+            running.add(future)
+
+    for _ in range(_AHEAD * total):
+        start()
+    for future in running:
+        batch = batches.pop(future)
+        try:
+            results, seconds = future.result()
+        except KilledWorker:
+            if len(batch) > 1:
+                alone.extend(batch)
+                for _ in batch:
+                    start()
+                continue
+            if lost is None:
+                raise
+            results, seconds = [lost(arguments[batch[0]])], _BATCH_TIME
+        left -= len(batch)
+        enough = round(_BATCH_TIME * len(batch) / max(seconds, 1e-6))
+        size = max(1, min(enough, 2 * size, math.ceil(left / (_AHEAD * total))))
+        future.release()
+        start()
+        yield from zip(batch, results, strict=True)
+
+
+def _worked(work: Callable[[Any], Any], given: Sequence[Any]) -> tuple[list[Any], float]:
+    """Return what comes of a batch, and how long it took [s]."""
+    began = time.perf_counter()
+    return [work(argument) for argument in given], time.perf_counter() - began
+
+
+dask.config.set({'distributed.comm.timeouts.connect': f'{_CONNECTED}s'})

@@ -1,0 +1,84 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""A worker that dies, and Ctrl-C, lose nothing of a study."""
+
+from __future__ import annotations
+
+from functools import partial
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+from ros_harness import PATIENCE, SOURCE
+from tdm_planner.problems import PendulumSwingUp
+from tdm_sim.study import Axis, each, run, workers
+from tdm_sim.study.axes import Points
+from tdm_sim.study.rows import Trial
+from tdm_sim.study.tables import Table
+
+
+def squared(folder: Path, number: int) -> int:
+    """Return the square; of 3 the process dies when it is first asked, of 5 always."""
+    first = folder / 'asked 3'
+    if number == 5 or (number == 3 and not first.exists()):
+        (folder / f'asked {number}').touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+def test_what_a_dead_worker_had_is_done_by_another(tmp_path: Path) -> None:
+    work = partial(squared, tmp_path)
+    with workers(count=2) as client:
+        found = dict(each(client, work, range(8), lost=lambda number: -number))
+    assert found == {number: -5 if number == 5 else number * number for number in range(8)}
+
+
+def test_the_workers_of_a_cluster_do_it_as_well() -> None:
+    with workers(count=1) as client:
+        address = client.scheduler.address.removeprefix('tcp://')
+        table = run('pendulum_swing_up', {'start.theta': [1.0, 2.0]}, scheduler=address)
+    trial = Trial(PendulumSwingUp)
+    assert table['cost'].to_pylist() == [trial({'start.theta': x})['cost'] for x in (1.0, 2.0)]
+
+
+def test_a_killed_worker_and_ctrl_c_lose_no_row(tmp_path: Path) -> None:
+    """The table is saved every ten seconds, and when the study ends."""
+    values = tuple(-3.0 + 6.0 * k / 799 for k in range(800))
+    words = ['study', 'pendulum', '--over', f'start.theta={",".join(map(repr, values))}']
+    words += ['-o', 'out', '--csv', '--processes', '2', '-q']
+    command = [sys.executable, '-m', 'tdm_planner.cli', *words]
+    environment = os.environ | {'PYTHONPATH': str(SOURCE)}
+    table, end = tmp_path / 'out' / 'table.csv', time.monotonic() + 3 * PATIENCE
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, start_new_session=True
+    ) as study:
+        while not table.exists():
+            assert study.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        children = psutil.Process(study.pid).children()
+        max(children, key=lambda child: child.memory_info().rss).kill()
+        os.killpg(study.pid, signal.SIGINT)  # as a terminal does, to all of them
+        _, said = study.communicate(timeout=3 * PATIENCE)
+    assert (study.returncode, said) == (130, b'')
+    rows = Table(table).rows
+    assert 0 < len(rows) < len(values)
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True)
+    whole = Table(table).save().to_pylist()
+    assert [row['row'] for row in whole] == list(range(len(values)))
+    trial, points = Trial(PendulumSwingUp), Points([Axis('start.theta', values)])
+    for number in range(0, len(values), 40):
+        here = trial(points[number])
+        here.pop('solve_time')
+        assert {name: whole[number][name] for name in here} == here

@@ -1,0 +1,123 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""One row of a study: it depends on its point alone, and a fault costs no more than the row."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from typing import Any
+
+import pytest
+from ros_harness import SOURCE
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.registry import load_problem
+from tdm_sim.study.flights import ClosedLoop
+from tdm_sim.study.rows import Trial
+
+STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
+
+
+def test_evaluations_are_the_clock_of_a_budget_that_counts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    budget = Budget(2.0, evaluations=100)
+    monkeypatch.setattr(time, 'perf_counter', lambda: 1e9)
+    budget.evaluations += 25
+    part = budget.part(1.0)
+    part.evaluations += 25
+    assert (budget.elapsed, part.elapsed, budget.charged(5.0)) == (1.0, 0.5, 0.0)
+    part.evaluations += 25
+    assert part.spent
+    assert budget.leaving(1.0, 0.1).seconds == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'parameters'),
+    [
+        (PendulumSwingUp, STRONG),
+        (PendulumSwingUp, {'limits.torque': 1e-4, 'solver.deadline': 0.05}),
+        (PendulumSwingUp, {**STRONG, 'method': 'smooth'}),
+        (RobotFormation, {}),
+    ],
+)
+def test_a_slow_machine_finds_the_same(
+    kind: Any, parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here by a clock on which every look takes a tenth of a second."""
+    trial = Trial(kind, parameters)
+    row = trial({})
+    ticks = itertools.count()
+    monkeypatch.setattr(time, 'perf_counter', lambda: 0.1 * next(ticks))
+    again = trial({})
+    for found in (row, again):
+        found.pop('solve_time')
+    assert row == again
+    assert row['code'] == ('' if row['verified'] else 'DEADLINE')
+
+
+def test_what_a_plan_leaves_of_its_limits() -> None:
+    row = Trial(PendulumSwingUp, STRONG)({'start.psi': 0.1})
+    assert row['verified']
+    assert row['cost'] == row['duration'] > 0.2
+    assert row['margin.torque'] == pytest.approx(0.2 * 0.09)
+    assert 0.0 <= row['margin.disk_angle'] < 2.0
+
+
+def faulty(self: Any) -> None:
+    raise ZeroDivisionError('a fault of the program')
+
+
+@pytest.mark.parametrize(
+    ('point', 'code', 'reason'),
+    [
+        ({'start.psi': 2.5}, 'INVALID_PROBLEM', 'limits.disk_angle'),
+        ({'limits.torque': 1e-4}, 'DEADLINE', 'weak'),
+        ({'start.psi': 0.0}, 'INTERNAL', 'ZeroDivisionError: a fault'),
+    ],
+)
+def test_a_row_without_a_plan_says_why(
+    point: dict[str, Any], code: str, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if code == 'INTERNAL':
+        monkeypatch.setattr(PendulumSwingUp, 'standing_plan', faulty)
+    row = Trial(PendulumSwingUp, {'solver.deadline': 0.05})(point)
+    assert (row['verified'], row['code'], row['cost']) == (False, code, None)
+    assert reason in row['reason']
+
+
+def test_every_plan_is_flown() -> None:
+    row = Trial(PendulumSwingUp, STRONG, ClosedLoop(seeds=2, mismatch=0.03))({})
+    assert (row['flights'], row['caught'], row['held'], row['lost']) == (2, 2, 2, '')
+    assert 0.0 < row['flown.disk_angle'] < row['margin.disk_angle'] + 0.3
+    assert 0.0 <= row['flown.torque'] < row['margin.torque']  # feedback uses the reserve
+
+
+def test_a_flight_is_lost_on_a_plant_that_is_too_different() -> None:
+    how = ClosedLoop(mismatch=0.6)
+    row = Trial(PendulumSwingUp, STRONG, how)({})
+    assert row['held'] == 0
+    assert 'pendulum' in row['lost']
+
+
+def test_robots_fly_in_formation_and_keep_their_distance() -> None:
+    names = ['robot1', 'robot2']
+    row = Trial(RobotFormation, {'robots': names}, ClosedLoop(mismatch=0.03, rate=20.0))({})
+    assert (row['caught'], row['held']) == (1, 1), row['lost']
+    assert row['flown.robot1 - robot2'] > 0.0
+
+
+def test_a_stated_plant_flies_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(SOURCE / 'docs' / 'plants')
+    cart = load_problem('double_integrator:DoubleIntegrator')
+    row = Trial(cart, {}, ClosedLoop(seeds=2, mismatch=0.02))({'start.x': -0.5})
+    assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
+    assert row['cost'] == pytest.approx(2.0**0.5, rel=1e-2)
