@@ -127,7 +127,7 @@ def _histories(
             axis.axvline(instant, color=SWITCH, lw=0.7, ls=':')
     handles = {} if len(plans) == 1 else {n: Line2D([], [], color=c) for n, c in colours.items()}
     handles['limits'] = Line2D([], [], color=LIMIT, lw=1, ls='--')
-    if switches:
+    if len(switches):
         handles['switching points'] = Line2D([], [], color=SWITCH, lw=0.7, ls=':')
     _legend(axes[0], handles)
     axes[-1].set_xlabel(TIME_LABEL)

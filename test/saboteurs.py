@@ -71,7 +71,7 @@ def early_stops(patch: Patch, rng: Generator, size: float) -> None:
     """Make the minimiser end after a few steps and say that it has converged."""
 
     def hasty(right: Any, program: Any, xi: Any, options: Any, budget: Any) -> Any:
-        few = replace(options or TrustRegionOptions(), iterations=int(rng.integers(1, 6)))
+        few = (options or TrustRegionOptions())._replace(iterations=int(rng.integers(1, 6)))
         return replace(right(program, xi, few, budget), converged=True)
 
     _minimisers(patch, hasty)

@@ -153,7 +153,7 @@ def test_the_live_page_says_what_it_needs(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, 'viser', None)
     assert main(['live', 'pendulum']) == 2
-    assert 'pip install viser' in capsys.readouterr().err
+    assert "pip install tdm_planner[live]'" in capsys.readouterr().err
     for words in ([], ['pendulum', '--attach', '/pendulum']):
         with pytest.raises(SystemExit):
             main(['live', *words])

@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 import pytest
 from ros_harness import SOURCE
 import tdm_planner
+from tdm_planner.cli import EXTRAS
 from tdm_planner.starting import REQUIRED
 from tools import links
 
@@ -28,7 +29,8 @@ ROSDEP_KEYS = {
     name: f'python3-{name}'
     for name in ('hypothesis', 'matplotlib', 'numpy', 'pytest', 'rich', 'scipy', 'yaml')
 }
-WITHOUT_KEY = {*REQUIRED} - {*ROSDEP_KEYS}  # not in Ubuntu's archive: `make setup` installs them
+# Not in Ubuntu's archive: `make setup` installs them.
+WITHOUT_KEY = {*REQUIRED, *EXTRAS, 'trimesh'} - {*ROSDEP_KEYS}
 ROS_SUFFIXES = ('_msgs', '_srvs', '_interfaces')
 OURS = {'tdm_planner', 'tdm_sim', 'tools', 'benchmark', 'test', 'docs'}
 SETUP = (SOURCE / 'setup.py').read_text(encoding='utf-8')
