@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
+from benchmark.receding import Vehicle
 from benchmark.rigs import rig
 from closed_loop import (
     HANGING,
@@ -41,7 +42,6 @@ from tdm_planner.tracking import (
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.mismatch import mismatched
-from tdm_sim.receding import Vehicle
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 STUCK = moved(HANGING, 0.0, 0.8, 0.0, 0.0)
