@@ -21,11 +21,13 @@ from pathlib import Path
 import signal
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
 from signal_scenes import survivors
 from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 import yaml
@@ -115,8 +117,18 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     bag = tmp_path / 'bag'
     recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
     assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
+    followed = ros.subscribe('/pendulum/tracker_status', GoalStatusArray, LATCHED)
     process = demo(ros, tmp_path, 'pendulum', *parameters(tmp_path, 'pendulum'))
-    assert ros.spin_until(lambda: 'upright' in process.output, 120.0), process.output
+
+    def moves() -> bool:
+        """Whether the plan, published 3 s before, is being carried out."""
+        return any(
+            plan.status == GoalStatus.STATUS_EXECUTING
+            for message in followed
+            for plan in message.status_list
+        )
+
+    assert ros.spin_until(moves, 120.0), process.output
     assert process.end(signal.SIGINT) == 130, process.output
     assert 'Traceback' not in process.output
     assert left(ros) == [recorder.process.pid]
