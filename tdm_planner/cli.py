@@ -141,13 +141,22 @@ def _parser() -> argparse.ArgumentParser:
     nodes.add_argument(
         'plant', nargs='?', help='pendulum, robots, a stated problem: its nodes are started'
     )
-    nodes.add_argument('--attach', metavar='NAMESPACE', help='of nodes that run')
-    live.add_argument('-o', '--output', type=Path, default=Path('live'), metavar='DIR')
+    nodes.add_argument(
+        '--attach', metavar='NAMESPACE', help='join the nodes that run there; start none'
+    )
+    live.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        default=Path('live'),
+        metavar='DIR',
+        help='folder of recordings and reports; default: live',
+    )
     live.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     live.add_argument(
         '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
     )
-    live.add_argument('--port', type=int, default=8080, help='the next free one is taken')
+    live.add_argument('--port', type=int, default=8080, help='or the next one that is free')
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
     live.set_defaults(run=_live)
 
