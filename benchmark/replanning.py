@@ -71,8 +71,6 @@ PENDULUM_INTERVAL, ROBOT_INTERVAL = 0.005, 0.02  # s
 HELD_FROM, HELD_UNTIL = 10.0, 15.0  # s
 ROBOT_PUSH, PUSH_MARGIN = 0.05, 0.1  # m/s, m
 SETTLING, AT_GOAL = 5.0, 3.0  # s
-PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
-ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.0])
 
 
 def momentum(problem: PendulumSwingUp, states: Array) -> float:
@@ -86,9 +84,9 @@ def swing_up(
     problem: PendulumSwingUp, solution: Solution, seed: int, push: float
 ) -> dict[str, Any]:
     """One swing-up, pushed half-way by `push` N m s; returns what was reached."""
-    parameters = tracker_parameters(problem, PENDULUM_INTERVAL, replanning=True)
+    parameters = tracker_parameters(problem, PENDULUM_INTERVAL)
     replanner = Replanner(SwingUpExecution(problem, parameters), REVIEWS)
-    loop = pendulum_loop(problem, solution, PENDULUM_INTERVAL, seed, replanner=replanner)
+    loop = pendulum_loop(problem, solution, PENDULUM_INTERVAL, seed, replanner)
     tracker, plant = loop.vehicles[VEHICLE]
     true_plant = mismatched(problem.plant, MISMATCH, seed)
     impulse = push * np.random.default_rng([seed, 7]).choice([-1.0, 1.0])
@@ -162,7 +160,7 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
     problem = crossing_of('quick robots', seed, **changes)
     solution = problem.solve(deadline=2.0)
     replanner = Replanner(FormationExecution(problem), REVIEWS)
-    loop = formation_loop(problem, solution, ROBOT_INTERVAL, seed, replanner=replanner)
+    loop = formation_loop(problem, solution, ROBOT_INTERVAL, seed, replanner)
     rng = np.random.default_rng([seed, 7])
     ways, half_way = [], 0.5 * solution.duration
     while loop.time < loop.plans[-1].end + SETTLING and loop.time < problem.solver.longest:

@@ -53,14 +53,13 @@ def pendulum_loop(
     solution: Solution,
     interval: float,
     seed: int,
-    mismatch: float = MISMATCH,
-    replanner: Replanner | None = None,
+    replanner: Replanner,
 ) -> RecedingHorizon:
     """Return a pendulum about to carry out a plan, commanded every `interval` s."""
-    parameters = tracker_parameters(problem, interval, replanner is not None)
+    parameters = tracker_parameters(problem, interval)
     limit = np.array([problem.limits.torque])
     setup = PlantSetup(
-        plant=mismatched(problem.plant, mismatch, seed),
+        plant=mismatched(problem.plant, MISMATCH, seed),
         initial=solution.trajectory.states[0],
         lower=-limit,
         upper=limit,
@@ -70,14 +69,12 @@ def pendulum_loop(
     return _begun({VEHICLE: vehicle}, problem, solution, interval, replanner)
 
 
-def tracker_parameters(
-    problem: PendulumSwingUp, interval: float, replanning: bool
-) -> PendulumTrackerParameters:
+def tracker_parameters(problem: PendulumSwingUp, interval: float) -> PendulumTrackerParameters:
     """Return the parameters of the tracker that follows the plans of a problem."""
     values = {
         'rate': 1.0 / interval,
         'limits.torque': problem.limits.torque,
-        'replan.on_deviation': replanning,
+        'replan.on_deviation': True,
     }
     return build(PendulumTrackerParameters, values)
 
@@ -92,8 +89,7 @@ def formation_loop(
     solution: Solution,
     interval: float,
     seed: int,
-    mismatch: float = MISMATCH,
-    replanner: Replanner | None = None,
+    replanner: Replanner,
 ) -> RecedingHorizon:
     """Return robots about to carry out their plans, commanded every `interval` s."""
     limits = problem.limits
@@ -103,15 +99,15 @@ def formation_loop(
         'limits.thrust': limits.thrust,
         'limits.thruster_rate': limits.thruster_rate,
         'limits.torque': limits.torque,
-        'replan.on_deviation': replanner is not None,
+        'replan.on_deviation': True,
     }
     parameters = build(RobotTrackerParameters, values)
     vehicles = {}
     for number, (name, plan) in enumerate(solution.trajectories.items(), 100 * seed):
-        gains = mismatched_gains(3, mismatch, number)
+        gains = mismatched_gains(3, MISMATCH, number)
         gains[1] = 1.0  # the thruster turns by a servo
         setup = PlantSetup(
-            plant=mismatched(parameters.plant, mismatch, number),
+            plant=mismatched(parameters.plant, MISMATCH, number),
             initial=plan.states[0],
             lower=upper * [0.0, -1.0, -1.0],
             upper=upper,
@@ -128,7 +124,7 @@ def _begun(
     problem: Problem,
     solution: Solution,
     interval: float,
-    replanner: Replanner | None,
+    replanner: Replanner,
 ) -> RecedingHorizon:
     loop = RecedingHorizon(vehicles, problem, interval, replanner)
     loop.begin(ActivePlan(problem, solution, 0.0))

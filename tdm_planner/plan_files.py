@@ -144,7 +144,11 @@ def save_plan(plan: Mapping[str, Any], path: Path) -> None:
 
     """
     check_path(path)
-    data = WRITERS[path.suffix.lower()](plan)
+    write_file(path, WRITERS[path.suffix.lower()](plan))
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file; raises UnusableFile if that cannot be done."""
     try:
         path.write_bytes(data)
     except OSError as error:

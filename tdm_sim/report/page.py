@@ -25,7 +25,7 @@ import re
 
 from plotly.offline import get_plotlyjs
 from tdm_planner import __version__
-from tdm_planner.plan_files import check_path, UnusableFile
+from tdm_planner.plan_files import check_path, write_file
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.report import animation
@@ -62,10 +62,7 @@ def write_report(mission: Mission, path: Path, comparison: Comparison | None = N
 
     """
     page = report_page(mission, comparison).encode()
-    try:
-        path.write_bytes(page)
-    except OSError as error:
-        raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
+    write_file(path, page)
     return len(page)
 
 

@@ -23,7 +23,7 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from tdm_planner import __version__
-from tdm_planner.plan_files import UnusableFile
+from tdm_planner.plan_files import write_file
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
 from tdm_sim.study.pictures import Columns
@@ -100,10 +100,7 @@ def write_page(
         style=files('tdm_sim.report').joinpath('assets', 'page.css').read_text(encoding='utf-8'),
         columns=''.join(f'<div class="column">{"".join(part)}</div>' for part in halves),
     )
-    try:
-        path.write_text(page, encoding='utf-8')
-    except OSError as error:
-        raise UnusableFile(f"the file '{path}' cannot be written: {error.strerror}") from None
+    write_file(path, page.encode())
 
 
 def _card(title: str, body: str) -> str:
