@@ -12,9 +12,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-import os
+import io
 from pathlib import Path
-import pty
 import re
 import sys
 from typing import Any
@@ -118,29 +117,32 @@ def test_piped_there_are_plain_lines_and_when_quiet_none(
     assert re.fullmatch(lines, capsys.readouterr().out)
 
 
+class Terminal(io.StringIO):
+    """What is written to a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
 def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    ours, theirs = pty.openpty()
+    terminal = Terminal()
     monkeypatch.setenv('TERM', 'xterm')
     monkeypatch.setenv('COLUMNS', '100')
-    with os.fdopen(theirs, 'w') as terminal:
-        monkeypatch.setattr(sys, 'stdout', terminal)
-        assert not isinstance(make_progress(quiet=True), LiveProgress)
-        progress = make_progress()
-        assert isinstance(progress, LiveProgress)
-        with progress:
-            progress.phase('first [part]')
-            progress.update('live only')
-            progress._bars.refresh()
-        progress.line('done')
-        # an error ends the live line
-        with pytest.raises(ZeroDivisionError), progress:
-            progress.phase(f'{1 // 0}')
-        assert not progress._bars.live.is_started
-        terminal.flush()
-        sent = os.read(ours, 65536).decode()
-    os.close(ours)
+    monkeypatch.setattr(sys, 'stdout', terminal)
+    assert not isinstance(make_progress(quiet=True), LiveProgress)
+    progress = make_progress()
+    assert isinstance(progress, LiveProgress)
+    with progress:
+        progress.phase('first [part]')
+        progress.update('live only')
+        progress._bars.refresh()
+    progress.line('done')
+    # an error ends the live line
+    with pytest.raises(ZeroDivisionError), progress:
+        progress.phase(f'{1 // 0}')
+    assert not progress._bars.live.is_started
     for words in ('live only', 'first [part]', '\x1b[', 'done'):
-        assert words in sent
+        assert words in terminal.getvalue()
 
 
 @pytest.mark.parametrize(
