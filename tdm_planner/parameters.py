@@ -69,9 +69,9 @@ class Range:
         return f'{left}{self.lower:g}, {self.upper:g}{right}'
 
 
-LARGEST = 1e12  # of numbers in SI units that make sense: products of a few stay finite
-POSITIVE = Range(0.0, LARGEST, lower_open=True)
-PHYSICAL = POSITIVE
+# Of numbers in SI units that make sense: products and ratios of a few stay finite, and not zero.
+LARGEST = 1e12
+POSITIVE = Range(1.0 / LARGEST, LARGEST)
 NON_NEGATIVE = Range(0.0, LARGEST)
 SIGNED = Range(-LARGEST, LARGEST)
 SEED = Range(0.0, 2.0**63, upper_open=True)

@@ -28,7 +28,7 @@ from typing import Any, ClassVar, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.parameters import parameter, PHYSICAL, Validated
+from tdm_planner.parameters import parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
 
 if TYPE_CHECKING:  # a simulated robot has no use for scipy, which trajectories need
@@ -49,19 +49,19 @@ class RobotLimits(Validated):
     """Limits of the actuators, the same for all robots."""
 
     thrust: float = parameter(
-        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=PHYSICAL
+        1.05, 'largest thrust; F_max is this per mass', unit='N', allowed=POSITIVE
     )
     torque: float = parameter(
         0.02,
         "largest torque of the wheel's motor, either way; T_max is this per inertia",
         unit='N m',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
     thruster_rate: float = parameter(
         2.0,
         'largest rate at which the thruster turns, either way',
         unit='rad/s',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
 
 
@@ -69,12 +69,12 @@ class RobotLimits(Validated):
 class FloatingRobot(Validated, StatedPlant):
     """A robot that floats without friction on a flat arena."""
 
-    mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=PHYSICAL)
+    mass: float = parameter(10.5, "robot's mass", unit='kg', allowed=POSITIVE)
     inertia: float = parameter(
-        0.063, "robot's moment of inertia about the vertical", unit='kg m^2', allowed=PHYSICAL
+        0.063, "robot's moment of inertia about the vertical", unit='kg m^2', allowed=POSITIVE
     )
     wheel_inertia: float = parameter(
-        0.001, "reaction wheel's moment of inertia about its axis", unit='kg m^2', allowed=PHYSICAL
+        0.001, "reaction wheel's moment of inertia about its axis", unit='kg m^2', allowed=POSITIVE
     )
 
     state_names: ClassVar[tuple[str, ...]] = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')

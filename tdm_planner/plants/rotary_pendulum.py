@@ -36,7 +36,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, PHYSICAL, Validated
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.base import StatedPlant
 
 Array = NDArray[np.float64]
@@ -99,10 +99,10 @@ class PendulumLimits(Validated):
     """Limits of motor and rig."""
 
     torque: float = parameter(
-        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=PHYSICAL
+        0.02, "largest torque of the disk's motor, either way", unit='N m', allowed=POSITIVE
     )
     disk_angle: float = parameter(
-        2.0, 'largest angle of the disk, either way', unit='rad', allowed=PHYSICAL
+        2.0, 'largest angle of the disk, either way', unit='rad', allowed=POSITIVE
     )
 
 
@@ -114,25 +114,25 @@ class PendulumInertia(Validated):
         2.334e-4,
         'moment of inertia of disk, arm and motor about the vertical',
         unit='kg m^2',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
     x: float = parameter(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis across rod and pivot",
         unit='kg m^2',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
     y: float = parameter(
         2.7e-7,
         "pendulum's moment of inertia about its centre of mass, axis along the rod",
         unit='kg m^2',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
     z: float = parameter(
         3.3282e-5,
         "pendulum's moment of inertia about its centre of mass, axis of the pivot",
         unit='kg m^2',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
 
 
@@ -148,17 +148,17 @@ class RotaryPendulum(Validated, StatedPlant):
 
     """
 
-    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=PHYSICAL)
+    mass: float = parameter(0.024, "pendulum's mass", unit='kg', allowed=POSITIVE)
     com_distance: float = parameter(
         0.0645,
         "distance from the pivot to the pendulum's centre of mass",
         unit='m',
-        allowed=PHYSICAL,
+        allowed=POSITIVE,
     )
     arm_length: float = parameter(
-        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=PHYSICAL
+        0.085, "distance from the disk's axis to the pendulum's pivot", unit='m', allowed=POSITIVE
     )
-    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=PHYSICAL)
+    gravity: float = parameter(9.81, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
     inertia: PendulumInertia = group(PendulumInertia)
 
     state_names: ClassVar[tuple[str, ...]] = ('theta', 'psi', 'theta_dot', 'psi_dot')

@@ -20,13 +20,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 import itertools
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Interpolation, Trajectory
-from tdm_planner.verification import check, Constraint, judge, replay, Verification
+from tdm_planner.verification import check, Constraint, judge, MOST_INSTANTS, replay, Verification
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,8 @@ def verify_formation(
     `penalty_weights` (4,) are k1 to k4 of (29).
     """
     last = max(trajectory.duration for trajectory in trajectories.values())
-    times = np.linspace(0.0, last, int(np.ceil(last / _RESOLUTION)) + 1)
+    count = math.ceil(min(last / _RESOLUTION, MOST_INSTANTS)) + 1
+    times = np.linspace(0.0, last, count)
     robots, every_state, every_control = {}, [], []
     for i, name in enumerate(task.names):
         motion = trajectories[name]

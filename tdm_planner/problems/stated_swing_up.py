@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 from tdm_planner.direct_method.formulation import Duration, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import DeadlineExceeded, Infeasible
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter
 from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
 from tdm_planner.problems.base import Solution
@@ -143,6 +143,8 @@ class StatedMethod(Search[Solution]):
             except Infeasible as error:
                 self._refusal = self._refusal or error
                 continue
+            except InvalidProblem as error:  # what is stated here is right: its numbers are not
+                raise FloatingPointError(str(error)) from error
             yield plan
             if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
                 return

@@ -80,8 +80,8 @@ def test_names_and_round_trip():
 @pytest.mark.parametrize(
     ('name', 'value', 'words'),
     [
-        ('plant.mass', -0.1, ['plant.mass', '-0.1', '(0, 1e+12] kg']),
-        ('plant.mass', 0, ['plant.mass', '0', '(0, 1e+12] kg']),
+        ('plant.mass', -0.1, ['plant.mass', '-0.1', '[1e-12, 1e+12] kg']),
+        ('plant.mass', 0, ['plant.mass', '0', '[1e-12, 1e+12] kg']),
         ('plant.mass', math.nan, ['plant.mass', 'nan']),
         ('plant.mass', math.inf, ['plant.mass', 'inf']),
         ('plant.mass', 'heavy', ['plant.mass', "'heavy'", 'a number']),
@@ -158,7 +158,7 @@ def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
     defaults = to_mapping(Outer())
     assert read(text) == {name: defaults[name] for name in SPECS if name not in unset}
     assert ros_parameters(yaml.safe_load(text), 'other')['method'] == 'b'
-    assert '      # mass [kg], in (0, 1e+12]\n      mass: 1.0e-08\n' in text
+    assert '      # mass [kg], in [1e-12, 1e+12]\n      mass: 1.0e-08\n' in text
     assert '    # the method: a, b\n' in text
     assert '      # turns:\n' in text
     assert max(map(len, text.splitlines())) <= 99
@@ -192,7 +192,7 @@ def test_a_table_has_a_row_for_every_parameter():
     rows = parameter_table(SPECS).splitlines()
     assert len(rows) == 2 + len(SPECS)
     assert rows[2 + list(SPECS).index('plant.mass')] == (
-        '| `plant.mass` | `1.0e-08` | a number in (0, 1e+12] kg | mass |'
+        '| `plant.mass` | `1.0e-08` | a number in [1e-12, 1e+12] kg | mass |'
     )
     assert rows[2 + list(SPECS).index('plant.turns')].startswith('| `plant.turns` | unset |')
     assert 'the method (fixed while the node runs)' in parameter_table(SPECS)

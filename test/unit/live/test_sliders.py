@@ -25,7 +25,7 @@ def descriptor(name: str, kind: int = 3, **more: Any) -> Any:
         'name': name,
         'type': kind,
         'description': 'largest torque [N m]',
-        'additional_constraints': 'must be in (0, 1e+12] N m',
+        'additional_constraints': 'must be in [1e-12, 1e+12] N m',
         'read_only': False,
         'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=1e12)],
         'integer_range': [SimpleNamespace(from_value=1, to_value=1000)],
@@ -38,7 +38,7 @@ def test_range_unit_and_description_come_from_the_declaration() -> None:
     assert found is not None
     assert (found.low, found.high) == pytest.approx((0.005, 0.08))
     assert (found.unit, found.group, found.value) == ('N m', 'limits', 0.02)
-    assert found.hint == 'limits.torque: largest torque. must be in (0, 1e+12] N m'
+    assert found.hint == 'limits.torque: largest torque. must be in [1e-12, 1e+12] N m'
     share = slider_of(
         descriptor(
             'torque_reserve',
