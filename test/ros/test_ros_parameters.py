@@ -123,7 +123,7 @@ def test_allowed_values_are_taken(
 @pytest.mark.parametrize(
     ('name', 'value', 'says'),
     [
-        ('mass', -1, "parameter 'mass' = -1 is not allowed: must be a number in [1e-12, 1e+12] kg"),
+        ('mass', -1, "'mass' = -1 is not allowed: must be a number in [1e-12, 1e+12] kg"),
         ('mass', math.nan, "parameter 'mass' = nan is not"),
         ('mass', True, "parameter 'mass' = True is not"),
         ('mass', 'null', "parameter 'mass' = 'null' is not"),
