@@ -17,7 +17,7 @@ files; replays.py tells what is wrong with them, by equations of its own.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 import itertools
 import json
@@ -34,13 +34,12 @@ from tdm_planner.problems import (
     direct_minima,
     formation_search,
     PendulumSwingUp,
-    polynomial_search,
     RobotFormation,
     swing_up_task,
     switching_method,
     switching_search,
 )
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.formation_verification import FormationVerification
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
@@ -48,6 +47,7 @@ from tdm_planner.verification import Verification
 
 Patch = pytest.MonkeyPatch
 Generator = np.random.Generator
+Motions = Mapping[str, Trajectory]
 
 
 def _noisy(rng: Generator, size: float, value: Any) -> Any:
@@ -109,9 +109,18 @@ def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None
         made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
         return check(self, made, parameters, penalty)
 
-    write = polynomial_search.trajectory
     patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
-    patch.setattr(polynomial_search, 'trajectory', lambda *arguments: change(write(*arguments)))
+    _formations(patch, lambda motions: {name: change(t) for name, t in motions.items()})
+
+
+def _formations(patch: Patch, change: Callable[[Motions], Motions]) -> None:
+    """Change the robots' trajectories before they are checked."""
+    check = formation_search.assessed
+
+    def assessed(task: Any, motions: Motions, *others: Any) -> Solution:
+        return check(task, change(motions), *others)
+
+    patch.setattr(formation_search, 'assessed', assessed)
 
 
 def scaled_controls(patch: Patch, rng: Generator, size: float) -> None:
@@ -159,13 +168,12 @@ def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
 
 
 def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    write = polynomial_search.trajectory
+    """Let robots fly each other's trajectories."""
 
-    def swapped(model: Any, motion: Any, i: int, *others: Any) -> Trajectory:
-        other = (i + 1) % model.task.n if rng.uniform() < 0.5 else i
-        return write(model, motion, other, *others)
+    def swapped(motions: Motions) -> Motions:
+        return dict(zip(motions, rng.permutation(list(motions.values())), strict=True))
 
-    patch.setattr(polynomial_search, 'trajectory', swapped)
+    _formations(patch, swapped)
 
 
 def blind_verification(patch: Patch) -> None:
