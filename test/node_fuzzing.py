@@ -45,6 +45,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 import rclpy.parameter
 from ros_harness import MODULES
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.nodes.messages import LATCHED
@@ -241,6 +242,15 @@ class SixNodes:
             item = Parameter(name='mass', value=ParameterValue(type=kind))
             (result,) = self.set_items(node, [item], atomically)
             assert not result.successful
+
+    def ignore_stamps_that_no_clock_shows(self) -> None:
+        """A summary that is no planner's once ended every planner that heard it."""
+        publisher = self.ros.publisher('/pendulum/plan_summary', String, LATCHED)
+        for second in ('9' * 4000, '-1', '1e300', str(2**31)):
+            publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
+            self.ros.spin_for(1.0)
+        self.check()
+        self.ros.node.destroy_publisher(publisher)
 
     def recover(self) -> None:
         """With the defaults set again, plans are made and followed, all numbers are finite."""

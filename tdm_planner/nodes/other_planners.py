@@ -39,6 +39,7 @@ WINDOW = 10.0  # s from the start in which a plan that is followed is taken for 
 GRACE = 1.0  # s in which the planner that has published it, if it lives, can be heard
 _REMEMBERED = 64  # plans
 _SECOND = 1_000_000_000  # ns
+_LATEST = 2**31 * _SECOND  # ns that no stamp reaches
 
 
 class OtherPlanners:
@@ -82,7 +83,7 @@ class OtherPlanners:
             start = int(stamp['sec']) * _SECOND + int(stamp['nanosec'])
         except (ArithmeticError, ValueError, TypeError, KeyError, RecursionError):
             return  # not a planner's
-        if start not in self._own:
+        if 0 <= start < _LATEST and start not in self._own:
             self._others.append(start)
             self._took_over(start)
 
