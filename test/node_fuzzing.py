@@ -118,6 +118,7 @@ def parameters(draw: Any, node: str) -> list[Parameter]:
         with suppress(AssertionError, AttributeError, OverflowError, TypeError, ValueError):
             made = rclpy.parameter.Parameter('name', value=value).to_parameter_msg()
         made.name = sendable(name)
+        made.value.integer_value = max(-(2**63), min(made.value.integer_value, 2**63 - 1))
         made.value.string_value = sendable(made.value.string_value)
         made.value.string_array_value = list(map(sendable, made.value.string_array_value))
         found.append(made)
