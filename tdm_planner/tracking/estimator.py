@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 LARGEST_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
+_ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -103,7 +104,8 @@ class StateEstimator:
     Samples carry the instant they were taken; between samples the estimate follows the plant's
     equations of motion under the commands noted in its `history`. `angles` (nx,) marks states that
     sensors may report modulo 2 pi: the estimate runs on continuously. A sample that noise and
-    model cannot explain (a push, a reset) is believed. No step of the prediction is longer than
+    model cannot explain (a push, a reset) is believed. After one that is absurd, so that nothing
+    can be predicted from it, the estimate begins anew. No step of the prediction is longer than
     `longest_step` s.
     """
 
@@ -132,14 +134,18 @@ class StateEstimator:
         self.stamp = None
 
     def observe(self, state: Array, stamp: float) -> None:
-        """Take a measured state (nx,) of the instant `stamp` [s]; older ones are left out."""
-        if self.stamp is None or stamp - self.stamp > self._longest_gap:
-            self._state, self._covariance = state.copy(), self._prior_covariance
-        elif stamp <= self.stamp:
+        """Take a measured state (nx,) of the instant `stamp` [s]; older ones are ignored."""
+        if self.stamp is not None and stamp <= self.stamp:
             return
-        else:
+        known = self.stamp is not None and stamp - self.stamp <= self._longest_gap
+        if known:
             self._propagate(stamp)
+            most = _ILL_CONDITIONED**2 * np.diag(self._prior_covariance)
+            known = bool((np.diag(self._covariance) <= most).all())
+        if known:
             self._correct(state)
+        else:
+            self._state, self._covariance = state.copy(), self._prior_covariance
         self.stamp = stamp
 
     def predict(self, time: float) -> Array:

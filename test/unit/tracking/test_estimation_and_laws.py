@@ -69,6 +69,19 @@ def true_motion(state: np.ndarray, *pieces: tuple[float, float]) -> np.ndarray:
     return state
 
 
+@pytest.mark.parametrize('size', [1e3, 1e5, 1e7, 1e9, 1e12])
+@pytest.mark.parametrize('index', range(4))
+def test_an_absurd_sample_is_forgotten(estimator: StateEstimator, index: int, size: float) -> None:
+    hanging = np.array([math.pi, 0.0, 0.0, 0.0])
+    for k in range(1, 60):
+        sample = hanging + np.eye(4)[index] * (size if k in (20, 21) else 0.0)
+        with np.errstate(all='ignore'):
+            estimator.observe(sample, k * TICK)
+    error = estimator.predict(60 * TICK) - hanging
+    assert abs(math.remainder(error[0], math.tau)) < 1e-3
+    np.testing.assert_allclose(error[1:], 0.0, atol=0.01)
+
+
 def test_history_splits_an_interval_at_the_commands() -> None:
     history = CommandHistory(1)
     ((duration, control),) = history.between(0.0, 0.5)
@@ -109,7 +122,7 @@ def test_theta_runs_on_when_the_sensor_wraps(estimator: StateEstimator) -> None:
     assert np.allclose(estimator.predict(TICK * 19), state, atol=1e-4)
 
 
-def test_noise_is_filtered_and_old_samples_are_left_out(estimator: StateEstimator) -> None:
+def test_noise_is_filtered_and_old_samples_are_ignored(estimator: StateEstimator) -> None:
     rng = np.random.default_rng(1)
     state = np.array([math.pi - 0.3, 0.0, 0.0, 0.0])
     raw, filtered = [], []
