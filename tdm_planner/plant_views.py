@@ -25,9 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.drawing import points_of, Shape
+from tdm_planner.drawing import (
+    arena_drawing,
+    Components,
+    PendulumDrawing,
+    points_of,
+    RobotDrawing,
+    Shape,
+)
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_drawings import arena_drawing, Components, PendulumDrawing, RobotDrawing
 from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
