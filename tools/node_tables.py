@@ -20,7 +20,6 @@ import re
 from typing import Any
 
 from tdm_planner.nodes.tracker import tracker_specifications
-from tdm_planner.parameter_docs import parameter_table, yaml_value
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.request import RequestParameters
@@ -28,6 +27,7 @@ from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
 from tools.interface_texts import JSON_KEYS, TOPICS
+from tools.parameter_texts import parameter_table, yaml_value
 
 Specifications = Mapping[str, ParameterSpec]
 
@@ -42,7 +42,6 @@ PUBLIC_MODULES = (
     'tdm_planner.parameters',
     'tdm_planner.plan_files',
     'tdm_planner.client',
-    'tdm_planner.parameter_docs',
     'tdm_sim',
 )
 

@@ -25,8 +25,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import Shapes
 from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
-from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
