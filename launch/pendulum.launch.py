@@ -24,7 +24,7 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
-from tdm_planner.launching import common_arguments, Launch, SWITCH
+from tdm_planner.launching import common_arguments, Launch, switch
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -63,24 +63,13 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'namespace', default_value='pendulum', description='namespace of all nodes'
             ),
-            DeclareLaunchArgument(
+            switch(
                 'plant',
-                default_value='true',
-                choices=SWITCH,
-                description='simulate the plant; false where the real one publishes joint_states',
+                'true',
+                'simulate the plant; false where the real one publishes joint_states',
             ),
-            DeclareLaunchArgument(
-                'description',
-                default_value='true',
-                choices=SWITCH,
-                description='start robot_state_publisher, for RobotModel and tf',
-            ),
-            DeclareLaunchArgument(
-                'rviz',
-                default_value='false',
-                choices=SWITCH,
-                description='start RViz with everything in place',
-            ),
+            switch('description', 'true', 'start robot_state_publisher, for RobotModel and tf'),
+            switch('rviz', 'false', 'start RViz with everything in place'),
             *common_arguments(),
             OpaqueFunction(function=start),
         ]

@@ -28,7 +28,7 @@ from typing import Any
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.launching import common_arguments, Launch, SWITCH
+from tdm_planner.launching import common_arguments, Launch, switch
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build
@@ -84,17 +84,9 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='all',
                 description='how many take part; all: those that the parameter file names',
             ),
-            DeclareLaunchArgument(
-                'plant',
-                default_value='true',
-                choices=SWITCH,
-                description='simulate the robots; false where the real ones publish odom',
-            ),
-            DeclareLaunchArgument(
-                'rviz',
-                default_value='false',
-                choices=SWITCH,
-                description='start RViz with everything in place, a goal tool for each robot',
+            switch('plant', 'true', 'simulate the robots; false where the real ones publish odom'),
+            switch(
+                'rviz', 'false', 'start RViz with everything in place, a goal tool for each robot'
             ),
             *common_arguments(),
             OpaqueFunction(function=start),

@@ -156,37 +156,34 @@ def joined(*parts: str) -> str:
     return '/'.join(part for part in parts if part)
 
 
+def switch(name: str, default: str, description: str) -> DeclareLaunchArgument:
+    """Declare an argument that is true or false."""
+    return DeclareLaunchArgument(
+        name, default_value=default, choices=SWITCH, description=description
+    )
+
+
 def common_arguments() -> list[DeclareLaunchArgument]:
     """Declare the arguments that both launch files have."""
     return [
-        DeclareLaunchArgument(
-            'record',
-            default_value='false',
-            choices=SWITCH,
-            description='record all topics of the namespace, and shared ones, to a rosbag2',
+        switch(
+            'record', 'false', 'record all topics of the namespace, and shared ones, to a rosbag2'
         ),
         DeclareLaunchArgument(
             'bag',
             default_value='',
             description='folder to record to; empty: named after namespace and time',
         ),
-        DeclareLaunchArgument(
-            'respawn',
-            default_value='true',
-            choices=SWITCH,
-            description='start a tracker that has died anew, up to three times',
-        ),
-        DeclareLaunchArgument(
+        switch('respawn', 'true', 'start a tracker that has died anew, up to three times'),
+        switch(
             'use_sim_time',
-            default_value='false',
-            choices=SWITCH,
-            description='let all nodes follow /clock; a plant with publish_clock drives it',
+            'false',
+            'let all nodes follow /clock; a plant with publish_clock drives it',
         ),
-        DeclareLaunchArgument(
+        switch(
             'enclaves',
-            default_value='false',
-            choices=SWITCH,
-            description='run every node of this package in the SROS2 enclave of its name',
+            'false',
+            'run every node of this package in the SROS2 enclave of its name',
         ),
         DeclareLaunchArgument(
             'log_level',

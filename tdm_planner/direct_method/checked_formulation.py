@@ -32,7 +32,6 @@ from tdm_planner.direct_method.formulation import (
     Integrated,
     Output,
     Outputs,
-    stack,
 )
 from tdm_planner.exceptions import InvalidProblem, NotFinite, TdmError
 
@@ -106,21 +105,6 @@ class CheckedFormulation:
             what = f'what invert returns as {kind}s'
             values.append(self._stacked(part, len(names), what, shape))
         return values[0], values[1]
-
-    def start(self) -> Array:
-        """
-        Return the state at which the motion is to begin, (nx,), NaN where that is free.
-
-        It is what `invert` makes of the boundary values at the start.
-        """
-        y: dict[str, list[Values]] = {}
-        for name, output in self.outputs().items():
-            given = output.conditions('start')
-            orders = range(output.derivatives + 1)
-            y[name] = [np.full(1, given.get(order, np.nan)) for order in orders]
-        z = {name: np.full(1, float(s.start)) for name, s in self.integrated().items()}
-        states, _ = self.invert(y, z)
-        return np.asarray(states[0], dtype=float)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
@@ -299,12 +283,26 @@ class CheckedFormulation:
 
     @staticmethod
     def _stacked(values: Any, count: int, what: str, shape: tuple[int, ...]) -> Values:
-        stacked = stack(values, count, what)
         try:
-            return np.broadcast_to(stacked, (*shape, count))
-        except ValueError:
+            parts = [np.asarray(part) for part in values]
+        except (TypeError, ValueError):
             raise InvalidProblem(
-                f'{what} has components of shape {stacked.shape[:-1]}, expected {shape}'
+                f'{what} has {shown(values)}, expected a sequence of {count} components, each a '
+                'number or an array over the nodes'
+            ) from None
+        if len(parts) != count:
+            raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
+        for index, part in enumerate(parts):
+            if part.dtype.kind not in 'biuf':
+                raise InvalidProblem(
+                    f'{what} has component {index} = {shown(part)}, not a real number'
+                )
+        try:
+            return np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1)
+        except ValueError:
+            found = ', '.join(str(part.shape) for part in parts)
+            raise InvalidProblem(
+                f'{what} has components of shapes {found}, expected {shape}'
             ) from None
 
     @staticmethod

@@ -301,10 +301,10 @@ def _no_numbers() -> Iterator[None]:
 def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...]) -> Any:
     """Return what a function gives of symbols; of arrays that hold one where it stacks them."""
     errors = []
-    for wrap in (lambda value: value, _boxed):
+    for given in (arguments, map(_boxed, arguments)):
         try:
             with _no_numbers():
-                return _column(twin.symbolic(function, *(wrap(a) for a in arguments)))
+                return _column(twin.symbolic(function, *given))
         except InvalidProblem:
             raise
         except Exception as error:  # noqa: B902
@@ -330,7 +330,8 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
-    return np.array(ca.which_depends(values, on, 1, True), dtype=bool)
+    which: Any = ca.which_depends  # typed in some versions only
+    return np.array(which(values, on, 1, True), dtype=bool)
 
 
 def _expected(stated: CheckedFormulation, samples: Samples) -> dict[str, Array]:
