@@ -22,9 +22,9 @@ one of them dies, the launch ends. With a real plant the tracker goes on to hold
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import OpaqueFunction
 from launch_ros.parameter_descriptions import ParameterValue
-from tdm_planner.launching import common_arguments, Launch, SWITCH
+from tdm_planner.launching import argument, common_arguments, Launch
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -55,32 +55,23 @@ def generate_launch_description() -> LaunchDescription:
     """Describe the arguments; the processes depend on them."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=str(config_file('pendulum.yaml')),
-                description='parameter file of all nodes',
+            argument(
+                'params_file', str(config_file('pendulum.yaml')), 'parameter file of all nodes'
             ),
-            DeclareLaunchArgument(
-                'namespace', default_value='pendulum', description='namespace of all nodes'
-            ),
-            DeclareLaunchArgument(
+            argument('namespace', 'pendulum', 'namespace of all nodes'),
+            argument(
                 'plant',
-                default_value='true',
-                choices=SWITCH,
-                description='simulate the plant; false where the real one publishes joint_states',
+                'true',
+                'simulate the plant; false where the real one publishes joint_states',
+                switch=True,
             ),
-            DeclareLaunchArgument(
+            argument(
                 'description',
-                default_value='true',
-                choices=SWITCH,
-                description='start robot_state_publisher, for RobotModel and tf',
+                'true',
+                'start robot_state_publisher, for RobotModel and tf',
+                switch=True,
             ),
-            DeclareLaunchArgument(
-                'rviz',
-                default_value='false',
-                choices=SWITCH,
-                description='start RViz with everything in place',
-            ),
+            argument('rviz', 'false', 'start RViz with everything in place', switch=True),
             *common_arguments(),
             OpaqueFunction(function=start),
         ]

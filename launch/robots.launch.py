@@ -26,9 +26,9 @@ one of them dies, the launch ends. With real robots the trackers go on to hold t
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription  # type: ignore[attr-defined]
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import OpaqueFunction
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.launching import common_arguments, Launch, SWITCH
+from tdm_planner.launching import argument, common_arguments, Launch
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import build
@@ -71,30 +71,26 @@ def generate_launch_description() -> LaunchDescription:
     """Describe the arguments; the processes depend on them."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=str(config_file('robots.yaml')),
-                description='parameter file of all nodes',
+            argument(
+                'params_file', str(config_file('robots.yaml')), 'parameter file of all nodes'
             ),
-            DeclareLaunchArgument(
-                'namespace', default_value='robots', description='namespace of all robots'
-            ),
-            DeclareLaunchArgument(
+            argument('namespace', 'robots', 'namespace of all robots'),
+            argument(
                 'number_of_robots',
-                default_value='all',
-                description='how many take part; all: those that the parameter file names',
+                'all',
+                'how many take part; all: those that the parameter file names',
             ),
-            DeclareLaunchArgument(
+            argument(
                 'plant',
-                default_value='true',
-                choices=SWITCH,
-                description='simulate the robots; false where the real ones publish odom',
+                'true',
+                'simulate the robots; false where the real ones publish odom',
+                switch=True,
             ),
-            DeclareLaunchArgument(
+            argument(
                 'rviz',
-                default_value='false',
-                choices=SWITCH,
-                description='start RViz with everything in place, a goal tool for each robot',
+                'false',
+                'start RViz with everything in place, a goal tool for each robot',
+                switch=True,
             ),
             *common_arguments(),
             OpaqueFunction(function=start),

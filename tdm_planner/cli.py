@@ -25,13 +25,12 @@ import webbrowser
 
 from tdm_planner import __version__
 from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
-from tdm_planner.interruption import ignore_signals, Interrupted, interruptible
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.registry import load_problem
-from tdm_planner.starting import command, NO_ROS
+from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
 from tdm_sim.progress import make_progress
 
 SHORT_NAMES = {'pendulum': 'pendulum_swing_up', 'robots': 'robot_formation'}
@@ -90,13 +89,9 @@ def _say(text: str) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='tdm', description=__doc__.strip().split('\n')[0])
-    parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
-    commands = parser.add_subparsers(required=True, metavar='COMMAND')
-
-    plan = commands.add_parser('plan', help='plan without ROS running and write the plan')
-    plan.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
-    plan.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
-    plan.add_argument(
+    file, settings, quiet, view = (argparse.ArgumentParser(add_help=False) for _ in range(4))
+    file.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
+    settings.add_argument(
         '--set',
         nargs='+',
         action='extend',
@@ -104,27 +99,36 @@ def _parser() -> argparse.ArgumentParser:
         metavar='NAME=VALUE',
         help='parameters; may be given several times',
     )
+    quiet.add_argument(
+        '-q', '--quiet', action='store_true', help='print nothing but errors and a verdict'
+    )
+    view.add_argument('--view', action='store_true', help='show the page in the browser')
+    parser.add_argument('--version', action='version', version=f'tdm_planner {__version__}')
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
+
+    plan = commands.add_parser(
+        'plan', parents=[file, settings, quiet], help='plan without ROS running and write the plan'
+    )
+    plan.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
     plan.add_argument(
         '-o', '--output', type=Path, required=True, metavar='FILE', help='.json, .csv or .npz'
     )
     plan.add_argument('--plot', type=Path, metavar='FILE', help='.png, .pdf or .svg')
-    plan.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     plan.set_defaults(run=_plan)
 
-    check = commands.add_parser('check', help='compare the equations and limits of a problem')
-    check.add_argument('problem', help='module:Class, or the name of an installed problem')
-    check.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
-    check.add_argument(
-        '--set', nargs='+', action='extend', default=[], metavar='NAME=VALUE', help='parameters'
+    check = commands.add_parser(
+        'check', parents=[file, settings], help='compare the equations and limits of a problem'
     )
+    check.add_argument('problem', help='module:Class, or the name of an installed problem')
     check.set_defaults(run=_check)
 
     demo = commands.add_parser(
-        'demo', help='real nodes, a plan by service, a recording, a verdict'
+        'demo',
+        parents=[file, view, quiet],
+        help='real nodes, a plan by service, a recording, a verdict',
     )
     demo.add_argument('plant', help='pendulum, robots, a stated problem: module:Class or its name')
     demo.add_argument('-o', '--output', type=Path, metavar='DIR', help='default: ./PLANT')
-    demo.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     demo.add_argument(
         '--speed',
         type=float,
@@ -132,11 +136,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar='FACTOR',
         help='of simulated time, relative to real time: 4 is four times as fast',
     )
-    demo.add_argument('--view', action='store_true', help='show the report in the browser')
-    demo.add_argument('-q', '--quiet', action='store_true', help='print nothing but the verdict')
     demo.set_defaults(run=_demo)
 
-    live = commands.add_parser('live', help='a page in the browser on nodes, and hands on them')
+    live = commands.add_parser(
+        'live', parents=[file], help='a page in the browser on nodes, and hands on them'
+    )
     nodes = live.add_mutually_exclusive_group(required=True)
     nodes.add_argument(
         'plant', nargs='?', help='pendulum, robots, a stated problem: its nodes are started'
@@ -152,7 +156,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar='DIR',
         help='folder of recordings and reports; default: live',
     )
-    live.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
     live.add_argument(
         '--host', default='127.0.0.1', help='address to serve on; default: this computer only'
     )
@@ -160,17 +163,18 @@ def _parser() -> argparse.ArgumentParser:
     live.add_argument('--no-browser', action='store_true', help='do not open the browser')
     live.set_defaults(run=_live)
 
-    record = commands.add_parser('record', help='record topics to a rosbag2')
+    record = commands.add_parser('record', parents=[quiet], help='record topics to a rosbag2')
     record.add_argument('topics', nargs='*', metavar='TOPIC', help='default: all, late ones too')
     record.add_argument('-o', '--output', type=Path, required=True, metavar='BAG')
     record.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap')
     record.add_argument(
         '--namespace', metavar='NAME', help='all topics in it, and those that nodes share'
     )
-    record.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     record.set_defaults(run=_record)
 
-    report = commands.add_parser('report', help='one HTML page on a recording or a plan')
+    report = commands.add_parser(
+        'report', parents=[view, quiet], help='one HTML page on a recording or a plan'
+    )
     report.add_argument('source', type=Path, metavar='BAG|PLAN', help='rosbag2 or plan.json')
     report.add_argument(
         '-o', '--output', type=Path, default=Path('report.html'), metavar='FILE.html'
@@ -181,11 +185,13 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument(
         '--problem', metavar='module:Class', help='of a plan for a problem that is not installed'
     )
-    report.add_argument('--view', action='store_true', help='show it in the browser')
-    report.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     report.set_defaults(run=_report)
 
-    study = commands.add_parser('study', help='plan many times, over ranges of parameters')
+    study = commands.add_parser(
+        'study',
+        parents=[file, settings, view, quiet],
+        help='plan many times, over ranges of parameters',
+    )
     study.add_argument('problem', help='pendulum, robots, an installed problem, module:Class')
     study.add_argument(
         '--over',
@@ -196,10 +202,6 @@ def _parser() -> argparse.ArgumentParser:
         'several times, for all combinations',
     )
     study.add_argument('-o', '--output', type=Path, required=True, metavar='DIR')
-    study.add_argument('--params', type=Path, metavar='FILE.yaml', help='ROS 2 parameter file')
-    study.add_argument(
-        '--set', nargs='+', action='extend', default=[], metavar='NAME=VALUE', help='parameters'
-    )
     study.add_argument('--closed-loop', action='store_true', help='fly every plan, too')
     study.add_argument(
         '--mismatch', type=float, metavar='SHARE', help='largest relative error of the plant flown'
@@ -210,8 +212,6 @@ def _parser() -> argparse.ArgumentParser:
         '--processes', type=int, metavar='N', help='on this machine; default: one a core'
     )
     study.add_argument('--csv', action='store_true', help='write table.csv, not table.parquet')
-    study.add_argument('--view', action='store_true', help='show the page in the browser')
-    study.add_argument('-q', '--quiet', action='store_true', help='print nothing but errors')
     study.set_defaults(run=_study)
     return parser
 

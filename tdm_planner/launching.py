@@ -156,41 +156,42 @@ def joined(*parts: str) -> str:
     return '/'.join(part for part in parts if part)
 
 
+def argument(
+    name: str, default: str, description: str, switch: bool = False
+) -> DeclareLaunchArgument:
+    """Declare an argument, which a `switch` leaves to be true or false."""
+    return DeclareLaunchArgument(
+        name,
+        default_value=default,
+        choices=SWITCH if switch else None,
+        description=description,
+    )
+
+
 def common_arguments() -> list[DeclareLaunchArgument]:
     """Declare the arguments that both launch files have."""
     return [
-        DeclareLaunchArgument(
+        argument(
             'record',
-            default_value='false',
-            choices=SWITCH,
-            description='record all topics of the namespace, and shared ones, to a rosbag2',
+            'false',
+            'record all topics of the namespace, and shared ones, to a rosbag2',
+            switch=True,
         ),
-        DeclareLaunchArgument(
-            'bag',
-            default_value='',
-            description='folder to record to; empty: named after namespace and time',
+        argument('bag', '', 'folder to record to; empty: named after namespace and time'),
+        argument(
+            'respawn', 'true', 'start a tracker that has died anew, up to three times', switch=True
         ),
-        DeclareLaunchArgument(
-            'respawn',
-            default_value='true',
-            choices=SWITCH,
-            description='start a tracker that has died anew, up to three times',
-        ),
-        DeclareLaunchArgument(
+        argument(
             'use_sim_time',
-            default_value='false',
-            choices=SWITCH,
-            description='let all nodes follow /clock; a plant with publish_clock drives it',
+            'false',
+            'let all nodes follow /clock; a plant with publish_clock drives it',
+            switch=True,
         ),
-        DeclareLaunchArgument(
+        argument(
             'enclaves',
-            default_value='false',
-            choices=SWITCH,
-            description='run every node of this package in the SROS2 enclave of its name',
+            'false',
+            'run every node of this package in the SROS2 enclave of its name',
+            switch=True,
         ),
-        DeclareLaunchArgument(
-            'log_level',
-            default_value='info',
-            description='level of the loggers of all nodes but the recorder',
-        ),
+        argument('log_level', 'info', 'level of the loggers of all nodes but the recorder'),
     ]

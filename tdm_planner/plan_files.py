@@ -34,19 +34,6 @@ class UnusableFile(InvalidProblem):
 _VEHICLE_FIGURES = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations')
 
 
-def figures_of(solution: Solution) -> dict[str, Any]:
-    """Return what is said of a plan as a whole: problem, duration, cost and its terms, effort."""
-    return {
-        'problem': solution.problem,
-        'duration': solution.duration,
-        'cost': solution.cost,
-        'cost_terms': dict(solution.cost_terms),
-        'penalty': solution.penalty,
-        'solve_time': solution.solve_time,
-        'evaluations': solution.evaluations,
-    }
-
-
 def plan_document(problem: Problem, solution: Solution) -> dict[str, Any]:
     """Return what a plan file holds: the solution, and the problem's parameters by dotted name."""
     return {

@@ -25,9 +25,16 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.drawing import points_of, Shape
+from tdm_planner.drawing import (
+    arena_drawing,
+    Components,
+    Drawn,
+    PendulumDrawing,
+    points_of,
+    RobotDrawing,
+    Shape,
+)
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plant_drawings import arena_drawing, Components, PendulumDrawing, RobotDrawing
 from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -72,8 +79,10 @@ class PlantView:
     name: str = 'vehicle'
     title: str = ''
 
-    def __init__(self, kind: PlantKind, problem: Problem | None = None) -> None:
-        self.kind, self.problem = kind, problem
+    def __init__(
+        self, kind: PlantKind, problem: Problem | None = None, drawn: Drawn | None = None
+    ) -> None:
+        self.kind, self.problem, self._drawn = kind, problem, drawn
 
     @property
     def units(self) -> dict[str, str]:
@@ -109,11 +118,11 @@ class PlantView:
 
     def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
         """Return what the plant looks like in states `x`, under controls `u`."""
-        return ()
+        return () if self._drawn is None else self._drawn.drawing(x, u)
 
     def surroundings(self) -> Sequence[Shape]:
         """Return what stands still around it."""
-        return ()
+        return () if self._drawn is None else self._drawn.surroundings()
 
     def errors(self, plan: Trajectory, states: Components) -> Array:
         """Return how far states are from a plan's goal (n,), as shares of what is allowed."""
@@ -149,13 +158,13 @@ class PendulumView(PlantView):
         'disk_angle': 'end stops of the disk',
     }
 
-    def __init__(self, kind: PlantKind = PENDULUM, problem: PendulumSwingUp | None = None) -> None:
-        super().__init__(kind, problem)
+    def __init__(self, problem: PendulumSwingUp | None = None) -> None:
+        drawn = PendulumDrawing(RotaryPendulum())
         self._limits = None if problem is None else problem.limits
-        self._drawn = PendulumDrawing(RotaryPendulum())
         if problem is not None:
             limits = problem.limits
-            self._drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
+            drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
+        super().__init__(PENDULUM, problem, drawn)
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Both sides of the torque and of the disk's angle."""
@@ -163,14 +172,6 @@ class PendulumView(PlantView):
             return {}
         torque, angle = self._limits.torque, self._limits.disk_angle
         return {'torque': (-torque, torque), 'psi': (-angle, angle)}
-
-    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
-        """Arm and rod in the frame `world`; the torque as an arc from the arm onwards."""
-        return self._drawn.drawing(x, u)
-
-    def surroundings(self) -> Sequence[Shape]:
-        """Disk, and how far the arm may turn."""
-        return self._drawn.surroundings()
 
 
 class RobotView(PlantView):
@@ -196,9 +197,10 @@ class RobotView(PlantView):
         'keep_out': 'zones and safety radius',
     }
 
-    def __init__(self, kind: PlantKind = ROBOT, problem: RobotFormation | None = None) -> None:
-        super().__init__(kind, problem)
+    def __init__(self, problem: RobotFormation | None = None) -> None:
+        super().__init__(ROBOT, problem)
         self._task = None if problem is None else problem.task
+        self._drawn = RobotDrawing(self.separation, self._most(THRUST))
 
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
         """
@@ -238,10 +240,6 @@ class RobotView(PlantView):
         limits: Any = getattr(self.problem, 'limits', None)
         return 1.0 if limits is None else float(getattr(limits, control))
 
-    def drawing(self, x: Components, u: Components) -> Sequence[Shape]:
-        """Body and heading, the safety circle, and the jet against the force of the thruster."""
-        return RobotDrawing(self.separation, self._most(THRUST)).drawing(x, u)
-
     def surroundings(self) -> Sequence[Shape]:
         """Walls, what the centres keep from them, and the zones to keep out of."""
         task = self._task
@@ -265,14 +263,14 @@ class StatedView(PlantView):
 
     def checked(self) -> StatedView:
         """Return this after a drawing of the start; raises InvalidProblem where that fails."""
-        start = np.nan_to_num(self._stated.start())
+        start = np.nan_to_num(self._ends.states[0])
         self.drawing(dict(zip(self.kind.state_names, start, strict=True)), {})
         return self
 
     @cached_property
-    def _end(self) -> Array:
-        """Return the final state (nx,) that the statement asks for, NaN where it is free."""
-        return np.asarray(Ends.of(self._stated).states[1])
+    def _ends(self) -> Ends:
+        """Return what the statement asks for at both ends."""
+        return Ends.of(self._stated)
 
     def _tracked(self, plan: Trajectory) -> tuple[Array, bool]:
         """Return the range of every state (nx,) along a plan, and whether its end can be held."""
@@ -284,14 +282,15 @@ class StatedView(PlantView):
 
     def goal(self, plan: Trajectory) -> tuple[Array, tuple[Tolerance, ...]]:
         """Every state that the statement gives the end of, within a share of its range."""
-        given = np.isfinite(self._end)
+        end = self._ends.states[1]
+        given = np.isfinite(end)
         ranges, _ = self._tracked(plan)
         tolerances = tuple(
             Tolerance((name,), _ALLOWED * float(size))
             for name, size, known in zip(plan.state_names, ranges, given, strict=True)
             if known
         )
-        return np.where(given, self._end, plan.states[-1]), tolerances
+        return np.where(given, end, plan.states[-1]), tolerances
 
     def is_held(self, plan: Trajectory) -> bool:
         """Whether some control keeps the plan's end."""
@@ -323,8 +322,8 @@ class StatedView(PlantView):
 
 
 _VIEWS: Mapping[Any, Callable[[Any], PlantView]] = {
-    PendulumSwingUp: lambda problem: PendulumView(problem=problem),
-    RobotFormation: lambda problem: RobotView(problem=problem),
+    PendulumSwingUp: PendulumView,
+    RobotFormation: RobotView,
     DirectProblem: StatedView,
 }
 

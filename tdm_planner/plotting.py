@@ -22,8 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.drawing import Disc, Line, points_of, Shape
-from tdm_planner.palette import COLOURS, LIMIT, SWITCH
+from tdm_planner.drawing import COLOURS, Disc, LIMIT, Line, points_of, Shape, SWITCH
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory

@@ -12,17 +12,24 @@ What a process does before it imports anything else of this package.
 
 It looks for what must be installed. Processes of our own limit the threads of BLAS and end quietly
 on a signal: the imports take about a second, in which Ctrl-C would end in a traceback. From when a
-node runs, `tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruption`.
+node runs, `tdm_planner.nodes.runtime` handles signals; from when a command runs, `interruptible`:
+one signal interrupts it, others do not disturb the clean-up.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 import os
 from pathlib import Path
 import signal
 import sys
 import threading
+from types import FrameType
+from typing import NoReturn
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 NODES = {  # modules, by executable
     'planner': 'tdm_planner.nodes.planner',
@@ -137,7 +144,7 @@ def end_quietly_on_signals() -> None:
         handler = _give_up
     else:
         return
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, handler)
 
 
@@ -190,3 +197,55 @@ def _end(number: int, frame: object) -> None:
 
 def _give_up(number: int, frame: object) -> None:
     os._exit(128 + number)
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal asked the command to end; `code` is the exit status that shells give it."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f'signal {number}')
+        self.code = 128 + number
+
+
+def ignore_signals() -> None:
+    """Let signals pass from now on (main thread only)."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        ignore_signals()
+        raise Interrupted(number)
+
+    previous = [signal.signal(number, interrupt) for number in SIGNALS]
+    try:
+        yield
+    finally:
+        for number, handler in zip(SIGNALS, previous, strict=True):
+            signal.signal(number, handler)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let signals wait until the block has ended, so that it is done whole or not at all."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+    previous = [
+        signal.signal(number, lambda number, frame: waiting.append(number)) for number in SIGNALS
+    ]
+    try:
+        yield
+    finally:
+        for number, handler in zip(SIGNALS, previous, strict=True):
+            signal.signal(number, handler)
+        if waiting:
+            signal.raise_signal(waiting[0])

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.drawing import PendulumDrawing
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED, Validated
-from tdm_planner.plant_drawings import PendulumDrawing
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.drawing import Drawn
 from tdm_planner.parameters import parameter, POSITIVE, Range, SEED, Validated
-from tdm_planner.plant_drawings import Drawn
 from tdm_planner.plant_kind import PlantKind
 from tdm_sim.simulation import PlantSetup, SimulatedPlant
 

@@ -21,7 +21,7 @@ import time
 from types import TracebackType
 
 from tdm_planner.exceptions import TdmError
-from tdm_planner.interruption import uninterrupted
+from tdm_planner.starting import uninterrupted
 
 _GRACE = 8.0  # seconds a process gets to end on SIGINT before it is killed
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.drawing import RobotDrawing
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.runtime import run
 from tdm_planner.parameters import (
@@ -30,7 +31,6 @@ from tdm_planner.parameters import (
     SIGNED,
     Validated,
 )
-from tdm_planner.plant_drawings import RobotDrawing
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 from tdm_sim.disturbances import robot_push

@@ -22,8 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants.base import Plant
-from tdm_planner.plants.integrator import integrate, LARGEST_STEP
+from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
 from tdm_sim.disturbances import Disturbances
 
 Array = NDArray[np.float64]

@@ -21,6 +21,8 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.known_plants import stated_problem, with_parameters_of
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
@@ -114,7 +116,7 @@ class StatedModel(PlantModel):
         """Return the plant, its limits and its disturbances as `parameters` say."""
         problem = self._with(parameters)
         plant = DirectPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
-        begin = np.nan_to_num(DirectPlant(problem).stated.start())
+        begin = np.nan_to_num(Ends.of(CheckedFormulation(problem)).states[0])
         limits = plant.stated.control_limits
         wide = (-_LARGEST_CONTROL, _LARGEST_CONTROL)
         bounds = np.array([limits.get(name, wide) for name in problem.control_names])

@@ -23,7 +23,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from tdm_planner.parameter_docs import parameter_file
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
@@ -32,6 +31,7 @@ from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
 from tools.node_tables import parameters_by_node, Specifications
 from tools.pages import documentation
+from tools.parameter_texts import parameter_file
 from tools.security_policy import policy
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -20,7 +20,6 @@ import re
 from typing import Any
 
 from tdm_planner.nodes.tracker import tracker_specifications
-from tdm_planner.parameter_docs import parameter_table, yaml_value
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.request import RequestParameters
@@ -28,6 +27,7 @@ from tdm_sim.pendulum_plant import PendulumPlantParameters
 from tdm_sim.robot_plant import RobotPlantParameters
 from tools.endpoints import Endpoint, KINDS
 from tools.interface_texts import JSON_KEYS, TOPICS
+from tools.parameter_texts import parameter_table, yaml_value
 
 Specifications = Mapping[str, ParameterSpec]
 
@@ -42,7 +42,6 @@ PUBLIC_MODULES = (
     'tdm_planner.parameters',
     'tdm_planner.plan_files',
     'tdm_planner.client',
-    'tdm_planner.parameter_docs',
     'tdm_sim',
 )
 
@@ -160,26 +159,25 @@ def first_sentence(value: Any) -> str:
     return text.replace('|', '\\|')
 
 
-def declared_arguments(file: Path) -> dict[str, dict[str | None, ast.expr]]:
-    """Return what a launch file, or the module that both use, declares of each argument."""
+def declared_arguments(file: Path) -> dict[str, tuple[ast.expr, ast.expr]]:
+    """Return default and description of the arguments of a launch file, the common ones too."""
     declared = {}
     for path in (file, file.parents[1] / 'tdm_planner' / 'launching.py'):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument':
-                name = ast.literal_eval(node.args[0])
-                declared[name] = {keyword.arg: keyword.value for keyword in node.keywords}
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == 'argument':
+                name, default, description = node.args
+                declared[ast.literal_eval(name)] = default, description
     return declared
 
 
 def launch_arguments(file: Path) -> str:
     """Return the arguments of a launch file as a table, read from the sources."""
     rows = ['| argument | default | what it is |', '| --- | --- | --- |']
-    for name, given in declared_arguments(file).items():
-        default = given['default_value']
+    for name, (default, description) in declared_arguments(file).items():
         shown = ast.unparse(default)
         if isinstance(default, ast.Constant):
             shown = str(default.value)
         shown = re.sub(r"^str\(config_file\('(.*)'\)\)$", r'config/\1', shown)
         shown = f'`{shown}`' if shown else ''
-        rows.append(f'| `{name}` | {shown} | {ast.literal_eval(given["description"])} |')
+        rows.append(f'| `{name}` | {shown} | {ast.literal_eval(description)} |')
     return '\n'.join(rows) + '\n'

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.integrator import runge_kutta_step
+from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 

@@ -16,7 +16,8 @@ should, or numbers that are not finite.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import Any
@@ -31,12 +32,13 @@ from tdm_planner.direct_method.formulation import (
     Integrated,
     Output,
     Outputs,
-    stack,
 )
-from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.exceptions import InvalidProblem, NotFinite, TdmError
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
+
+_SAME = 1e-9  # share by which a state passed on may differ from itself
 
 
 class CheckedFormulation:
@@ -103,21 +105,6 @@ class CheckedFormulation:
             what = f'what invert returns as {kind}s'
             values.append(self._stacked(part, len(names), what, shape))
         return values[0], values[1]
-
-    def start(self) -> Array:
-        """
-        Return the state at which the motion is to begin, (nx,), NaN where that is free.
-
-        It is what `invert` makes of the boundary values at the start.
-        """
-        y: dict[str, list[Values]] = {}
-        for name, output in self.outputs().items():
-            given = output.conditions('start')
-            orders = range(output.derivatives + 1)
-            y[name] = [np.full(1, given.get(order, np.nan)) for order in orders]
-        z = {name: np.full(1, float(s.start)) for name, s in self.integrated().items()}
-        states, _ = self.invert(y, z)
-        return np.asarray(states[0], dtype=float)
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
@@ -296,12 +283,26 @@ class CheckedFormulation:
 
     @staticmethod
     def _stacked(values: Any, count: int, what: str, shape: tuple[int, ...]) -> Values:
-        stacked = stack(values, count, what)
         try:
-            return np.broadcast_to(stacked, (*shape, count))
-        except ValueError:
+            parts = [np.asarray(part) for part in values]
+        except (TypeError, ValueError):
             raise InvalidProblem(
-                f'{what} has components of shape {stacked.shape[:-1]}, expected {shape}'
+                f'{what} has {shown(values)}, expected a sequence of {count} components, each a '
+                'number or an array over the nodes'
+            ) from None
+        if len(parts) != count:
+            raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
+        for index, part in enumerate(parts):
+            if part.dtype.kind not in 'biuf':
+                raise InvalidProblem(
+                    f'{what} has component {index} = {shown(part)}, not a real number'
+                )
+        try:
+            return np.stack([np.broadcast_to(part, shape) for part in parts], axis=-1)
+        except ValueError:
+            found = ', '.join(str(part.shape) for part in parts)
+            raise InvalidProblem(
+                f'{what} has components of shapes {found}, expected {shape}'
             ) from None
 
     @staticmethod
@@ -318,3 +319,89 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'{what} of shape {found.shape}, expected {shape}: one number at every node'
             ) from None
+
+
+@dataclass(frozen=True, eq=False)
+class ArcMotion:
+    """A candidate at K nodes: times (K,), states (K, nx), controls (K, nu)."""
+
+    times: Array
+    states: Array
+    controls: Array
+
+
+def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) -> None:
+    """
+    Check all that is stated along a motion.
+
+    Raises
+    ------
+    NotFinite
+        Naming function, node and value, for the first node where something is not finite: what is
+        wrong there spoils the integration of all that follow.
+
+    """
+    last = nodes.size - 1
+    found = [
+        (last if at_end else int(np.argmin(np.isfinite(values))), what, values)
+        for what, values, at_end in _stated_values(stated, motion)
+        if not np.isfinite(values).all()
+    ]
+    if found:
+        node, what, values = min(found, key=lambda item: item[0])
+        raise NotFinite(
+            f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
+            f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '
+            'number along the first guess, or near it (`first_guess` states another)'
+        )
+
+
+def check_integrated(
+    stated: CheckedFormulation, motion: ArcMotion, integrated: Array, nodes: Array
+) -> None:
+    """
+    Check that the states of a motion are the `integrated` ones (K, nz).
+
+    Raises
+    ------
+    InvalidProblem
+        Naming state, node and both values, where `invert` gives another state instead.
+
+    """
+    for name, expected in zip(stated.integrated(), integrated.T, strict=True):
+        given = motion.states[:, stated.state_names.index(name)]
+        size = float(np.abs(expected).max())
+        same = np.isclose(given, expected, rtol=_SAME, atol=_SAME * size, equal_nan=True)
+        if not same.all():
+            node = int(np.argmin(same))
+            raise InvalidProblem(
+                f"invert gives the state '{name}' = {given[node]:g} at node {node} of "
+                f'{nodes.size} (s = {nodes[node]:.3g}), but integrated gives {expected[node]:g}: '
+                f"it must be z['{name}'], or not be integrated"
+            )
+
+
+def _stated_values(
+    stated: CheckedFormulation, motion: ArcMotion
+) -> Iterator[tuple[str, Array, bool]]:
+    """Yield what every function gives along the motion, (K,), or (1,) and True at its end."""
+    times, states, controls = motion.times, motion.states, motion.controls
+    rates = stated.derivative(states, controls)
+    integrated = stated.integrated()  # these are wrong because their rates are
+    for what, names, values in (
+        ('invert gives state', stated.state_names, states),
+        ('invert gives control', stated.control_names, controls),
+        ('derivative gives the rate of', stated.state_names, rates),
+    ):
+        for name, value in zip(names, components(values), strict=True):
+            if what != 'invert gives state' or name not in integrated:
+                yield f"{what} '{name}'", value, False
+    for name, value in stated.margins(times, states, controls).items():
+        yield f"margins gives '{name}'", value, False
+    yield 'running_cost gives J', stated.running_cost(times, states, controls), False
+    start, end = (times[:1], states[:1]), (times[-1:], states[-1:])
+    yield 'final_cost gives J', stated.final_cost(*end), True
+    for index, value in enumerate(stated.start_conditions(*start)):
+        yield f'start_conditions gives number {index}', value, False
+    for index, value in enumerate(stated.end_conditions(*end)):
+        yield f'end_conditions gives number {index}', value, True

@@ -18,13 +18,14 @@ whose right-hand side can be traced.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
+from scipy.interpolate import PPoly
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.trajectory import Trajectory
@@ -38,28 +39,39 @@ _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says wha
 _MOST_STEPS = 40_000
 
 
-@dataclass(frozen=True, eq=False)
+def _dense_output() -> Array:
+    """Return the powers of the share of a step (8, 16) that its slopes have in the states."""
+    share, left, term = np.poly1d([1.0, 0.0]), np.poly1d([-1.0, 1.0]), np.poly1d([1.0])
+    change, (first, last) = np.append(DOP853.B, np.zeros(4)), np.eye(16)[[0, 12]]
+    powers = np.zeros((8, 16))
+    rows = [change, first - change, 2.0 * change - last - first, *DOP853.D]
+    for index, row in enumerate(rows):
+        term = term * (left if index % 2 else share)
+        powers[: term.order + 1] += np.outer(term.coeffs[::-1], row)
+    return powers
+
+
+_DENSE = _dense_output()
+
+
 class Flown:
     """
     A motion as it was integrated: polynomials between the instants `steps` (m + 1,) [s].
 
-    `begins` (m, nx) are the states there, `coefficients` (m, 7, nx) those of the dense output.
+    `begins` (m, nx) are the states there, `slopes` (m, 16, nx) those of every stage.
     """
 
-    steps: Array
-    begins: Array
-    coefficients: Array
+    def __init__(self, steps: Array, begins: Array, slopes: Array) -> None:
+        self.steps = steps
+        length = np.diff(steps)
+        powers = np.tensordot(_DENSE, slopes, axes=(1, 1))
+        powers *= length[:, None] ** (1.0 - np.arange(8)[:, None, None])
+        powers[0] = begins
+        self._motion = PPoly(powers[::-1], steps)
 
     def states(self, times: Array) -> Array:
         """States at `times` (n,), (n, nx)."""
-        last = len(self.begins) - 1
-        step = np.clip(np.searchsorted(self.steps, times, side='right') - 1, 0, last)
-        share = ((times - self.steps[step]) / np.diff(self.steps)[step])[:, None]
-        rows = self.coefficients[step]
-        value = np.zeros_like(rows[:, 0])
-        for index in range(rows.shape[1]):
-            value = (value + rows[:, -1 - index]) * ((1.0 - share) if index % 2 else share)
-        return np.asarray(value + self.begins[step])
+        return np.asarray(self._motion(np.array(times)))
 
 
 class Integrator:
@@ -88,11 +100,10 @@ class Integrator:
         )
         below = fifth + 0.01 * third
         error = ca.if_else(below > 0.0, ca.fabs(h) * fifth / ca.sqrt(below * size), below)
-        rows = [change, h * slopes[0] - change, 2 * change - h * (slopes[12] + slopes[0])]
         for a, c in zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True):
             slopes.append(rate(c, x + h * combined(slopes, a[: len(slopes)])))
-        rows += [h * combined(slopes, weights) for weights in DOP853.D]
-        self._step = ca.Function('step', [x, first, last, h, p], [error, ca.vertcat(*rows)])
+        results = [error, x + change, ca.vertcat(*slopes)]
+        self._step = ca.Function('step', [x, first, last, h, p], results)
         self._size = size
 
     def along(
@@ -142,16 +153,17 @@ class Integrator:
                     a[:] = last[k] - left / whole * change
                     b[:] = a + h / whole * change
                 x[:], length[0] = state, h
-                (error,), found = step.run()
-                factor = _SAFETY * float(error) ** _EXPONENT if error else _LARGEST
+                missed, reached, slopes = step.run()
+                error = float(missed[0])
+                factor = _SAFETY * error**_EXPONENT if error else _LARGEST
                 if not error < 1.0:
-                    if not np.isfinite(error):
+                    if not math.isfinite(error):
                         return None
                     proposed = h * max(_SMALLEST, factor)
                     continue
                 begins.append(state)
-                rows.append(found.reshape(-1, size).copy())
-                state = state + found[:size]
+                rows.append(slopes.reshape(-1, size).copy())
+                state = reached.copy()
                 now = end if h == left else now + h
                 instants.append(now)
                 proposed = h * min(_LARGEST, factor)

@@ -25,8 +25,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import Shapes
 from tdm_planner.direct_method.checks import check_orders, HIGHEST_ORDER, number, shown, whole
-from tdm_planner.direct_method.shapes import Shapes
 from tdm_planner.exceptions import InvalidProblem
 
 Values = NDArray[Any]  # of numbers, or of symbols while a function is traced
@@ -233,37 +233,6 @@ class Formulation(ABC):
     def end_conditions(self, t: Values, x: Components) -> Sequence[Values]:
         """Return what must vanish at the end beside the boundary conditions, of order one."""
         return ()
-
-
-def stack(components: Components, count: int, what: str) -> Values:
-    """
-    Stack `count` components of any compatible shape along the last axis.
-
-    Raises
-    ------
-    InvalidProblem
-        Naming `what`, if their number or shapes do not match.
-
-    """
-    try:
-        parts = [np.asarray(part) for part in components]
-    except (TypeError, ValueError):
-        raise InvalidProblem(
-            f'{what} has {shown(components)}, expected a sequence of {count} components, each a '
-            'number or an array over the nodes'
-        ) from None
-    if len(parts) != count:
-        raise InvalidProblem(f'{what} has {len(parts)} components, expected {count}')
-    for index, part in enumerate(parts):
-        if part.dtype.kind not in 'biuf':
-            raise InvalidProblem(
-                f'{what} has component {index} = {shown(part)}, not a real number'
-            )
-    try:
-        return np.stack(np.broadcast_arrays(*parts), axis=-1)
-    except ValueError:
-        shapes = ', '.join(str(part.shape) for part in parts)
-        raise InvalidProblem(f'{what} has components of shapes {shapes} that differ') from None
 
 
 def components(values: Values) -> Values:

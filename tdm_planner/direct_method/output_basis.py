@@ -19,9 +19,8 @@ from typing import Protocol
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
+from tdm_planner.direct_method.bases import PolynomialBasis, product_derivative, Shapes
 from tdm_planner.direct_method.formulation import Output
-from tdm_planner.direct_method.polynomial import PolynomialBasis
-from tdm_planner.direct_method.shapes import product_derivative, Shapes
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+import copy
 import dataclasses
 import threading
 from typing import Any, ClassVar, TypeVar
@@ -31,7 +32,6 @@ from tdm_planner.direct_method.checks import refusal, suspect
 from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
-from tdm_planner.direct_method.statement_numbers import numbers, structure, twin_of
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -191,6 +191,60 @@ class Trace:
         return np.concatenate([np.zeros(0), *(found[name] for name in self.symbolic)])
 
 
+def numbers(formulation: Any, prefix: str = '') -> dict[str, Array]:
+    """Floats, and sequences of numbers, among a dataclass's fields by dotted name, (n,) each."""
+    found: dict[str, Array] = {}
+    for name, value in _fields(formulation).items():
+        if isinstance(value, float):
+            found[prefix + name] = np.array([value])
+        elif isinstance(value, list | tuple) and value and all(map(_is_number, value)):
+            found[prefix + name] = np.array(value, dtype=float)
+        elif dataclasses.is_dataclass(value):
+            found.update(numbers(value, f'{prefix}{name}.'))
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _fields(formulation: Any) -> dict[str, Any]:
+    """Values of a dataclass's fields; how it is solved is no part of the statement."""
+    if not dataclasses.is_dataclass(formulation):
+        return {}
+    names = [field.name for field in dataclasses.fields(formulation)]
+    return {name: getattr(formulation, name) for name in names if name != 'solver'}
+
+
+def twin_of(formulation: Any, symbols: Mapping[str, Any], prefix: str = '') -> Any:
+    """Return a copy with symbols for some of its numbers, not validated."""
+    twin, fields = copy.copy(formulation), _fields(formulation)
+    if not dataclasses.is_dataclass(formulation):
+        return twin
+    for name in set(vars(twin)) - {*fields, 'solver'}:
+        del twin.__dict__[name]  # what was computed from the numbers before
+    for name, value in fields.items():
+        found, path = value, prefix + name
+        if path in symbols:
+            parts = ca.vertsplit(symbols[path])
+            found = parts[0] if isinstance(value, float) else type(value)(parts)
+        elif dataclasses.is_dataclass(value):
+            found = twin_of(value, symbols, f'{path}.')
+        object.__setattr__(twin, name, found)
+    return twin
+
+
+def structure(formulation: Any, found: Mapping[str, Array], prefix: str = '') -> list[Any]:
+    """Return the fields that are no numbers."""
+    rest: list[Any] = []
+    for name, value in _fields(formulation).items():
+        if dataclasses.is_dataclass(value):
+            rest.append((name, structure(value, found, f'{prefix}{name}.')))
+        elif prefix + name not in found:
+            rest.append((name, value))
+    return rest
+
+
 def _kind(stated: CheckedFormulation, found: Mapping[str, Array]) -> tuple[Any, ...]:
     """Return what a trace depends on beside numbers."""
     formulation = stated.formulation
@@ -247,19 +301,15 @@ def _no_numbers() -> Iterator[None]:
 def _traced(twin: CheckedFormulation, function: str, arguments: tuple[Any, ...]) -> Any:
     """Return what a function gives of symbols; of arrays that hold one where it stacks them."""
     errors = []
-    for wrap in (_as_it_is, _boxed):
+    for given in (arguments, map(_boxed, arguments)):
         try:
             with _no_numbers():
-                return _column(twin.symbolic(function, *(wrap(a) for a in arguments)))
+                return _column(twin.symbolic(function, *given))
         except InvalidProblem:
             raise
         except Exception as error:  # noqa: B902
             errors.append(error)  # whatever the user's function raises
     raise InvalidProblem(refusal(twin.formulation, function, errors[0])) from errors[0]
-
-
-def _as_it_is(value: Any) -> Any:
-    return value
 
 
 def _boxed(value: Any) -> Any:
@@ -274,19 +324,14 @@ def _boxed(value: Any) -> Any:
 
 def _column(values: Sequence[Any]) -> Any:
     """Stack scalars: symbols, numbers or arrays of one of them."""
-    rows = [ca.SX(np.asarray(v, dtype=object).item() if _is_array(v) else v) for v in values]
-    return ca.densify(ca.vertcat(ca.SX(0, 1), *rows))
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, np.ndarray | np.generic)
+    arrays = np.ndarray | np.generic
+    rows = [np.asarray(v, dtype=object).item() if isinstance(v, arrays) else v for v in values]
+    return ca.densify(ca.vertcat(ca.SX(0, 1), *map(ca.SX, rows)))
 
 
 def _depends(values: Any, on: Any) -> NDArray[np.bool_]:
-    rows = (
-        [ca.jacobian(row, on).nnz() > 0 for row in ca.vertsplit(values)] if values.numel() else []
-    )
-    return np.array(rows, dtype=bool)
+    which: Any = ca.which_depends  # typed in some versions only
+    return np.array(which(values, on, 1, True), dtype=bool)
 
 
 def _expected(stated: CheckedFormulation, samples: Samples) -> dict[str, Array]:

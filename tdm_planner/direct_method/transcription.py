@@ -31,8 +31,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.arc_basis import ArcBasis, NodeGraphs
-from tdm_planner.direct_method.arc_motion import ArcMotion, check_finite, check_integrated
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import (
+    ArcMotion,
+    check_finite,
+    check_integrated,
+    CheckedFormulation,
+)
 from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.graphs import Call
 from tdm_planner.direct_method.nonlinear_program import (

@@ -21,7 +21,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from std_srvs.srv import Trigger
 from tdm_planner.nodes.planning import Failure
 from tdm_planner.nodes.services import Answer
-from tdm_planner.plan_files import figures_of, finite
+from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning import ActivePlan
@@ -108,7 +108,7 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
     document = {
         'plan_id': plan_id,
         'stamp': {'sec': stamp // _SECOND, 'nanosec': stamp % _SECOND},
-        **figures_of(solution),
+        **solution.figures,
         'summary': ' '.join(solution.summary.split()),
         'verification': solution.verification.to_dict(),
         'vehicles': {

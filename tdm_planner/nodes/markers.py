@@ -30,8 +30,7 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from tdm_planner.drawing import Box, Disc, Line, points_of, Shape
-from tdm_planner.plant_drawings import Drawn
+from tdm_planner.drawing import Box, Disc, Drawn, Line, points_of, Shape
 from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]

@@ -23,12 +23,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from tdm_planner.drawing import Shape
+from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing, Shape
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.known_plants import tracked_problem
 from tdm_planner.nodes.markers import Way
 from tdm_planner.parameters import build
-from tdm_planner.plant_drawings import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum

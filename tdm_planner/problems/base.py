@@ -96,18 +96,22 @@ class Solution:
             interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the plan as the JSON file of ``tdm plan`` holds it."""
-        head: dict[str, Any] = {
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Return what is said of a plan as a whole: problem, duration, cost, its terms, effort."""
+        return {
             'problem': self.problem,
             'duration': self.duration,
             'cost': self.cost,
+            'cost_terms': dict(self.cost_terms),
             'penalty': self.penalty,
             'solve_time': self.solve_time,
             'evaluations': self.evaluations,
         }
-        if self.cost_terms:
-            head['cost_terms'] = dict(self.cost_terms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as the JSON file of ``tdm plan`` holds it."""
+        head = {name: value for name, value in self.figures.items() if value != {}}
         if len(self.trajectories) == 1 and not self.verifications:
             return head | self.trajectory.to_dict() | {'verification': self.verification.to_dict()}
         vehicles = {

@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_motion import check_finite
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Motion, WARM
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace

@@ -17,8 +17,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.arc_motion import ArcMotion
-from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
 from tdm_planner.direct_method.checks import shown, whole
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.formulation import Formulation

@@ -20,8 +20,7 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.polynomial import PolynomialBasis
-from tdm_planner.direct_method.shapes import PowerProducts
+from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.reference_motion import ReferenceMotion
 

@@ -34,8 +34,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import OrthonormalBasis, VariedPolynomials
-from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.direct_method.virtual_arc import bernstein_basis, bernstein_integral, invert_time
 from tdm_planner.problems.formation_task import FormationTask
 

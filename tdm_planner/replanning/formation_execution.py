@@ -25,7 +25,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.integrator import integrate
+from tdm_planner.plants.base import integrate
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.robot_formation import RobotFormation

@@ -19,8 +19,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.base import Plant
-from tdm_planner.plants.integrator import integrate
+from tdm_planner.plants.base import integrate, Plant
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from tdm_planner.drawing import Disc, Line, points_of, Shape, Style
-from tdm_planner.palette import COLOURS
+from tdm_planner.drawing import COLOURS, Disc, Line, points_of, Shape, Style
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int]

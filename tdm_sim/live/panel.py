@@ -16,7 +16,7 @@ from datetime import datetime
 import html
 from typing import Any, Protocol
 
-from tdm_planner.palette import COLOURS, LIMIT
+from tdm_planner.drawing import COLOURS, LIMIT
 from tdm_sim.live.history import Chart
 from tdm_sim.live.listener import Event
 from tdm_sim.live.sliders import Slider

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.drawing import Box, Disc, Line, points_of, Shape
-from tdm_planner.palette import COLOURS
+from tdm_planner.drawing import Box, COLOURS, Disc, Line, points_of, Shape
 from tdm_sim.report.charts import packed
 from tdm_sim.report.mission import Mission, Signals, Vehicle
 

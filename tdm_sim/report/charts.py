@@ -25,7 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tdm_planner.palette import COLOURS, LIMIT, SWITCH
+from tdm_planner.drawing import COLOURS, LIMIT, SWITCH
 
 Array = NDArray[np.float64]
 Kind = Literal['planned', 'measured', 'commanded', 'error', 'limit', 'switching']

@@ -25,7 +25,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.palette import COLOURS
+from tdm_planner.drawing import COLOURS
 from tdm_sim.study.axes import Axis
 
 Array = NDArray[np.float64]

@@ -19,7 +19,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameter_docs import parameter_file, parameter_table, yaml_value
 from tdm_planner.parameter_files import ros_parameters
 from tdm_planner.parameters import (
     build,
@@ -32,6 +31,7 @@ from tdm_planner.parameters import (
     to_mapping,
     Validated,
 )
+from tools.parameter_texts import parameter_file, parameter_table, yaml_value
 import yaml
 
 

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Duration, Output
-from tdm_planner.palette import LIMIT, SWITCH
+from tdm_planner.drawing import LIMIT, SWITCH
 from tdm_planner.parameters import group, Validated
 from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
 from tdm_planner.problems import (

@@ -23,9 +23,8 @@ import pytest
 from ros_harness import MODULES, SOURCE
 from tdm_planner import resources, set_up
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.interruption import Interrupted, interruptible, uninterrupted
 from tdm_planner.problems import RobotFormation
-from tdm_planner.starting import REQUIRED
+from tdm_planner.starting import Interrupted, interruptible, REQUIRED, uninterrupted
 
 EXECUTABLES = {**MODULES, 'tdm': 'tdm_planner.cli'}
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')

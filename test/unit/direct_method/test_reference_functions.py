@@ -15,8 +15,8 @@ import numpy as np
 from numpy.polynomial import Polynomial
 import pytest
 from tdm_planner.direct_method import Output, PowerProducts, SineSeries, symmetric_powers
+from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import output_basis
-from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.direct_method.virtual_arc import arc_derivatives, time_derivatives
 from tdm_planner.exceptions import InvalidProblem
 

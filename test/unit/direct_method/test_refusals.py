@@ -26,8 +26,8 @@ from tdm_planner.direct_method import (
     SineSeries,
     symmetric_powers,
 )
+from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import output_basis
-from tdm_planner.direct_method.polynomial import PolynomialBasis
 from tdm_planner.exceptions import InvalidProblem
 
 BAD: dict[str, Any] = {

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
+from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.nodes.markers import (
     colour_of,
     lifetime_at,
@@ -30,7 +31,6 @@ from tdm_planner.nodes.markers import (
     to_points,
     Way,
 )
-from tdm_planner.plant_drawings import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum

@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
-from tdm_planner.plants.integrator import integrate
+from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
     FeedbackTable,

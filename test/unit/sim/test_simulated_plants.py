@@ -22,9 +22,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import to_mapping
-from tdm_planner.plants.base import Plant
+from tdm_planner.plants.base import integrate, Plant, runge_kutta_step
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.integrator import integrate, runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
 from tdm_sim.mismatch import mismatched, mismatched_gains
