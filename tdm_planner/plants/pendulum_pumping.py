@@ -38,8 +38,7 @@ from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-_STEP = 0.09  # of 1/w0, of the integration: at most
-_SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range
+_SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 NEAR = 1.5  # sum of squares from which it may be landed
@@ -52,7 +51,7 @@ class Pumping(NamedTuple):
     What all variants share.
 
     `torque` [N m], `psi_max` [rad], `w0` [rad/s], `turn` the goal's number of turns, NaN for the
-    nearest; a motion lasts at most `longest` / w0.
+    nearest; a motion lasts at most `longest` / w0, integrated in steps of at most `step` [s].
     """
 
     torque: float
@@ -60,6 +59,7 @@ class Pumping(NamedTuple):
     w0: float
     turn: float
     longest: float
+    step: float
 
 
 class Laws(NamedTuple):
@@ -144,8 +144,7 @@ def _pumped(
     level = law.share[n] * p.torque
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
     crossing = math.sqrt(min(p.psi_max, 3.0) / (level * free))
-    finest = min(max(2.0 * slowness(k), 0.2), 1.0)
-    h = min(_STEP * finest / w0, _SHARE_OF_DISK * crossing)
+    h = min(p.step, _SHARE_OF_DISK * crossing)
     theta, psi, w, v = start[0], start[1], start[2], start[3]
     held, stage, hold = law.first[n] * level, 0, law.hold[n] * slowness(k) / w0
     if hold == 0.0:
@@ -212,7 +211,7 @@ def pump(
 
 def compile_pump(plant: RotaryPendulum) -> None:
     """Compile the kernel or load it from the disk."""
-    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0)
+    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0, 1.0)
     laws = Laws(*np.ones((9, 1)))
     rows = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.intp), np.zeros(1)
     pump(plant.coefficients, np.zeros(4), pumping, laws, *rows)

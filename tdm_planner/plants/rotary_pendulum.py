@@ -208,9 +208,16 @@ class RotaryPendulum(Validated, StatedPlant):
 
     @property
     def quickness(self) -> float:
-        """How many times as many steps as usual a light disk's quick swings take; at least 1."""
-        scale = self.determinant + self.coefficients.arm**2
-        return max(1.0, 0.5 * math.sqrt(scale / self.determinant))
+        """
+        How many times as many steps as usual a light disk's quick swings take; at least 1.
+
+        The disk turns with the pendulum. Where that has most of the inertia it does so within a
+        small angle about upright and hanging.
+        """
+        k = self.coefficients
+        scale = self.determinant + k.arm**2
+        across = max(k.disk_sine - k.disk_cosine, 0.0) / (k.disk + k.disk_cosine)
+        return max(1.0, 0.5 * math.sqrt(max(1.0, across) * scale / self.determinant))
 
     def disk_acceleration(self, torque: float) -> float:
         """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""

@@ -110,7 +110,7 @@ class PendulumSwingUp(Problem, Validated):
         choices=('switching', 'smooth', 'virtual_arc'),
     )
     switching_arcs: int = parameter(
-        256,
+        1024,
         'most arcs of constant torque in a plan; how many it takes is found out',
         allowed=Range(4, 1024),
     )

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.pendulum_kernels import least_peak
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems.base import Solution
@@ -132,9 +133,23 @@ class SwingUpTask:
         """Return the goal (4,) to aim at from a state (4,): upright at rest."""
         return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
 
-    def plan(self, trajectory: Trajectory, parameters: Array, penalty: float) -> Solution:
-        """Return the motion with its check; J is the time it takes."""
-        check = self.verify(trajectory)
+    def plan(
+        self,
+        trajectory: Trajectory,
+        parameters: Array,
+        penalty: float,
+        until: Budget | None = None,
+    ) -> Solution:
+        """
+        Return the motion with its check; J is the time it takes.
+
+        Raises
+        ------
+        DeadlineExceeded
+            If the time allowed by `until` passes meanwhile.
+
+        """
+        check = self.verify(trajectory, until)
         return Solution({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
 
     @property
@@ -147,7 +162,7 @@ class SwingUpTask:
             ),
         )
 
-    def verify(self, trajectory: Trajectory) -> Verification:
+    def verify(self, trajectory: Trajectory, until: Budget | None = None) -> Verification:
         """Replay the trajectory and check its end and the limits."""
         goal = self.goal_nearest(trajectory.states[-1])
         return verify(
@@ -157,6 +172,7 @@ class SwingUpTask:
             TERMINAL_TOLERANCE,
             self.constraints,
             start=self.start,
+            until=until,
         )
 
     def hold(self) -> Solution | None:

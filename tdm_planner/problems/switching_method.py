@@ -18,6 +18,7 @@ verification.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 import math
 
@@ -42,12 +43,19 @@ from tdm_planner.problems.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import Arcs, pumped, starts, VARIANTS, warm_starts
+from tdm_planner.problems.switching_seeds import (
+    Arcs,
+    landed_finely,
+    pumped,
+    starts,
+    VARIANTS,
+    warm_starts,
+)
 
 Array = NDArray[np.float64]
 
 _ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
-_POLISHED, _POLISHED_PUMPED = 10, 3  # candidates
+_POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
 _PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
 # Shares of the deadline after which no more starts are steered once there are arrivals, none at
 # all, and no more candidates polished coarsely.
@@ -56,16 +64,18 @@ _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
+_OVERTIME = 0.03  # s, in which a check may be ended after the deadline
 _LOST = 1e-2  # violation after the fine polish of what is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
 _CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
-# Of an earlier plan: changes of the logarithms of its arcs' durations, tried one after the other;
-# RK4 steps an arc of the polish, more if the check fails; share of the deadline after which no
-# more is tried with it; arrivals that are polished; most arcs whose time is minimised, and that
-# are varied where there are more.
-_WARM_CHANGES, _WARM_STEPS = (0.0, 0.03, 0.1), (FINE_STEPS // 2, FINE_STEPS)
-_WARM_UNTIL, _WARM_TRIED, _WARM_POLISHED, _WARM_CORRECTED = 0.6, 3, 12, 16
+# Of an earlier plan: changes of the logarithms of its arcs' durations, all tried side by side; RK4
+# steps an arc of the polish, more if the check fails; share of the deadline after which no more is
+# tried with it; arrivals that do, and those that are polished; most arcs whose time is minimised,
+# and that are varied where there are more.
+_WARM_CHANGES, _WARM_STEPS = (0.0, 0.01, 0.03, 0.1), (FINE_STEPS // 2, FINE_STEPS)
+_WARM_UNTIL, _WARM_ENOUGH, _WARM_TRIED = 0.6, 2, 3
+_WARM_POLISHED, _WARM_CORRECTED = 12, 16
 
 
 class SwitchingMethod(Search[Candidate]):
@@ -108,9 +118,12 @@ class SwitchingMethod(Search[Candidate]):
 
     def plans(self, candidate: Candidate) -> Iterator[Solution]:
         """Yield the motion under the finely polished arcs, without those too short to matter."""
-        if self._previous is not None:
-            yield from self._rest_of_previous(candidate)
-            return
+        warm = self._previous is not None
+        with suppress(DeadlineExceeded):  # while one was checked
+            yield from (self._rest_of_previous if warm else self._refined)(candidate)
+
+    def _refined(self, candidate: Candidate) -> Iterator[Solution]:
+        """Yield the motion under a new candidate's arcs, integrated ever more finely."""
         shorter = without_short_arcs(self._task, candidate)
         fine, violation = shorter, math.inf
         if self._pumping:  # of so many arcs the last digits of the time do not matter
@@ -124,28 +137,31 @@ class SwitchingMethod(Search[Candidate]):
         if not violation < _LOST:
             self.rejected = 'integrated finely none ends upright any more'
             return
-        yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
+        yield self._checked(fine, violation)
         for more in _FINER:
             if self.budget.spent or violation > 1e-6:
                 return
             fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
-            yield self._task.plan(trajectory(self._task, fine), fine.durations, violation)
+            yield self._checked(fine, violation)
 
     def _warm(self, previous: Arcs) -> Iterator[Candidate]:
         """Yield arrivals of the earlier arcs, a little changed if need be."""
-        tried, until = 0, _WARM_UNTIL * self.budget.seconds
-        for change in _WARM_CHANGES:
-            guesses = warm_starts(self._task, self._rng, previous, self._arcs, change)
-            found = land(
-                self._task, guesses, self._steps, self.budget, lambda: self.budget.elapsed > until
-            )
-            self._starts += len(guesses)
-            self._arrived += len(found)
-            for candidate in distinct(found)[: _WARM_TRIED - tried]:
-                tried += 1
-                yield candidate
-            if tried >= _WARM_TRIED or self.budget.elapsed > until:
-                return
+        guesses = [
+            guess
+            for change in _WARM_CHANGES
+            for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
+        ]
+        until = _WARM_UNTIL * self.budget.seconds
+
+        def late() -> bool:
+            return self.budget.elapsed > until
+
+        found = land(self._task, guesses, self._steps, self.budget, late, _WARM_ENOUGH)
+        if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
+            found = landed_finely(self._task, found, self.budget, late) or found
+        self._starts += len(guesses)
+        self._arrived += len(found)
+        yield from distinct(found)[:_WARM_TRIED]
 
     def _rest_of_previous(self, candidate: Candidate) -> Iterator[Solution]:
         """
@@ -164,12 +180,18 @@ class SwitchingMethod(Search[Candidate]):
             if polished:
                 fine, violation = self._finely(candidate, task.steps(steps))
             else:
-                fine, violation = corrected(task, candidate, task.steps(steps))
+                fine, violation = corrected(task, candidate, _FINER[0] * task.steps(steps))
             if violation > 1e-6:
                 return
             fine = without_short_arcs(task, fine)
-            yield task.plan(trajectory(task, fine), fine.durations, violation)
+            yield self._checked(fine, violation)
             candidate = fine
+
+    def _checked(self, candidate: Candidate, violation: float) -> Solution:
+        """Return the motion with its check, which may end a little after the deadline."""
+        until = self.budget.part(max(self.budget.remaining, 0.0) + _OVERTIME)
+        motion = trajectory(self._task, candidate)
+        return self._task.plan(motion, candidate.durations, violation, until)
 
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""

@@ -31,9 +31,7 @@ Array = NDArray[np.float64]
 FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
-_HEAD_STEPS, _WATCHED = 192, 24  # and along arcs that stay as they are, and instants
-# of such an arc at which the disk is looked at
-_INSIDE = 0.995  # of the disk's limit, as between those instants it is not
+_INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # What is spent on landing: turns of so many iterations, after which those are given up whose sum
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
@@ -109,9 +107,17 @@ def land(
     steps: int,
     budget: Budget,
     late: Callable[[], bool],
+    enough: float = math.inf,
 ) -> list[Candidate]:
-    """Steer the arcs that are not fixed upright, at most until it is `late`; those that arrive."""
-    left = [each for each in candidates if _inside(task, each)]
+    """
+    Steer the arcs that are not fixed upright; return those that arrive.
+
+    No further turn is begun once it is `late`, or `enough` have arrived.
+    """
+    heads = [along_fixed(task, each, steps) for each in candidates]
+    inside = max(_INSIDE * task.disk_angle, abs(task.start[1]))
+    keep = [i for i, states in enumerate(heads) if np.abs(states[:, 1]).max() <= inside]
+    left, starts = [candidates[i] for i in keep], np.array([heads[i][-1] for i in keep])
     if not left:
         return []
     counts = np.array([each.durations.size - each.fixed for each in left], dtype=np.intp)
@@ -124,10 +130,9 @@ def land(
     for row, each in enumerate(left):
         n = counts[row]
         batch.durations[row, :n], batch.torques[row, :n] = each.tail
-    starts = np.array([after_fixed(task, each, 4 * steps) for each in left])
     rows, found = np.arange(len(left)), []
     for most in _GIVEN_UP:
-        if late() or not rows.size:
+        if late() or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
             break
         part = batch.rows(rows)
         budget.evaluations += steer(
@@ -143,19 +148,13 @@ def land(
     return found
 
 
-def _inside(task: SwingUpTask, candidate: Candidate) -> bool:
-    """Whether the disk keeps its limit along the arcs that are fixed."""
+def along_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
+    """States (n, 4) along the arcs that stay as they are, every 1 / w0 / `steps` or oftener."""
     durations, torques = candidate.head
-    parts = np.repeat(durations / _WATCHED, _WATCHED)
-    torques = np.repeat(torques, _WATCHED)
-    disk = roll_states(task.plant, task.start, parts, torques, 2)[:, 1]
-    return bool(np.abs(disk).max() <= max(_INSIDE * task.disk_angle, abs(task.start[1])))
-
-
-def after_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
-    """State (4,) at the end of the arcs that stay as they are."""
-    end: Array = roll_states(task.plant, task.start, *candidate.head, steps)[-1]
-    return end
+    parts = np.ceil(durations * task.plant.natural_frequency * steps).astype(np.intp) + 1
+    pieces = np.repeat(durations / parts, parts)
+    states: Array = roll_states(task.plant, task.start, pieces, np.repeat(torques, parts), 2)
+    return states
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:
@@ -230,7 +229,7 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
 
 def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    start = after_fixed(task, candidate, max(task.steps(_HEAD_STEPS), 4 * steps))
+    start = along_fixed(task, candidate, steps)[-1]
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle
     return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 

@@ -41,7 +41,9 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 Late = Callable[[], bool]
 
 VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many of them between two looks at the clock
-_LONGEST = 400.0  # of 1/w0: what a pump may take
+_LONGEST, _LONGEST_WORK = 400.0, 10.0  # of 1/w0: what a pump may take; times drive
+_PUMP_STEP, _FINEST = 0.09, 5.0  # of 1/w0, of its integration; by how much finer at most
+_PUMPED = 0.3  # share of the time after which a lane each that came near will do
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
 _PATIENCE, _RANK = 30.0, 3.0  # times that weight: at most, and where variants are compared
@@ -160,7 +162,10 @@ def pumped(
     def late() -> bool:
         return budget.elapsed > until
 
-    swings = _swings(task, laws(task, rng, VARIANTS), most, late)
+    def enough(near: int) -> bool:
+        return late() or (near >= LANES and budget.elapsed > _PUMPED * until)
+
+    swings = _swings(task, laws(task, rng, VARIANTS), most, enough)
     steps = min(task.steps(COARSE_STEPS), _STEPS)
     landed: list[Candidate] = []
     for first in range(0, len(swings), LANES):
@@ -168,24 +173,38 @@ def pumped(
             break
         some = slice(first, first + LANES)
         landed += land(task, swings[some], steps, budget, late)
-    landed.sort(key=lambda candidate: candidate.total)
+    return landed_finely(task, landed, budget, late)
+
+
+def landed_finely(
+    task: SwingUpTask, landed: list[Candidate], budget: Budget, late: Late
+) -> list[Candidate]:
+    """Steer the last arcs of the quickest anew, integrated more finely; those that arrive."""
+    quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
     last = [
-        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED))
-        for each in landed[:LANES]
+        replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED)) for each in quickest
     ]
     return land(task, last, task.steps(_STEPS), budget, late)
 
 
-def _swings(task: SwingUpTask, variants: Laws, most: int, late: Late) -> list[Candidate]:
-    """Return the promising variants, the best first, with a tail to land by."""
+def _swings(
+    task: SwingUpTask, variants: Laws, most: int, enough: Callable[[int], bool]
+) -> list[Candidate]:
+    """
+    Return the promising variants, the best first, with a tail to land by.
+
+    No more are simulated once so many that came near are `enough`.
+    """
     w0, room = task.plant.natural_frequency, max(most - _EXTRA, FEWEST_ARCS - _EXTRA)
     durations, torques = np.zeros((VARIANTS, room)), np.zeros((VARIANTS, room))
     arcs, distances = np.zeros(VARIANTS, np.intp), np.full(VARIANTS, np.inf)
     weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
-    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, _LONGEST)
+    longest = _times_drive(task, _LONGEST_WORK, _LONGEST)
+    step = _PUMP_STEP / w0 / min(task.plant.quickness, _FINEST)
+    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest, step)
     for first in range(0, VARIANTS, _AT_ONCE):
-        if late():
+        if enough(int(np.count_nonzero(distances < NEAR))):
             break
         rows = slice(first, first + _AT_ONCE)
         pump(

@@ -224,6 +224,19 @@ def test_derivatives_are_those_of_the_discrete_motion(start, durations):
         np.testing.assert_allclose(derivatives[:, :, arc], difference, atol=1e-6 * scale)
 
 
+@pytest.mark.parametrize('across', [5.0, 10.0, 20.0])
+def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
+    inertia = PendulumInertia(disk=0.05, x=across, y=0.01, z=across)
+    plant = RotaryPendulum(1.0, com_distance=1.0, arm_length=0.8, inertia=inertia)
+    w0, fall = plant.natural_frequency, np.array([0.3, 0.0, 0.0, 0.0])
+    durations, torques = np.full(8, 1.0 / w0), np.zeros(8)
+    usual, fine = (
+        roll_states(plant, fall, durations, torques, steps)[-1]
+        for steps in (math.ceil(12 * plant.quickness), 2000)
+    )
+    np.testing.assert_allclose(usual / [1, 1, w0, w0], fine / [1, 1, w0, w0], rtol=0, atol=1e-3)
+
+
 def test_states_are_accurate():
     intervals, torques = np.full(30, 5e-3), alternating(30, 0.09)
     states = roll_states(PLANT, START, intervals, torques, 20)
@@ -329,7 +342,7 @@ def test_steering_stops_when_told():
 def test_pumping_goes_where_it_says():
     k, count, most = PLANT.coefficients, 24, 64
     hanging = np.array([np.pi, 0.0, 0.0, 0.0])
-    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0)
+    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0, 0.01)
     task = SwingUpTask(PLANT, hanging, 0.01, 0.01, 2.0, None)
     variants = laws(task, np.random.default_rng(1), count)
     durations, torques = np.zeros((count, most)), np.zeros((count, most))

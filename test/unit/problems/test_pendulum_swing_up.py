@@ -235,13 +235,14 @@ def rig(size: float, arm: float, disk: float, across: float, torque: float, angl
         (rig(0.5, 1.0, 2.0, 0.3, 0.06, 3.0), 20),  # weak: more swings than anybody would guess
         (rig(0.1, 1.0, 0.1, 0.1, 0.3, 2.5), 5),  # swings are quick where the disk is free
         (rig(2.0, 0.6, 0.5, 4.0, 0.4, 2.5), 5),  # slow
+        (rig(0.3, 0.5, 20.0, 0.3, 0.3, 2.0), 256),  # weaker still
     ],
 )
 def test_foreign_rigs_need_no_settings(made, fewest):
     solution = made.solve(ENOUGH)
     check(made, solution)
     assert solution.parameters.size >= fewest
-    assert solution.trajectory.times.size < 10_000
+    assert solution.trajectory.times.size < 30_000
 
 
 BRAKED = PendulumStart(theta=2.0, psi=1.5, psi_dot=9.5)
