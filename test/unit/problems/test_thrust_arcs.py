@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_parameters import RobotStart
-from tdm_planner.problems.thrust_arcs_fit import remaining
 from tdm_planner.problems.thrust_arcs_kernels import attitude, place, turning
-from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
+from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned, remaining
 from tdm_planner.problems.thrust_arcs_program import ArcProgram
 from tdm_planner.problems.thrust_arcs_seeds import ArcSeeds
 
