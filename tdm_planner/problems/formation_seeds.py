@@ -30,7 +30,6 @@ INSTANTS = 60  # at which the ways of choices are compared
 _EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
 _TRIES = 30  # random combinations to begin with, where they are more
 _SWEEPS = 6  # of a coordinate descent, at most
-_SPARE = 1.02  # of a clearance, wanted of a guess
 
 
 def screened(
@@ -39,6 +38,7 @@ def screened(
     single: Array,
     bows: Array,
     meeting: float,
+    wanted: float,
     price: float,
     rng: np.random.Generator,
 ) -> Indices:
@@ -46,14 +46,14 @@ def screened(
     Return combinations (m, n) of choices, the best of every set of sides, the best set first.
 
     `paths` (n, c, K, 2) are the ways of every robot's choices at equal times, `single` (n, c)
-    what they cost. A metre that robots, or what stands still, are nearer than they may costs
-    `price`. Sides are those of robots that come within `meeting` clearances of one another, and
-    the signs of `bows` (c,).
+    what they cost. A metre that robots are nearer than `wanted` clearances, or than they may to
+    what stands still, costs `price`. Sides are those of robots that come within `meeting`
+    clearances of one another, and the signs of `bows` (c,).
     """
     n, count = single.shape
-    centres, wanted = program.task.circles()
+    centres, reach = program.task.circles()
     apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
-    single = single + price * np.maximum(wanted[:, None] - apart, 0.0).sum(axis=-1)
+    single = single + price * np.maximum(reach[:, None] - apart, 0.0).sum(axis=-1)
     pair, sides = np.zeros((2, n, n, count, count))
     couples = list(itertools.combinations(range(n), 2))
     for i, j in couples:
@@ -63,7 +63,7 @@ def screened(
         nearest = np.zeros((count, count))
         _encounters(paths[i], paths[j], nearest, sides[i, j])
         sides[i, j] *= nearest < meeting * clearance
-        pair[i, j] = price * np.maximum(_SPARE * clearance - nearest, 0.0)
+        pair[i, j] = price * np.maximum(wanted * clearance - nearest, 0.0)
         pair[j, i] = pair[i, j].T
     combinations = _combined(single, pair, rng)
     passed = np.zeros((len(combinations), len(couples)))

@@ -263,7 +263,7 @@ def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
     later = task.interval * np.arange(task.n) - task.coast
     quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
     first = max(float((quickest - later).max()), 0.02)
-    times = np.geomspace(first, max(task.longest - later[-1], 1.01 * first), 200)
+    times = np.geomspace(first, max(task.longest, 1.01 * first), 200)
     lasting = times[:, None] + later
     root = np.sqrt(np.maximum(0.25 * lasting**2 - way / thrust, 0.0))
     gas = 2.0 * thrust * (0.5 * lasting - root)

@@ -36,6 +36,7 @@ Polynomials: TypeAlias = Candidate[PolynomialProgram]
 
 BOWS = np.array([0.1, -0.1, 0.22, -0.22])
 _LONGER = 0.75  # what a bow costs, in separations
+_WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
 _TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
@@ -225,7 +226,7 @@ def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Ar
     outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
     single = _LONGER * np.abs(BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
     paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
-    for chosen in screened(program, paths, single, BOWS, np.inf, _TOO_NEAR, rng):
+    for chosen in screened(program, paths, single, BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
         yield fit(BOWS[chosen])
     while True:
         yield fit(rng.uniform(-0.35, 0.35, task.n))

@@ -42,7 +42,7 @@ Arcs: TypeAlias = Candidate[ArcProgram]
 
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _DESPERATE = 12  # random guesses, as long as nothing is found
-_WORSE = 1.02  # times the best cost so far: a start that is nearly feasible there is given up
+_WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is given up
 _PROMISING = 1.01  # times the best cost: minima that are polished
 _POLISHED = 2  # of them at most
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
@@ -102,11 +102,9 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         self._last: Infeasible | None = None
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
-        # Where the rest of a plan does not do, polynomials come next: there is little time.
         directly = [self._minima] if task.n <= FEW else []
-        self.rounds = [*directly, self._again, self._near_polynomials]
-        if self.rest:
-            self.rounds = [self._resumed, self._near_polynomials, *directly]
+        first = [self._resumed, *directly] if self.rest else [*directly, self._again]
+        self.rounds = [*first, self._near_polynomials]
 
     def _again(self) -> Iterable[Arcs]:
         """Minima with more distance kept, where plans failed the check."""
@@ -130,7 +128,8 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         """Feasible local minima, cheapest first, the most promising of them polished."""
         program = ArcProgram(self.task)
         seeds = ArcSeeds(program, self.rng)
-        more = (seeds.random() for _ in range(_DESPERATE))
+        # On the way there is little time.
+        more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
         guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
         found = self.minima(program, map(program.reduce, guesses), self._options(), _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):

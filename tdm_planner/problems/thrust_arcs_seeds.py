@@ -46,6 +46,7 @@ _RICH_CHOICES = (
     *((0.7, bow, 0.35) for bow in (0.0, 0.15, -0.15)),
 )
 _OVERLAP, _RICH_OVERLAP = 0.35, 1.15  # price of coming too near by a unit of length, in costs
+_SPARE = 1.02  # clearances wanted of a guess
 _MEETING = 1.1  # clearances within which it matters on which side robots pass
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
 _STRETCHES = 8  # times that a guess may be given more time
@@ -138,7 +139,7 @@ class ArcSeeds:
         price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
         single = self.task.weights[2] * gas
         alike = np.zeros(len(every))  # a bow round nobody makes no other minimum
-        for chosen in screened(program, paths, single, alike, _MEETING, price, self.rng):
+        for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
             yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
 
     def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
