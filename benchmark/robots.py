@@ -12,7 +12,7 @@ How fast and how good plans of robot formations are, on random crossings.
 
     python -m benchmark.robots [--scenarios 100] [--variants] [--no-teams]
 
-Times are process CPU times on one core. J_ref: see `robots_reference`.
+Times are process CPU times on one core. J_ref is the best of three local solutions of collocation.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import argparse
 from collections.abc import Iterable
 import json
 import os
+from pathlib import Path
 import resource
 import time
 from typing import Any, TypeAlias
@@ -29,7 +30,6 @@ if 'OMP_NUM_THREADS' not in os.environ:  # before numpy is imported
     os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = '1'
 
 from benchmark.progress import counted
-from benchmark.robots_reference import DATA
 from benchmark.scenarios import crossing
 import numpy as np
 from tdm_planner.exceptions import TdmError
@@ -37,6 +37,7 @@ from tdm_planner.problems import RobotFormation
 
 Figures: TypeAlias = dict[str, Any]
 
+DATA = Path(__file__).parent / 'data' / 'robots_reference.json'
 MARGIN = 0.004  # arena.tracking_margin: as much as the reference leaves out
 TEAMS = {2: 50, 5: 30, 8: 20, 12: 15, 20: 10}
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -57,7 +58,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 
 def references() -> dict[int, float]:
-    """Costs J_ref of the three-robot crossings by seed."""
+    """Costs J_ref of the three-robot crossings by seed, see `peers.robots_cases`."""
     costs = json.loads(DATA.read_text())['costs']
     return {int(seed): cost for seed, cost in costs.items() if cost is not None}
 

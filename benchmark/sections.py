@@ -83,7 +83,7 @@ _SECTIONS = (
         'robots',
         'Robots',
         'Random crossings of robots: {scenarios} of three, up to 50 of other teams, 30 of every '
-        'variant of the method; costs against a long search (`benchmark/robots_reference.py`), '
+        'variant of the method; costs against the best of three local solutions of collocation, '
         'processor times of solving.',
         {'scenarios': 100},
         {'scenarios': 2},

@@ -40,7 +40,6 @@ from tdm_planner.problems import (
     switching_search,
 )
 from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.formation_verification import FormationVerification
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
@@ -97,7 +96,7 @@ def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
         patch.setattr(module, 'FINE_STEPS', steps)
     patch.setattr(switching_search, '_SUBSTEPS', 1)
     patch.setattr(switching_search, '_SAMPLE_TIME', 0.05)
-    patch.setattr('tdm_planner.problems.formation_plan._SAMPLES', int(rng.integers(9, 200)))
+    patch.setattr('tdm_planner.problems.polynomial_plan._SAMPLES', int(rng.integers(9, 200)))
 
 
 def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
@@ -178,17 +177,17 @@ def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
 
 def blind_verification(patch: Patch) -> None:
     """Let every plan pass the check; what it would have been refused for stays in `reasons`."""
-    verify, verify_formation = SwingUpTask.verify, formation_search.verify_formation
+    verify, assessed = SwingUpTask.verify, formation_search.assessed
 
     def passed(task: SwingUpTask, trajectory: Trajectory) -> Verification:
         return replace(verify(task, trajectory), ok=True)
 
-    def formation_passed(*arguments: Any) -> FormationVerification:
-        found = verify_formation(*arguments)
-        return replace(found, overall=replace(found.overall, ok=True))
+    def formation_passed(*arguments: Any) -> Solution:
+        found = assessed(*arguments)
+        return replace(found, verification=replace(found.verification, ok=True))
 
     patch.setattr(SwingUpTask, 'verify', passed)
-    patch.setattr(formation_search, 'verify_formation', formation_passed)
+    patch.setattr(formation_search, 'assessed', formation_passed)
 
 
 def nothing(patch: Patch, rng: Generator, size: float) -> None:

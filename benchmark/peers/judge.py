@@ -20,9 +20,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import (
+    gas_used,
     robot_constraints,
     separation_constraints,
 )

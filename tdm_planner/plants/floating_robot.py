@@ -119,37 +119,17 @@ class FloatingRobot(Validated, StatedPlant):
 
     def replay(self, trajectory: Trajectory, times: Array) -> Array | None:
         """
-        Forward integration of (17) by quadrature: the states at `times` (n,), (n, 7).
+        Forward integration of (17) by quadrature: the states at `times` (n,), which rise, (n, 7).
 
         Attitude and thrust direction are integrals of the controls alone, and velocity and
-        position follow by Gauss-Legendre quadrature between all samples and `times` at once; no
-        time stepping is needed. Starts from the first state of `trajectory`. None for controls
-        that run by splines between samples.
+        position follow by Gauss-Legendre quadrature; no time stepping is needed. Starts from the
+        first state of `trajectory`. None for controls that run by splines between samples.
         """
         if trajectory.interpolation == 'cubic':
             return None
-        grid = np.union1d(trajectory.times, times)
-        states = self._integrate(trajectory, grid)
-        return np.asarray(states[np.searchsorted(grid, times)])
-
-    def _integrate(self, trajectory: Trajectory, grid: Array) -> Array:
         # A simulated robot does not replay, and has no use for what compiles kernels.
-        from tdm_planner.plants.robot_replay import GAUSS, integrate, nodes_for
+        from tdm_planner.plants.robot_replay import replayed
 
-        h = np.diff(grid)
-        begin = trajectory.controls_at(grid[:-1])
-        slope = np.zeros_like(begin)
-        if trajectory.interpolation == 'linear':
-            slope = (trajectory.controls_at(grid[1:]) - begin) / h[:, None]
-        states = np.zeros((grid.size, 7))
-        states[0] = first = trajectory.states[0]
-        omega_dot, omega_ddot = begin[:, 2] / self.inertia, slope[:, 2] / self.inertia
-        states[:, 5] = _running_sum(first[5], h * (omega_dot + h * omega_ddot / 2))
-        omega = states[:-1, 5]
-        nodes, weights = GAUSS[nodes_for(h, trajectory.controls[:, 1], omega)]
-        integrate(h, begin, slope, self.mass, self.inertia, nodes, weights, states)
-        return states
-
-
-def _running_sum(first: float, increments: Array) -> Array:
-    return np.concatenate([[first], first + np.cumsum(increments)])
+        linear = trajectory.interpolation == 'linear'
+        given = trajectory.times, trajectory.controls, trajectory.states[0], linear
+        return replayed(*given, self.mass, self.inertia, times)

@@ -19,70 +19,85 @@ from tdm_planner.plants.compilation import compiled
 
 Array = NDArray[np.float64]
 
-# Gauss-Legendre nodes and weights on [0, 1], by their number n: exact to order 2 n - 1.
-GAUSS = {
-    count: ((nodes + 1.0) / 2.0, weights / 2.0)
-    for count, (nodes, weights) in ((n, np.polynomial.legendre.leggauss(n)) for n in (2, 3, 4))
-}
-_TURNS = ((0.02, 2), (0.2, 3))  # rad by which a heading may turn in an interval, nodes that do
-
-
-def nodes_for(steps: Array, rate: Array, omega: Array) -> int:
-    """
-    Return the number of nodes that leave an error of rounding at this scale.
-
-    An interval in which the heading turns by d has an error of d^4 / 4320 of the velocity gained
-    with two nodes, of d^6 / 2e6 with three: less than 1e-10 here.
-    """
-    fastest = np.abs(rate).max(initial=0.0) + np.abs(omega).max(initial=0.0)
-    turn = float(steps.max(initial=0.0) * fastest)
-    return next((count for most, count in _TURNS if turn < most), 4)
+# Gauss-Legendre on [0, 1] with two and three nodes. While the heading turns by d, the velocity
+# gained is off by d^4 / 4320 or d^6 / 2e6 of itself: by 1e-10 at these angles [rad].
+_TWO, _THREE = ((x / 2.0 + 0.5, w / 2.0) for x, w in map(np.polynomial.legendre.leggauss, (2, 3)))
+_LITTLE, _MOST = 0.02, 0.2
 
 
 def compile_robot_replay() -> None:
     """Compile the kernel or load it from the disk."""
-    states, controls = np.zeros((2, 7)), np.zeros((1, 3))
-    integrate(np.ones(1), controls, controls, 1.0, 1.0, *GAUSS[2], states)
+    given = np.arange(2.0), np.zeros((2, 3)), np.zeros(7)
+    for array in given:
+        array.flags.writeable = False  # as those of a trajectory are
+    replayed(*given, True, 1.0, 1.0, np.zeros(1))
 
 
 @compiled
-def integrate(
-    steps: Array,
-    begin: Array,
-    slope: Array,
+def replayed(
+    samples: Array,
+    controls: Array,
+    first: Array,
+    linear: bool,
     mass: float,
     inertia: float,
-    nodes: Array,
-    weights: Array,
-    states: Array,
-) -> None:
+    times: Array,
+) -> Array:
     """
-    Fill `states` (n, 7) from the first of them on.
+    Return the states (n, 7) at `times` (n,) s, which rise, from the `first` (7,) on.
 
-    Controls (n - 1, 3) are `begin` at the beginning of an interval of `steps` (n - 1,) s and
-    change by `slope` (n - 1, 3) per second.
+    Controls (N, 3) are those at the instants `samples` (N,), and run on linearly or are held.
     """
-    x, y, u, v, yaw, omega, alpha = states[0]
-    for k in range(steps.size):
-        h = steps[k]
-        torque, torque_slope = begin[k, 2] / inertia, slope[k, 2] / inertia
-        for j in range(nodes.size):
-            t = h * nodes[j]
-            heading = yaw + t * (omega + t * (torque / 2.0 + t * torque_slope / 6.0))
-            heading += alpha + t * (begin[k, 1] + t * slope[k, 1] / 2.0)
-            push = h * weights[j] * (begin[k, 0] + t * slope[k, 0]) / mass
-            along, across = push * math.cos(heading), push * math.sin(heading)
-            # The position gains what is left of the interval times the velocity gained.
-            x += along * (h - t)
-            y += across * (h - t)
-            states[k + 1, 2] += along
-            states[k + 1, 3] += across
-        x += h * u
-        y += h * v
-        u += states[k + 1, 2]
-        v += states[k + 1, 3]
-        yaw += h * (omega + h * (torque / 2.0 + h * torque_slope / 6.0))
-        omega += h * (torque + h * torque_slope / 2.0)
-        alpha += h * (begin[k, 1] + h * slope[k, 1] / 2.0)
-        row = states[k + 1]
+    x, y, u, v, yaw, omega, alpha = first
+    states = np.empty((times.size, 7))
+    now, k, last = samples[0], 0, samples.size - 1
+    thrust, rate, torque = controls[0]
+    thrust_slope, rate_slope, torque_slope = 0.0, 0.0, 0.0
+    for r in range(times.size):
+        while now < times[r]:
+            thrust, rate, torque = controls[k]
+            until = times[r]
+            if k < last:
+                until = min(until, samples[k + 1])
+                if linear:
+                    step, since = samples[k + 1] - samples[k], now - samples[k]
+                    thrust_slope = (controls[k + 1, 0] - thrust) / step
+                    rate_slope = (controls[k + 1, 1] - rate) / step
+                    torque_slope = (controls[k + 1, 2] - torque) / step
+                    thrust += since * thrust_slope
+                    rate += since * rate_slope
+                    torque += since * torque_slope
+            elif linear:
+                thrust_slope, rate_slope, torque_slope = 0.0, 0.0, 0.0
+            h = until - now
+            spin, spin_slope = torque / inertia, torque_slope / inertia
+            faster = omega + h * (spin + h * spin_slope / 2.0)
+            turning = max(abs(omega), abs(faster)) + max(abs(rate), abs(rate + h * rate_slope))
+            burning = thrust != 0.0 or thrust_slope != 0.0
+            parts = max(math.ceil(h * turning / _MOST), 1) if burning else 0
+            nodes, weights = _TWO if h * turning < _LITTLE else _THREE
+            gained, across = 0.0, 0.0
+            x += h * u
+            y += h * v
+            for part in range(parts):
+                for j in range(nodes.size):
+                    t = h * (part + nodes[j]) / parts
+                    heading = yaw + t * (omega + t * (spin / 2.0 + t * spin_slope / 6.0))
+                    heading += alpha + t * (rate + t * rate_slope / 2.0)
+                    push = h / parts * weights[j] * (thrust + t * thrust_slope) / mass
+                    # The position gains what is left of the interval times the velocity gained.
+                    x += push * math.cos(heading) * (h - t)
+                    y += push * math.sin(heading) * (h - t)
+                    gained += push * math.cos(heading)
+                    across += push * math.sin(heading)
+            u += gained
+            v += across
+            yaw += h * (omega + h * (spin / 2.0 + h * spin_slope / 6.0))
+            omega = faster
+            alpha += h * (rate + h * rate_slope / 2.0)
+            now = until
+            if k < last and now == samples[k + 1]:
+                k += 1
+        row = states[r]
         row[0], row[1], row[2], row[3], row[4], row[5], row[6] = x, y, u, v, yaw, omega, alpha
+    return states

@@ -16,40 +16,41 @@ check and cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import math
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import minimise, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import keeps_reserve, verify_formation
+from tdm_planner.problems.formation_verification import assessed, keeps_reserve
 from tdm_planner.problems.search import Search
-from tdm_planner.problems.thrust_arcs_program import ArcProgram
+from tdm_planner.problems.warm_start import rest_of
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 C = TypeVar('C')
-P = TypeVar('P', FormationProgram, ArcProgram)
+P = TypeVar('P', bound=FormationProgram)
 
 NEARLY_FEASIBLE = 2.5  # times the violation allowed, up to which a plan may survive the check
 _SEARCH_SHARE = 0.75  # of the deadline, after which no other guess is tried once there is a plan
 _CHECK_TIME, _CHECK_SHARE = 5e-3, 0.45  # s a robot, but no more than this share of the deadline
+_MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
 
 
 @dataclass(frozen=True)
 class Candidate(Generic[P]):
-    """A local minimum: the program it solves and the point found."""
+    """A point of a program, a local minimum where the search for one has `converged`."""
 
     program: P
     point: Point
+    converged: bool = True
 
     @property
     def cost(self) -> float:
@@ -57,50 +58,14 @@ class Candidate(Generic[P]):
         return self.point.cost * self.program.scale
 
 
-def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
-    """Integral of thrust per mass along a robot's trajectory [m/s]."""
-    thrust = trajectory.control_names.index('thrust')
-    return float(trajectory.control_integral(trajectory.times[-1])[thrust]) / plant.mass
-
-
-def assessed(
-    task: FormationTask,
-    motions: Mapping[str, Trajectory],
-    penalty_weights: Array,
-    tolerance: float,
-    parameters: Array,
-) -> Solution:
-    """
-    Return the robots' motions with their check and cost; `parameters` are Xi (m,).
-
-    `tolerance` is the largest penalty that passes the check.
-    """
-    check = verify_formation(task, motions, penalty_weights)
-    overall = check.overall
-    if check.penalty > tolerance:
-        excess = f'the penalty {check.penalty:.3g} is above solver.tolerance = {tolerance:g}'
-        overall = replace(overall, ok=False, reasons=(*overall.reasons, excess))
-    terms = task.cost_terms(
-        np.array([motions[name].duration for name in task.names]),
-        np.array([gas_used(task.plant, motions[name]) for name in task.names]),
-    )
-    return Solution(
-        trajectories=motions,
-        verification=overall,
-        cost=sum(terms.values()),
-        parameters=parameters,
-        penalty=check.penalty,
-        cost_terms=terms,
-        verifications=check.robots,
-    )
-
-
 class FormationSearch(Search[C]):
     """
     What the searches for a plan of `task` share.
 
-    `starts` first guesses are tried. `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` eps
-    of (10). `closest` is the point of the least violation seen, for the reason of a failure.
+    They make candidates in `rounds`, one after the other until there is a plan: first from what is
+    left of the `previous` plan, then from `starts` first guesses. `penalty_weights` (4,) are k1 to
+    k4 of (29), `tolerance` eps of (10). `closest` is the point of the least violation seen, for
+    the reason of a failure.
     """
 
     def __init__(
@@ -112,15 +77,36 @@ class FormationSearch(Search[C]):
         starts: int,
         penalty_weights: Array,
         tolerance: float,
+        previous: Solution | None,
     ) -> None:
         super().__init__(budget)
-        self.starts, self.rng = starts, rng
+        self.task, self.starts, self.rng = task, starts, rng
         self.tried = 0
-        self.closest: Candidate[FormationProgram] | Candidate[ArcProgram] | None = None
+        self.closest: Candidate[Any] | None = None
+        self.rest = {} if previous is None else rest_of(task, previous)
+        self.kept: dict[str, Trajectory] = {}  # motions of robots that go on as before
+        self.rounds: list[Callable[[], Iterable[C]]] = []
         self._required = task
         self._penalty_weights, self._tolerance = penalty_weights, tolerance
         # The violation, relative to a limit, whose square is worth that penalty.
         self.feasible = math.sqrt(tolerance / penalty_weights.max())
+
+    def candidates(self) -> Iterable[C]:
+        """Minima of one round, cheapest first."""
+        self.kept = {}
+        return self.rounds[0]()
+
+    def widen(self) -> bool:
+        """Go on with the next round, keeping more distance where plans failed the check."""
+        if self.rejected and not self.rest:
+            self.task = self.farther(self.task)
+        self.rounds.pop(0)
+        return bool(self.rounds)
+
+    @staticmethod
+    def farther(task: FormationTask) -> FormationTask:
+        """Return the manoeuvre with more distance to be kept."""
+        return replace(task, margin=task.margin + _MORE_MARGIN * task.separation)
 
     def minimised(
         self, program: P, guess: Array, options: TrustRegionOptions
@@ -134,7 +120,7 @@ class FormationSearch(Search[C]):
         minimum = minimise(program, guess, options, until)
         self.tried += 1
         self.budget.evaluations += program.evaluations - before
-        candidate = Candidate(program, minimum.point)
+        candidate = Candidate(program, minimum.point, minimum.converged)
         violation = minimum.point.violation
         if self.closest is None or violation < self.closest.point.violation:
             self.closest = candidate
@@ -161,17 +147,21 @@ class FormationSearch(Search[C]):
             alone = False
             if candidate is not None:
                 found.append(candidate)
-                alone = not (program.crowded(candidate.point) or self.rejected)
+                hindered = program.crowded(candidate.point) or self.rejected
+                alone = candidate.converged and not hindered
             late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
             if self.budget.spent or alone or (found and (late or k + 1 >= self.starts)):
                 break
         return sorted(found, key=lambda each: each.cost)
 
     def assessed(self, motions: Mapping[str, Trajectory], parameters: Array) -> Solution:
-        """Return the motions with their check and cost."""
-        ordered = {name: motions[name] for name in self._required.names}
+        """Return the motions with their check and cost, those that were kept among them."""
         return assessed(
-            self._required, ordered, self._penalty_weights, self._tolerance, parameters
+            self._required,
+            {**motions, **self.kept},
+            self._penalty_weights,
+            self._tolerance,
+            parameters,
         )
 
     def satisfied_with(self, plan: Solution) -> bool:

@@ -8,65 +8,105 @@
 # language governing permissions and limitations under the License.
 
 """
-First guesses: quintic motions bowed to either side, screened by how near the robots come.
+First guesses: what every robot may choose, combined so that none comes too near another.
 
-First guesses decide on which side robots pass one another, which local minimum is found.
+Which robot passes on which side of another decides which local minimum is found: of every set of
+sides the combination that looks best is given, the most promising first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
-from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.reference_motion import ReferenceMotion
+from tdm_planner.plants.compilation import compiled
+from tdm_planner.problems.formation_program import FormationProgram
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-BOWS = np.array([0.1, -0.1, 0.22, -0.22])
-_EXHAUSTIVE = 5000  # combinations of bows up to which all are screened
-_GAS_OF_A_MOVE = 2.4  # gas of a typical motion, in distances over time
-_INSTANTS = 40
-_TRIES = 12
+INSTANTS = 60  # at which the ways of choices are compared
+_EXHAUSTIVE = 5000  # combinations of choices up to which all are screened
+_TRIES = 30  # random combinations to begin with, where they are more
 _SWEEPS = 6  # of a coordinate descent, at most
 
 
-def first_arrival(task: FormationTask) -> float:
-    """Arrival time of the first robot [s] that a rough estimate of (28) prefers."""
-    way = np.linalg.norm(task.goal - task.departure, axis=1)
-    turn = np.abs(task.goal_yaw - task.departure_yaw)
-    speed = np.linalg.norm(task.velocity, axis=1)
-    later = task.interval * np.arange(task.n) - task.coast
-    quickest = np.sqrt(6.5 * way / task.thrust) + 2 * speed / task.thrust
-    quickest = np.maximum(quickest, np.sqrt(6.5 * turn / task.torque))
-    quickest = np.maximum(quickest, 4 * np.abs(task.yaw_rate) / task.torque)
-    least = max(float((quickest - later).max()), 0.5)
-    times = np.linspace(least, max(task.longest, 1.01 * least), 300)
-    gas = (_GAS_OF_A_MOVE * way[:, None] / np.maximum(times + later[:, None], 0.5)).sum(axis=0)
-    estimate = task.weights[0] * times + task.weights[2] * gas
-    return float(times[np.argmin(estimate)])
-
-
-def combined(
-    single: Array, pair: Array, begin: Indices, tries: int, rng: np.random.Generator
+def screened(
+    program: FormationProgram,
+    paths: Array,
+    single: Array,
+    bows: Array,
+    meeting: float,
+    wanted: float,
+    price: float,
+    rng: np.random.Generator,
 ) -> Indices:
+    """
+    Return combinations (m, n) of choices, the best of every set of sides, the best set first.
+
+    `paths` (n, c, K, 2) are the ways of every robot's choices at equal times, `single` (n, c)
+    what they cost. A metre that robots are nearer than `wanted` clearances, or than they may to
+    what stands still, costs `price`. Sides are those of robots that come within `meeting`
+    clearances of one another, and the signs of `bows` (c,).
+    """
+    n, count = single.shape
+    centres, reach = program.task.circles()
+    apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
+    single = single + price * np.maximum(reach[:, None] - apart, 0.0).sum(axis=-1)
+    pair, sides = np.zeros((2, n, n, count, count))
+    couples = list(itertools.combinations(range(n), 2))
+    for i, j in couples:
+        clearance = program.clearances[i, j]
+        if clearance == 0.0:
+            continue
+        nearest = np.zeros((count, count))
+        _encounters(paths[i], paths[j], nearest, sides[i, j])
+        sides[i, j] *= nearest < meeting * clearance
+        pair[i, j] = price * np.maximum(wanted * clearance - nearest, 0.0)
+        pair[j, i] = pair[i, j].T
+    combinations = _combined(single, pair, rng)
+    passed = np.zeros((len(combinations), len(couples)))
+    for q, (i, j) in enumerate(couples):
+        passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
+    turned = np.sign(bows[combinations])[:, program.varied]
+    _, first = np.unique(np.hstack([passed, turned]), axis=0, return_index=True)
+    return combinations[np.sort(first)]
+
+
+@compiled
+def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
+    """Least distances (c, d) of paths (c, K, 2), (d, K, 2), and the sense in which they pass."""
+    for c in range(len(one)):
+        for d in range(len(other)):
+            least, at = np.inf, 0
+            for k in range(one.shape[1]):
+                x, y = one[c, k, 0] - other[d, k, 0], one[c, k, 1] - other[d, k, 1]
+                square = x * x + y * y
+                if square < least:
+                    least, at = square, k
+            nearest[c, d] = np.sqrt(least)
+            k = min(max(at, 1), one.shape[1] - 2)
+            x, y = one[c, k] - other[d, k]
+            u, v = one[c, k + 1] - other[d, k + 1] - one[c, k - 1] + other[d, k - 1]
+            sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
+
+
+def _combined(single: Array, pair: Array, rng: np.random.Generator) -> Indices:
     """
     Return combinations (m, n) of what every robot may choose, the cheapest first.
 
     `single` (n, c) is the cost of each robot's choices, `pair` (n, n, c, c) what a choice of one
     robot and a choice of another cost together. All of them, where they are not too many; else
-    those to `begin` with (k, n), and others by coordinate descent from `tries` random ones.
+    the first of all choices, and others by coordinate descent from random ones.
     """
     n, c = single.shape
     if c**n <= _EXHAUSTIVE:
         every = np.array(list(itertools.product(range(c), repeat=n)))
     else:
-        drawn = (np.asarray(rng.integers(0, c, n), dtype=np.intp) for _ in range(tries))
-        every = np.array([*begin, *(_descended(single, pair, choice, rng) for choice in drawn)])
+        drawn = (np.asarray(rng.integers(0, c, n), dtype=np.intp) for _ in range(_TRIES))
+        descended = [_descended(single, pair, choice, rng) for choice in drawn]
+        every = np.array([np.zeros(n, dtype=np.intp), *descended])
     total = single[np.arange(n), every].sum(axis=1)
     for i, j in itertools.combinations(range(n), 2):
         total += pair[i, j][every[:, i], every[:, j]]
@@ -84,78 +124,3 @@ def _descended(single: Array, pair: Array, choice: Indices, rng: np.random.Gener
         if (choice == before).all():
             break
     return choice
-
-
-class BowSeeds:
-    """First guesses for a model: every robot's motion bowed by a share of its way."""
-
-    def __init__(self, model: ReferenceMotion, rng: np.random.Generator) -> None:
-        self.model, self.rng = model, rng
-        task = model.task
-        first = first_arrival(task)
-        arrivals = first + task.interval * np.arange(task.n)
-        self.durations = np.minimum(
-            np.maximum(arrivals - task.coast, 0.3 * first), 0.98 * task.longest
-        )
-
-    def bowed(self, bows: Array, s: Array, derivative: int = 0) -> Array:
-        """Motions (n, c, 2, K) bowed by `bows` (n, c), or a derivative, at arcs s (n, K)."""
-        task, model = self.model.task, self.model
-        way = task.goal - task.departure
-        conditions = np.stack(
-            [task.departure, self.durations[:, None] * task.velocity, task.goal], axis=-1
-        )
-        quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
-        straight = conditions @ np.swapaxes(quintic, 1, 2)
-        normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
-        power = 2 if model.vary_ends or model.order < 7 else 3
-        # One in the middle of the arc.
-        bump = (-4.0) ** power * PowerProducts(((power, power),)).values(s, derivative)[..., 0]
-        side = bows[..., None, None] * normal[:, None, :, None] * bump[:, None, None]
-        return np.asarray(straight[:, None] + side)
-
-    def fit(self, bows: Array) -> Array:
-        """Scaled varied parameters (n, P) of motions nearest to those bowed by `bows` (n,)."""
-        b = np.repeat(self.durations[:, None], self.model.nb, axis=1)
-
-        def bend(s: Array) -> Array:
-            return self.bowed(bows[:, None], np.broadcast_to(s, (len(b), s.size)), 2)[:, 0]
-
-        return self.model.fit(b, bend)
-
-    def __iter__(self) -> Iterator[Array]:
-        """Screened guesses, best first, on distinct sides; then random bows without end."""
-        choices = self._screened()
-        for choice in choices:
-            yield self.fit(BOWS[choice])
-        while True:
-            yield self.fit(self.rng.uniform(-0.35, 0.35, self.model.task.n))
-
-    def _screened(self) -> list[Indices]:
-        n = self.model.task.n
-        begin = np.tile(np.arange(2)[:, None], n)
-        every = combined(*self._tables(), begin, _TRIES, self.rng)
-        moving = ~self.model.task.staying
-        _, first = np.unique((BOWS[every] > 0)[:, moving], axis=0, return_index=True)
-        return list(every[np.sort(first)])
-
-    def _tables(self) -> tuple[Array, Array]:
-        """Badness of every robot's bow (n, c) and of every two robots' bows (n, n, c, c)."""
-        task = self.model.task
-        n, c = task.n, len(BOWS)
-        t = np.linspace(0.0, (self.durations + task.coast).max(), _INSTANTS)
-        s = np.clip((t - task.coast[:, None]) / self.durations[:, None], 0.0, 1.0)
-        path = self.bowed(np.broadcast_to(BOWS, (n, c)), s)
-        reach = task.separation / 2
-        outside = np.maximum(reach - path, path - task.sides[:, None] + reach).max(axis=(2, 3))
-        single = 0.75 * np.abs(BOWS) * task.separation + 3 * np.maximum(outside, 0.0)
-        centres, clearances = task.circles()
-        if len(centres):
-            apart = np.linalg.norm(path[:, :, None] - centres[:, :, None], axis=3).min(axis=-1)
-            single += 3 * np.maximum(clearances[:, None] - apart, 0.0).sum(axis=-1)
-        pair = np.zeros((n, n, c, c))
-        for i, j in itertools.combinations(range(n), 2):
-            apart = np.linalg.norm(path[i][:, None] - path[j][None], axis=2).min(axis=-1)
-            pair[i, j] = 3 * np.maximum(task.separation - apart, 0.0)
-            pair[j, i] = pair[i, j].T
-        return single, pair

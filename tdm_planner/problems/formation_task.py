@@ -7,14 +7,20 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""One manoeuvre into formation as arrays: boundary conditions, limits, arena, weights of (28)."""
+"""
+One manoeuvre into formation as arrays: boundary conditions, limits, arena, weights of (28).
+
+Whether it can be asked for at all is checked with one clear sentence for what contradicts.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
 
 Array = NDArray[np.float64]
@@ -23,6 +29,7 @@ Array = NDArray[np.float64]
 _NUMERICAL_RESERVE = 0.01
 # Robots nearer than this to their goal, and slower, have arrived already.
 _ARRIVED = 1e-4
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,3 +160,131 @@ class FormationTask:
             'sequence': float(sequence * late),
             'gas': float(gas_weight * gas.sum()),
         }
+
+
+def check_task(task: FormationTask) -> None:
+    """
+    Check arena, starts and goals.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming robot or parameter, the value and what is allowed.
+
+    """
+    for name, inertia, acceleration in (
+        ('thrust', 'mass', task.thrust),
+        ('torque', 'inertia', task.torque),
+    ):
+        if not acceleration > 0.0:
+            raise InvalidProblem(
+                f"parameter 'limits.{name}' is too small beside 'plant.{inertia}': the "
+                'acceleration it gives must be above 0'
+            )
+    _check_arena(task)
+    for place, points in (('start', task.start), ('goal', task.goal)):
+        _check_walls(task, place, points)
+        _check_zones(task, place, points)
+        _check_separation(task, place, points)
+    _check_reach(task)
+
+
+def _check_arena(task: FormationTask) -> None:
+    for name, side in (('length', task.length), ('width', task.width)):
+        if side < task.separation:
+            raise InvalidProblem(
+                f"parameter 'arena.{name}' = {side:g} is not allowed: must be at least "
+                f'arena.minimum_separation = {task.separation:g} m'
+            )
+    for x, y, radius in task.obstacles:
+        if radius <= 0:
+            raise InvalidProblem(
+                f"parameter 'arena.obstacles' holds radius {radius:g} at ({x:g}, {y:g}): must be "
+                'in (0, inf) m'
+            )
+
+
+def _check_walls(task: FormationTask, place: str, points: Array) -> None:
+    half = task.separation / 2
+    for name, point in zip(task.names, points, strict=True):
+        for axis, value, side in zip('xy', point, task.sides, strict=True):
+            if not half - _ROUNDING <= value <= side - half + _ROUNDING:
+                raise InvalidProblem(
+                    f"{place} of '{name}' has {axis} = {value:.4g} m, outside the arena: must be "
+                    f'in [{half:g}, {side - half:g}] m (half of arena.minimum_separation from '
+                    'the walls)'
+                )
+
+
+def _check_zones(task: FormationTask, place: str, points: Array) -> None:
+    for name, point in zip(task.names, points, strict=True):
+        for x, y, radius in task.obstacles:
+            least = radius + task.separation / 2
+            distance = float(np.hypot(point[0] - x, point[1] - y))
+            if distance < least - _ROUNDING:
+                raise InvalidProblem(
+                    f"{place} of '{name}' is {distance:.4g} m from the centre of the keep-out "
+                    f'zone at ({x:g}, {y:g}) (arena.obstacles): must be at least {least:g} m'
+                )
+
+
+def _check_separation(task: FormationTask, place: str, points: Array) -> None:
+    for i, j in itertools.combinations(range(task.n), 2):
+        distance = float(np.linalg.norm(points[i] - points[j]))
+        if distance < task.separation - _ROUNDING:
+            raise InvalidProblem(
+                f"{place}s of '{task.names[i]}' and '{task.names[j]}' are {distance:.4g} m apart: "
+                f'must be at least arena.minimum_separation = {task.separation:g} m'
+            )
+
+
+def least_time(way: Array, rate: Array, acceleration: float) -> Array:
+    """
+    Shortest time [s] to cover `way` (n,) on a line and stop, from the rate `rate` (n,).
+
+    The double integrator's bang-bang time: speed up and brake, or brake and come back.
+    """
+    way, rate = np.where(way < 0, -way, way), np.where(way < 0, -rate, rate)
+    overshoot = rate * np.abs(rate) / (2 * acceleration) - way
+    peak = np.sqrt(np.maximum(acceleration * way + rate**2 / 2, 0.0))
+    direct = (2 * peak - rate) / acceleration
+    back = rate / acceleration + 2 * np.sqrt(np.maximum(overshoot, 0.0) / acceleration)
+    return np.where(overshoot > 0, back, direct)
+
+
+def first_arrival(task: FormationTask, least: Array, thrust: float) -> float:
+    """
+    Arrival of the first robot [s] that (28) prefers, were all ways straight and free.
+
+    No robot takes less than `least` (n,) s; `thrust` [m/s^2] is what they burn and coast with.
+    """
+    way = np.linalg.norm(task.goal - task.departure, axis=1)
+    speed = np.linalg.norm(task.velocity, axis=1)
+    later = task.interval * np.arange(task.n) - task.coast
+    quickest = np.maximum(np.sqrt(4.4 * way / thrust) + 2.0 * speed / thrust, least)
+    first = max(float((quickest - later).max()), 0.02)
+    times = np.geomspace(first, max(task.longest, 1.01 * first), 200)
+    lasting = times[:, None] + later
+    root = np.sqrt(np.maximum(0.25 * lasting**2 - way / thrust, 0.0))
+    gas = 2.0 * thrust * (0.5 * lasting - root)
+    cost = task.weights[0] * times + 1.1 * task.weights[2] * gas.sum(axis=1)
+    return float(times[np.argmin(cost)])
+
+
+def _check_reach(task: FormationTask) -> None:
+    """Return a lower bound of every arrival: along the straight way alone, and of the turn."""
+    away = task.goal - task.start
+    way = np.linalg.norm(away, axis=1)
+    speed = np.linalg.norm(task.velocity, axis=1)
+    along = (task.velocity * away).sum(axis=1) / np.maximum(way, 1e-12)
+    straight = least_time(way, along, task.thrust)
+    moving = np.maximum(straight, speed / task.thrust)
+    turning = least_time(task.goal_yaw - task.yaw, task.yaw_rate, task.torque)
+    least = np.maximum(moving, turning)
+    if least.max(initial=0.0) > task.longest:
+        robot = int(np.argmax(least))
+        raise InvalidProblem(
+            f"goal of '{task.names[robot]}' cannot be reached within solver.longest = "
+            f'{task.longest:g} s: at least {least[robot]:.3g} s are needed with limits.thrust and '
+            'limits.torque'
+        )

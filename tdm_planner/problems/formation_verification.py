@@ -17,14 +17,16 @@ rate have their terms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 import itertools
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Interpolation, Trajectory
 from tdm_planner.verification import check, Constraint, judge, MOST_INSTANTS, replay, Verification
@@ -37,36 +39,32 @@ _ROUNDING = 1e-6
 _CONSISTENCY = np.full(7, 1e-5)
 
 
-@dataclass(frozen=True)
-class FormationVerification:
-    """Checks of every robot by name, of all together, and the penalty."""
-
-    robots: Mapping[str, Verification]
-    overall: Verification
-    penalty: float
-
-    @property
-    def ok(self) -> bool:
-        """Whether everything holds."""
-        return self.overall.ok
+def gas_used(plant: FloatingRobot, trajectory: Trajectory) -> float:
+    """Integral of thrust per mass along a robot's trajectory [m/s]."""
+    thrust = trajectory.control_names.index('thrust')
+    return float(trajectory.control_integral(trajectory.times[-1])[thrust]) / plant.mass
 
 
-def verify_formation(
-    task: FormationTask, trajectories: Mapping[str, Trajectory], penalty_weights: Array
-) -> FormationVerification:
+def assessed(
+    task: FormationTask,
+    motions: Mapping[str, Trajectory],
+    penalty_weights: Array,
+    tolerance: float,
+    parameters: Array,
+) -> Solution:
     """
-    Replay every robot, then check all pairs at equal times, 10 ms apart.
+    Return the robots' motions with their check and cost; `parameters` are Xi (m,).
 
-    `penalty_weights` (4,) are k1 to k4 of (29).
+    Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
+    `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` the largest penalty that passes.
     """
-    last = max(trajectory.duration for trajectory in trajectories.values())
+    last = max(motions[name].duration for name in task.names)
     count = math.ceil(min(last / _RESOLUTION, MOST_INSTANTS)) + 1
     times = np.linspace(0.0, last, count)
-    robots, every_state, every_control = {}, [], []
+    robots, every_state = {}, []
     for i, name in enumerate(task.names):
-        motion = trajectories[name]
-        under_way = times <= motion.duration
-        own = np.union1d(times[under_way], motion.times)
+        motion = motions[name]
+        own = np.union1d(times[times <= motion.duration], motion.times)
         replayed = replay(task.plant, motion, own)
         robots[name] = judge(
             task.plant,
@@ -80,11 +78,14 @@ def verify_formation(
             start=start_state(task, i),
         )
         every_state.append(replayed[np.minimum(np.searchsorted(own, times), own.size - 1)])
-        every_control.append(motion.controls_at(times) * under_way[:, None])
-    states, controls = np.concatenate(every_state, axis=1), np.concatenate(every_control, axis=1)
     separations = separation_constraints(task)
-    pairs, pair_times, violated = check(separations, times, states, controls)
+    pairs, pair_times, violated = check(
+        separations, times, np.concatenate(every_state, axis=1), np.zeros((times.size, 0))
+    )
+    left = penalty(task, [each.worst for each in robots.values()], pairs, penalty_weights)
     reasons = [f'{name}: {reason}' for name in task.names for reason in robots[name].reasons]
+    if left > tolerance:
+        reasons.append(f'the penalty {left:.3g} is above solver.tolerance = {tolerance:g}')
 
     def together(field: str) -> dict[str, Any]:
         found = {name: getattr(robots[name], field) for name in task.names}
@@ -99,7 +100,19 @@ def verify_formation(
         state_names=tuple(f'{name}.{s}' for name in task.names for s in task.plant.state_names),
         units=together('units') | {each.name: each.unit for each in separations},
     )
-    return FormationVerification(robots, overall, penalty(task, states, controls, penalty_weights))
+    terms = task.cost_terms(
+        np.array([motions[name].duration for name in task.names]),
+        np.array([gas_used(task.plant, motions[name]) for name in task.names]),
+    )
+    return Solution(
+        trajectories={name: motions[name] for name in task.names},
+        verification=overall,
+        cost=sum(terms.values()),
+        parameters=parameters,
+        penalty=left,
+        cost_terms=terms,
+        verifications=robots,
+    )
 
 
 def start_state(task: FormationTask, robot: int) -> Array:
@@ -179,18 +192,11 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
     if len(task.obstacles):
 
         def keep_out(times: Array, states: Array, controls: Array) -> Array:
-            return _zone_margins(task, states[:, :2])[0]
+            apart = np.linalg.norm(states[:, None, :2] - task.obstacles[:, :2], axis=-1)
+            return np.asarray((apart - task.obstacles[:, 2]).min(axis=-1) - half)
 
         constraints.append(Constraint('keep_out', keep_out, _ROUNDING, 'm'))
     return constraints
-
-
-def _zone_margins(task: FormationTask, place: Array) -> list[Array]:
-    """Distances (..., ) of places (..., 2) from the nearest keep-out zone; none without zones."""
-    if not len(task.obstacles):
-        return []
-    apart = np.linalg.norm(place[..., None, :] - task.obstacles[:, :2], axis=-1)
-    return [(apart - task.obstacles[:, 2]).min(axis=-1) - task.separation / 2]
 
 
 def separation_constraints(task: FormationTask) -> list[Constraint]:
@@ -210,30 +216,31 @@ def separation_constraints(task: FormationTask) -> list[Constraint]:
     ]
 
 
-def penalty(task: FormationTask, states: Array, controls: Array, weights: Array) -> float:
+def penalty(
+    task: FormationTask,
+    robots: Iterable[Mapping[str, float]],
+    pairs: Mapping[str, float],
+    weights: Array,
+) -> float:
     """
-    Return Delta of (10): k1 to k4 times the squares of the largest violations.
+    Return Delta of (10): k1 to k4 times the squares of the largest violations, summed.
 
-    k1: walls and keep-out zones [m^2]; k2: thrust, k3: torque and thruster rate, relative to
-    their limits; k4: separations of all pairs [m^2]. Robots' and pairs' terms are summed.
+    They follow from the worst margins by name, of the robots' own limits and of all pairs. k1:
+    walls and keep-out zones [m^2]; k2: thrust, k3: torque and thruster rate, relative to their
+    limits; k4: separations [m^2].
     """
-    states, controls = states.reshape(-1, task.n, 7), controls.reshape(-1, task.n, 3)
-    place, half = states[..., :2], task.separation / 2
-    one, other = np.triu_indices(task.n, 1)
-    push = controls[..., 0] / (task.plant.mass * task.thrust)
-    turn = controls[..., 1] / task.thruster_rate
-    torque = controls[..., 2] / (task.plant.inertia * task.torque)
-    x, y = np.ascontiguousarray(place.T)
-    way = x[one] - x[other], y[one] - y[other]
-    apart = (np.sqrt(way[0] * way[0] + way[1] * way[1]) - task.separation).min(axis=1)[None]
-    margins = (
-        (place - half, task.sides - place - half, *_zone_margins(task, place)),
-        (np.minimum(1.0 - push, push),),
-        (1.0 - np.abs(torque), 1.0 - np.abs(turn)),
-        (apart,),
-    )
-    terms = np.array(
-        [sum(np.square(np.minimum(m, 0.0).min(axis=0)).sum() for m in each) for each in margins]
-    )
+    kinds = {
+        'walls': (0, 1.0),
+        'keep_out': (0, 1.0),
+        'thrust': (1, task.plant.mass * task.thrust),
+        'torque': (2, task.plant.inertia * task.torque),
+        'thruster_rate': (2, task.thruster_rate),
+    }
+    terms = np.zeros(4)
+    for worst in robots:
+        for name, margin in worst.items():
+            term, unit = kinds[name]
+            terms[term] += min(margin / unit, 0.0) ** 2
+    terms[3] = sum(min(margin, 0.0) ** 2 for margin in pairs.values())
     # What is less than rounding of the time stamps explains is no violation.
     return float(weights @ np.where(terms < 1e-16, 0.0, terms))

@@ -12,48 +12,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from functools import partial
 import itertools
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.base import Solution
-from tdm_planner.problems.formation_plan import initial_misalignment, trajectory
-from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_search import Candidate, FormationSearch
-from tdm_planner.problems.formation_seeds import BowSeeds
+from tdm_planner.problems.formation_seeds import INSTANTS, screened
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.polynomial_plan import initial_misalignment, trajectory
+from tdm_planner.problems.polynomial_program import PolynomialProgram
 from tdm_planner.problems.reference_motion import FormationMotion, MotionForm, ReferenceMotion
-from tdm_planner.problems.warm_start import (
-    kept_motions,
-    LATE,
-    rest_of,
-    turning_time,
-    warm_parameters,
-)
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.problems.warm_start import kept_motions, LATE, warm_parameters
 
 Array = NDArray[np.float64]
-Polynomials: TypeAlias = Candidate[FormationProgram]
+Polynomials: TypeAlias = Candidate[PolynomialProgram]
 
+BOWS = np.array([0.1, -0.1, 0.22, -0.22])
+_LONGER = 0.75  # what a bow costs, in separations
+_WANTED = 0.98  # clearances wanted of a guess: minimising gains what is left
+_TOO_NEAR = 3.0  # price of a metre by which robots come too near
 _TURNING_SHARE = 0.95  # of the thruster's rate, at which it turns before a manoeuvre
 _ALIGNED = 0.1  # [rad] less than this the thruster turns on the way
 _MANY = 12  # robots from which on violations are charged more
 _RADIUS, _REFINING_RADIUS = 0.15, 0.05
-_ROUNDS = 4  # of guesses, each keeping more distance, before giving up
+_ROUNDS = 4  # of guesses, before giving up
 _SIMPLE = 7  # order of the polynomials with which first guesses are minimised
-_RAISE = 4  # by which the order is raised where the rest of an earlier plan did not do
+_RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
 _WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is given up
-# Robots keep the rest of their motions that have less time left than so many half-turns of the
-# thruster take; those late on the way do where they could not be planned anew.
-_LAST_LEG = 1.0
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
-_MORE_MARGIN = 0.04  # of the separation, that is kept more where plans came too near
 _NEARLY = 4.0  # times the accuracy of the end aimed at
-_ANOTHER = 1.3  # times as long as its check another candidate takes at least
 
 
 class PolynomialSearch(FormationSearch[Polynomials]):
@@ -61,8 +54,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     Local minima of one manoeuvre from several first guesses, and their plans.
 
     First guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. Of a `previous` plan the remaining motion is the first guess, without others at
-    first.
+    of the `form`. Of a `previous` plan the remaining motion is the first guess, with polynomials
+    of higher order where those of the form do not do, and then one new guess after the other.
     """
 
     def __init__(
@@ -71,62 +64,61 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         form: MotionForm,
         rng: np.random.Generator,
         budget: Budget,
-        previous: Solution | None = None,
         **shared: Any,
     ) -> None:
         super().__init__(task, rng, budget, **shared)
         self.form = form
-        self._rounds = 1
-        self._found = False
-        self._rest = {} if previous is None else rest_of(task, previous)
-        self._first: Array | None = None
-        self._kept: dict[str, Trajectory] = {}
-        self._held: Array | None = None
-        self._late = kept_motions(task, self._rest, LATE)
-        self._half_turns = _LAST_LEG
-        self._check_time = 0.0  # of the last candidate: writing it out and checking it
-        simple = form.of_order(min(form.order, _SIMPLE))
-        self._aim(task, form if self._rest else simple)
-        self._resume()
+        self._simple = form.of_order(min(form.order, _SIMPLE))
+        higher = form.of_order(min(form.order + _RAISE, _HIGHEST))
+        self._guesses: tuple[FormationTask, PolynomialProgram, Iterator[Array]] | None = None
+        self._careful = True  # whether to do all that can be done for a candidate
         # A plan that is to replace another on the way, and may be replaced, must be there soon.
-        self._enough = _NEARLY if self._rest else 1.0
+        self._enough = _NEARLY if self.rest else 1.0
+        if self.rest:
+            self.starts = 1
+            self.rounds = [partial(self._resumed, each) for each in (form, higher)]
+        self.rounds += [self._minima] * _ROUNDS
 
-    def _aim(self, task: FormationTask, form: MotionForm) -> None:
-        self.task, self._form = task, form
-        self._kept, self._held = {}, None
-        self._use(task)
-        self.seeds = BowSeeds(self.model, self.rng)
-        self._guesses = iter(self.seeds)
+    def _minima(self) -> Iterator[Polynomials]:
+        """Yield minima from further guesses; then with more distance kept."""
+        if self._guesses is None or self._guesses[0] is not self.task:
+            program = PolynomialProgram(ReferenceMotion(self.task, self._simple))
+            self._guesses = self.task, program, guesses(program, self.rng)
+        _, program, further = self._guesses
+        first = map(program.reduce, itertools.islice(further, self.starts))
+        found = self.minima(program, first, self._options(_RADIUS), _WORSE)
+        return self._completed(map(self._raised, found))
 
-    def _use(self, task: FormationTask) -> None:
-        self.model = ReferenceMotion(task, self._form)
-        self.program = FormationProgram(self.model, self._held)
-
-    def _resume(self) -> None:
+    def _resumed(self, form: MotionForm) -> Iterator[Polynomials]:
         """
-        Take the remaining motion of a plan for the first guess, and nothing else for now.
+        Yield the minimum that the remaining motion of a plan leads to.
 
-        Robots about to arrive keep theirs; the turning that the guess needs is reckoned with from
-        the outset.
+        Robots about to arrive keep theirs, more of them where that does not do; the turning that
+        the guess needs is reckoned with from the outset.
         """
-        if not self._rest:
-            return
-        self._first = warm_parameters(self.model, self.seeds.durations, self._rest)
-        leg = self._half_turns * turning_time(self.task.thruster_rate)
-        self._kept = {name: m for name, m in self._late.items() if m.duration < leg}
-        coast = self._needed_coast(self.model, self.model.unpack(self._first))
-        if self._kept:
-            kept = np.array([name in self._kept for name in self.task.names])
-            self._held = np.where(kept[:, None], self._first, np.nan)
-            coast[kept] = 0.0
-        if coast.any() or self._kept:
-            self._use(self.task.with_coast(1.03 * coast))
+        model = ReferenceMotion(self.task, form)
+        x = warm_parameters(model, PolynomialProgram(model).usual_durations(), self.rest)
+        coast = self._needed_coast(model, model.unpack(x))
+        few, more = (kept_motions(self.task, self.rest, turns) for turns in (1.0, LATE))
+        # With higher polynomials, and where no more robots can keep theirs, this is the last try.
+        for last in (False, True) if form is self.form and len(more) > len(few) else (True,):
+            self.kept, self._careful = more if last else few, last
+            kept = np.array([name in self.kept for name in self.task.names])
+            task = self.task.with_coast(np.where(kept, 0.0, 1.03 * coast))
+            held = np.where(kept[:, None], x, np.nan)
+            program = PolynomialProgram(ReferenceMotion(task, form), held)
+            options = self._options(_RADIUS, _WARM_ITERATIONS)
+            found = self.minimised(program, program.reduce(x), options)
+            yield from self._completed([] if found is None else [found])
 
-    @property
-    def _may_keep_more(self) -> bool:
-        """Whether, should this not do, more robots can keep their motions."""
-        late = self._half_turns >= LATE
-        return self._first is not None and not late and len(self._late) > len(self._kept)
+    def _completed(self, found: Iterable[Polynomials]) -> Iterator[Polynomials]:
+        """Yield minima with thrusters turned first; then with more distance kept."""
+        turned = []
+        for candidate in found:
+            turned.append(self._turned(candidate) or candidate)
+            yield turned[-1]
+        if self._careful:
+            yield from filter(None, map(self._apart, turned))
 
     def _needed_coast(self, model: ReferenceMotion, motion: FormationMotion) -> Array:
         """Time [s] that every thruster needs to turn before a motion begins (n,)."""
@@ -134,91 +126,41 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         needed = angle / (_TURNING_SHARE * self.task.thruster_rate)
         return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
 
-    def candidates(self) -> Iterator[Polynomials]:
-        """Yield minima with thrusters turned first; then, did none do, with more distance kept."""
-        guesses: Iterable[Array] = [self._first] if self._first is not None else ()
-        guesses = guesses or itertools.islice(self._guesses, self.starts)
-        reduced = map(self.program.reduce, guesses)
-        found = self.minima(self.program, reduced, self._options(_RADIUS), _WORSE)
-        self._found = bool(found)
-        kept = []
-        for candidate in map(self._raised, found):
-            kept.append(self._turned(candidate) or candidate)
-            yield kept[-1]
-        late = self.budget.remaining < _ANOTHER * self._check_time
-        if not (self._may_keep_more or late):
-            yield from filter(None, map(self._farther, kept))
-
     def plans(self, candidate: Polynomials) -> Iterator[Solution]:
         """Yield the trajectories that the reference motions give by inverse dynamics."""
         model, motion = candidate.program.model, candidate.program.motion(candidate.point.xi)
-        careful = not self._may_keep_more
-        began = self.budget.elapsed
         motions = {
-            name: self._kept[name]
-            if name in self._kept
-            else trajectory(model, motion, i, self.budget, self._enough, careful)
-            for i, name in enumerate(self._required.names)
+            name: trajectory(model, motion, i, self.budget, self._enough, self._careful)
+            for i, name in enumerate(self.task.names)
+            if name not in self.kept
         }
-        plan = self.assessed(motions, candidate.point.xi)
-        self._check_time = self.budget.elapsed - began
-        yield plan
+        yield self.assessed(motions, candidate.point.xi)
 
-    def widen(self) -> bool:
-        """
-        Keep more distance, where plans failed the check; else go on with other guesses.
-
-        Where the rest of an earlier plan did not do, more robots keep theirs, then polynomials of
-        higher order are tried, then guesses, one by one: on the way there is little time.
-        """
-        if self.budget.remaining < _ANOTHER * self._check_time:
-            return False
-        if self._may_keep_more:
-            self._half_turns = LATE
-            self._aim(self._required, self.form)
-            self._resume()
-            return True
-        simple = self.form.of_order(min(self.form.order, _SIMPLE))
-        if self._first is not None and self._form == self.form and self.form.order <= 15 - _RAISE:
-            self._aim(self._required, self.form.of_order(self.form.order + _RAISE))
-            self._resume()
-            return True
-        self._rounds += 1
-        if self._first is not None:
-            self._first, self.starts = None, 1
-            self._aim(self._required, simple)
-        elif self._found and not self._rest:
-            self._aim(self._keeping_more(self.task), simple)
-        return self._rounds <= _ROUNDS
-
-    @staticmethod
-    def _keeping_more(task: FormationTask) -> FormationTask:
-        return replace(task, margin=task.margin + _MORE_MARGIN * task.separation)
-
-    def _farther(self, candidate: Polynomials) -> Polynomials | None:
+    def _apart(self, candidate: Polynomials) -> Polynomials | None:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""
         model = candidate.program.model
-        farther = model.with_task(self._keeping_more(model.task))
-        program = FormationProgram(farther, candidate.program.held)
+        program = PolynomialProgram(
+            model.with_task(self.farther(model.task)), candidate.program.held
+        )
         return self.minimised(program, candidate.point.xi, self._options(_REFINING_RADIUS))
 
-    def _options(self, radius: float) -> TrustRegionOptions:
+    def _options(self, radius: float, iterations: int = _ITERATIONS) -> TrustRegionOptions:
         return TrustRegionOptions(
             penalties=(3.0 if self.task.n >= _MANY else 1.0,),
             feasibility=(self.feasible,),
             radius=radius,
-            iterations=_ITERATIONS if self._first is None else _WARM_ITERATIONS,
+            iterations=iterations,
         )
 
     def _raised(self, candidate: Polynomials) -> Polynomials:
         """Minimise on with polynomials of the form's order, of which the candidate's are some."""
         low = candidate.program.model
-        if low.order >= self.form.order or self.budget.spent:
+        if low.form.order >= self.form.order or self.budget.spent:
             return candidate
-        model = ReferenceMotion(low.task, self.form)
-        program = FormationProgram(model)
-        z = program.reduce(model.raise_order(low, candidate.program.full(candidate.point.xi)))
-        return self.minimised(program, z, self._options(_REFINING_RADIUS)) or candidate
+        program = PolynomialProgram(ReferenceMotion(low.task, self.form))
+        x = program.model.raise_order(low, candidate.program.full(candidate.point.xi))
+        refining = self._options(_REFINING_RADIUS)
+        return self.minimised(program, program.reduce(x), refining) or candidate
 
     def _turned(self, candidate: Polynomials) -> Polynomials | None:
         """
@@ -227,21 +169,63 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         The time a thruster needs depends on the motion and the motion on the time: a few rounds.
         None if that is not feasible.
         """
-        held = candidate.program.held
         for spare in (1.0, 1.03, 1.1):
             program, xi = candidate.program, candidate.point.xi
             needed = self._needed_coast(program.model, program.motion(xi))
-            needed[~np.isnan(held[:, 0])] = 0.0
+            needed[program.kept] = 0.0
             # A thruster that is off by little turns on, thrusting, as the shooting reckons with.
             short = needed - _ALIGNED / self.task.thruster_rate
-            kept = program.model.task.coast
-            if ((short <= kept) & (kept <= 1.2 * needed + 0.1)).all():
+            coast = program.task.coast
+            if ((short <= coast) & (coast <= 1.2 * needed + 0.1)).all():
                 return candidate
-            task = self.task.with_coast(spare * needed)
-            later = FormationProgram(program.model.with_task(task), held)
+            task = program.task.with_coast(spare * needed)
+            later = PolynomialProgram(program.model.with_task(task), program.held)
             again = later.reduce(program.full(xi))
             better = self.minimised(later, again, self._options(_REFINING_RADIUS))
             if better is None:
                 return None
             candidate = better
         return candidate
+
+
+def guesses(program: PolynomialProgram, rng: np.random.Generator) -> Iterator[Array]:
+    """
+    Yield first guesses x (n, P): quintic motions bowed to either side by shares of their ways.
+
+    Screened ones come first, best first, then random bows without end.
+    """
+    task, model = program.task, program.model
+    durations = program.usual_durations()
+
+    def bowed(bows: Array, s: Array, derivative: int = 0) -> Array:
+        """Motions (n, c, 2, K) bowed by `bows` (n, c), or a derivative, at arcs s (n, K)."""
+        way = task.goal - task.departure
+        conditions = np.stack(
+            [task.departure, durations[:, None] * task.velocity, task.goal], axis=-1
+        )
+        quintic = PolynomialBasis.of((0, 1, 2), (0, 1, 2)).values(s, derivative)[..., [0, 1, 3]]
+        straight = conditions @ np.swapaxes(quintic, 1, 2)
+        normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
+        power = 2 if model.form.vary_ends or model.form.order < 7 else 3
+        # One in the middle of the arc.
+        bump = (-4.0) ** power * PowerProducts(((power, power),)).values(s, derivative)[..., 0]
+        side = bows[..., None, None] * normal[:, None, :, None] * bump[:, None, None]
+        return np.asarray(straight[:, None] + side)
+
+    def fit(bows: Array) -> Array:
+        def bend(s: Array) -> Array:
+            return bowed(bows[:, None], np.broadcast_to(s, (task.n, s.size)), 2)[:, 0]
+
+        return model.fit(np.repeat(durations[:, None], model.nb, axis=1), bend)
+
+    t = np.linspace(0.0, (durations + task.coast).max(), INSTANTS)
+    s = np.clip((t - task.coast[:, None]) / durations[:, None], 0.0, 1.0)
+    paths = bowed(np.broadcast_to(BOWS, (task.n, BOWS.size)), s)
+    reach = task.separation / 2
+    outside = np.maximum(reach - paths, paths - task.sides[:, None] + reach).max(axis=(2, 3))
+    single = _LONGER * np.abs(BOWS) * task.separation + _TOO_NEAR * np.maximum(outside, 0.0)
+    paths = np.ascontiguousarray(np.swapaxes(paths, 2, 3))
+    for chosen in screened(program, paths, single, BOWS, np.inf, _WANTED, _TOO_NEAR, rng):
+        yield fit(BOWS[chosen])
+    while True:
+        yield fit(rng.uniform(-0.35, 0.35, task.n))

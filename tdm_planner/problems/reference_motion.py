@@ -19,7 +19,8 @@ derivatives, those at s = 0 first, so that `PolynomialBasis` evaluates it.
 Time runs along the arc as dt/ds = mu(s) = sum_k b_k B_k(s) > 0, a polynomial in Bernstein's form:
 with the virtual arc's length tau_f the speed factor of section 2 is lambda = tau_f / mu. Degree 0
 is tau = t, and b_0 the time the manoeuvre takes. A velocity v and an acceleration a at an end
-become X_s = mu v and X_ss = mu^2 a + mu_s v. With N = X_ss mu - X_s mu_s the exact inverse is
+become X_s = mu v and X_ss = mu^2 a + mu_s v. With N = X_ss mu - X_s mu_s the exact inverse, in
+place of (21) and (27), which lose the speed factor's slope, is
 
     X' = X_s / mu,   X'' = N / mu^3.
 """
@@ -30,19 +31,27 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import OrthonormalBasis, VariedPolynomials
-from tdm_planner.direct_method.virtual_arc import bernstein_basis, bernstein_integral, invert_time
+from tdm_planner.direct_method.virtual_arc import bernstein_basis
+from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.problems.formation_task import FormationTask
 
 Array = NDArray[np.float64]
 
 _YAW_SCALE = 10.0
 _NODES = 24  # of the quadrature of a fit
+_NEWTON_STEPS, _MOST_STEPS = 12, 80  # of the inversion of time
+
+
+@inlined
+def acceleration(mu: Any, mu_s: Any, first: Any, second: Any) -> Any:
+    """Return X'' from derivatives by s."""
+    return (second * mu - first * mu_s) / (mu * mu**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +85,19 @@ def end_derivatives(order: int, vary_curvature: bool) -> EndDerivatives:
     return EndDerivatives(basis, free)
 
 
+@lru_cache(maxsize=8)
+def passing(degree: int) -> Array:
+    """Powers of s (q + 1, q + 2) in the time at s, by b: integrals of Bernstein's polynomials."""
+    powers = np.zeros((degree + 1, degree + 2))
+    for k in range(degree + 1):
+        for j in range(degree - k + 1):
+            power = k + j + 1
+            choices = math.comb(degree, k) * math.comb(degree - k, j)
+            powers[k, power] = (-1) ** j * choices / power
+    powers.flags.writeable = False
+    return powers
+
+
 class MotionForm(NamedTuple):
     """
     The reference functions' form.
@@ -103,49 +125,92 @@ class MotionForm(NamedTuple):
 DEFAULT_FORM: Final = MotionForm()
 
 
-class LocalVariables(NamedTuple):
+class MotionTables(NamedTuple):
     """
-    What a robot's terms at A arcs depend on, see `robot_statement`: W numbers at each.
+    What the end derivatives of n robots' polynomials follow from, see `unpacked`.
 
-    They are `slopes` (A, W, P) times the varied parameters and `ends` (A, W, 6) times departure
-    and goal of x, y and yaw; `at` (A, ...) is what velocity and acceleration at the start
-    contribute to every derivative of position, then of yaw.
+    `shapes` (m, nf) and `turns` (my, ny) are end derivatives of the varied shapes of x and y and
+    of yaw, `fixed` (n, 2, m) and `fixed_yaw` (n, my) what is given of them. The start's `velocity`
+    and `acceleration` (n, 3) are those of x, y and yaw, the latter `given` (3,): 1, or 0 where it
+    is varied. `slope` (q + 1,) is mu_s at the start, by b.
     """
 
-    slopes: Array
-    ends: Array
-    at: Array
+    shapes: Array
+    turns: Array
+    fixed: Array
+    fixed_yaw: Array
+    velocity: Array
+    acceleration: Array
+    given: Array
+    slope: Array
 
-    @classmethod
-    def of(
-        cls, form: MotionForm, s: Array, speed: int = 0, position: int = 0, yaw: int = 0
-    ) -> LocalVariables:
-        """
-        Tabulate them at the arcs s (A,), with so many derivatives of each.
 
-        Those of mu come first, from mu on, and mu, mu_s at the start; then x_s, y_s and yaw_s on.
-        """
-        ends = end_derivatives(form.order, form.vary_ends)
-        turns = end_derivatives(form.yaw_order, False)
-        rates = [bernstein_basis(form.degree, s, d) for d in range(speed)]
-        rates += [np.broadcast_to(basis, rates[0].shape) for basis in departing(form.degree)]
-        paths = [ends.basis.values(s, d + 1) for d in range(position)]
-        angles = [turns.basis.values(s, d + 1) for d in range(yaw)]
-        nb, nf, ny = form.degree + 1, ends.free.shape[1], turns.free.shape[1]
-        shape = s.size, len(rates) + 2 * position + yaw
-        slopes, fixed = np.zeros((*shape, nb + 2 * nf + ny)), np.zeros((*shape, 6))
-        slopes[:, : len(rates), :nb] = np.stack(rates, axis=1)
-        row, column = len(rates), nb
-        for axis, (of, derivatives) in enumerate([(ends, paths), (ends, paths), (turns, angles)]):
-            last = column + of.free.shape[1]
-            for values in derivatives:
-                slopes[:, row, column:last] = values @ of.free
-                fixed[:, row, [2 * axis, 2 * axis + 1]] = values[:, [0, of.goal]]
-                row += 1
-            column = last
-        given = [1.0, 0.0 if form.vary_ends else 1.0]
-        at = [v[:, 1:3] * given for v in paths] + [v[:, 1:3] for v in angles]
-        return cls(slopes, fixed, np.concatenate(at, axis=1))
+@compiled
+def unpacked(t: MotionTables, x: Array) -> tuple[Array, Array]:
+    """End derivatives by s, (n, 2, m) and (n, my), at the varied parameters x (n, P)."""
+    position, yaw, nb = t.fixed.copy(), t.fixed_yaw.copy(), t.slope.size
+    for i in range(len(x)):
+        mu, slope = x[i, 0], 0.0
+        for k in range(nb):
+            slope += t.slope[k] * x[i, k]
+        first = nb
+        for axis in range(3):
+            end, shapes = (position[i, axis], t.shapes) if axis < 2 else (yaw[i], t.turns)
+            end[1] += mu * t.velocity[i, axis]
+            departing = mu**2 * t.acceleration[i, axis] + slope * t.velocity[i, axis]
+            end[2] += t.given[axis] * departing
+            for j in range(end.size):
+                for q in range(shapes.shape[1]):
+                    end[j] += shapes[j, q] * x[i, first + q]
+            first += shapes.shape[1]
+    return position, yaw
+
+
+@compiled
+def powers_at(coefficients: Array, u: float) -> tuple[float, float, float]:
+    """Value at u of the polynomial with these coefficients of its powers, and two derivatives."""
+    value, first, second = 0.0, 0.0, 0.0
+    for k in range(coefficients.size - 1, -1, -1):
+        second = second * u + first
+        first = first * u + value
+        value = value * u + coefficients[k]
+    return value, first, 2.0 * second
+
+
+@compiled
+def arc_at(times: Array, duration: float, since: float) -> float:
+    """
+    Return s in [0, 1] at which a time that rises with s, of powers `times`, is `since` [s].
+
+    By Newton's method in a bracket.
+    """
+    s = min(max(since / duration, 0.0), 1.0)
+    low, high = 0.0, 1.0
+    if times.size == 2 or s == 0.0 or s == 1.0:
+        return s
+    for step in range(_MOST_STEPS):
+        time, mu, _ = powers_at(times, s)
+        error = time - since
+        if abs(error) <= 1e-15 * duration:
+            break
+        if error < 0.0:
+            low = s
+        else:
+            high = s
+        last, s = s, s - error / mu
+        if not low <= s <= high or (step >= _NEWTON_STEPS and step % 3 == 2):
+            s = 0.5 * (low + high)
+        if s == last:
+            break
+    return s
+
+
+@compiled
+def _arcs_at(times: Array, duration: float, since: Array) -> Array:
+    found = np.empty(since.size)
+    for k in range(since.size):
+        found[k] = arc_at(times, duration, since[k])
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,31 +232,41 @@ class FormationMotion:
         return np.asarray(self.rates.mean(axis=1))
 
 
-def departing(degree: int) -> list[Array]:
-    """Return mu and mu_s at the start by the coefficients b, (q + 1,) each."""
-    return [bernstein_basis(degree, 0.0, d) for d in range(2)]
-
-
 class ReferenceMotion:
     """
     Map from a robot's varied parameters (P,) to its motion, for all n robots at once.
 
-    The varied parameters of one robot are b (q + 1), q of x (nf), of y (nf), of yaw (ny), in units
-    of `scales` (P,).
+    The varied parameters of one robot are b (q + 1), q of x (nf), of y (nf), of yaw (ny); they
+    are scaled by `units` (P,).
     """
 
     def __init__(self, task: FormationTask, form: MotionForm = DEFAULT_FORM) -> None:
         self.task, self.form = task, form
-        self.order, self.degree, self.vary_ends = form.order, form.degree, form.vary_ends
         self.basis = end_derivatives(form.order, form.vary_ends)
         self.yaw_basis = end_derivatives(form.yaw_order, False)
-        self.departing = departing(self.degree)
-        self.nb, self.nf = self.degree + 1, self.basis.free.shape[1]
+        self.nb, self.nf = form.degree + 1, self.basis.free.shape[1]
         self.ny = self.yaw_basis.free.shape[1]
         self.size = self.nb + 2 * self.nf + self.ny
-        self.time_scale, self.length_scale = _scales(task)
-        self.scales = np.repeat(
-            [self.time_scale, self.length_scale, _YAW_SCALE], [self.nb, 2 * self.nf, self.ny]
+        way = np.linalg.norm(task.goal - task.departure, axis=1)
+        speed = float(np.linalg.norm(task.velocity, axis=1).max())
+        longest = max(float(way.max()), task.separation)
+        self.time = max(2.4 * math.sqrt(longest / task.thrust), speed / task.thrust)
+        self.units = np.repeat(
+            [self.time, 10.0 * longest, _YAW_SCALE], [self.nb, 2 * self.nf, self.ny]
+        )
+        fixed = np.zeros((task.n, 2, form.order + 1))
+        fixed[..., 0], fixed[..., self.basis.goal] = task.departure, task.goal
+        fixed_yaw = np.zeros((task.n, form.yaw_order + 1))
+        fixed_yaw[:, 0], fixed_yaw[:, self.yaw_basis.goal] = task.departure_yaw, task.goal_yaw
+        self.tables = MotionTables(
+            shapes=self.basis.free,
+            turns=self.yaw_basis.free,
+            fixed=fixed,
+            fixed_yaw=fixed_yaw,
+            velocity=np.column_stack([task.velocity, task.yaw_rate]),
+            acceleration=np.column_stack([task.acceleration, task.yaw_acceleration]),
+            given=np.array([1.0 - form.vary_ends, 1.0 - form.vary_ends, 1.0]),
+            slope=bernstein_basis(form.degree, 0.0, 1),
         )
 
     def with_task(self, task: FormationTask) -> ReferenceMotion:
@@ -205,74 +280,34 @@ class ReferenceMotion:
         `bend` gives the second derivatives (n, 2, K) at arcs s (K,). The yaw is at rest.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        s = (nodes + 1) / 2
-        base = self.unpack(self.pack(b, np.zeros((len(b), 2, self.nf)))).position
-        curvature = self.values(s, 2)
-        missed = (bend(s) - base @ curvature.T) * (weights / 2)
-        return self.pack(b, missed @ (curvature @ self.basis.free))
+        s, nb = (nodes + 1) / 2, self.nb
+        x = np.zeros((len(b), self.size))
+        x[:, :nb] = b
+        curvature = self.basis.basis.values(s, 2)
+        missed = (bend(s) - self.unpack(x).position @ curvature.T) * (weights / 2)
+        shape, last = missed @ (curvature @ self.basis.free), self.size - self.ny
+        x[:, nb:last] = shape.reshape(len(b), -1)
+        return x
 
-    def raise_order(self, low: ReferenceMotion, z: Array) -> Array:
-        """Varied parameters (n, P) of the same motions as `low` with z, of lower order, has."""
-        motion = low.unpack(z)
-        raised = self.fit(motion.rates, lambda s: motion.position @ low.values(s, 2).T)
-        if self.ny:
-            own, its = self.size - self.ny, low.size - low.ny
-            raised[:, own:] = z[:, its:]
+    def raise_order(self, low: ReferenceMotion, x: Array) -> Array:
+        """Varied parameters (n, P) of the same motions as `low` with x, of lower order, has."""
+        motion = low.unpack(x)
+        curvature = low.basis.basis.values
+        raised = self.fit(motion.rates, lambda s: motion.position @ curvature(s, 2).T)
+        own, its = self.size - self.ny, low.size - low.ny
+        raised[:, own:] = x[:, its:]
         return raised
 
-    def unpack(self, z: Array) -> FormationMotion:
-        """Motions at the scaled varied parameters z (n, P)."""
-        task, n = self.task, self.task.n
-        last = self.nb + 2 * self.nf
-        b, shape, turned = np.split(z * self.scales, [self.nb, last], axis=1)
-        mu, slope = ((b @ basis)[:, None] for basis in self.departing)
-        position = shape.reshape(n, 2, self.nf) @ self.basis.free.T
-        position[..., 0], position[..., self.basis.goal] = task.departure, task.goal
-        position[..., 1] = mu * task.velocity
-        if not self.vary_ends:
-            position[..., 2] = mu**2 * task.acceleration + slope * task.velocity
-        yaw = turned @ self.yaw_basis.free.T
-        yaw[:, 0], yaw[:, self.yaw_basis.goal] = task.departure_yaw, task.goal_yaw
-        yaw[:, 1] = mu[:, 0] * task.yaw_rate
-        yaw[:, 2] = mu[:, 0] ** 2 * task.yaw_acceleration + slope[:, 0] * task.yaw_rate
-        return FormationMotion(b, position, yaw)
+    def unpack(self, x: Array) -> FormationMotion:
+        """Motions at the varied parameters x (n, P)."""
+        return FormationMotion(x[:, : self.nb], *unpacked(self.tables, x))
 
-    def values(self, s: Array, derivative: int = 0) -> Array:
-        """Polynomials of x and y by their end derivatives, at s (...), (..., order + 1)."""
-        return self.basis.basis.values(s, derivative)
+    def speed(self, motion: FormationMotion, robot: int, s: Array) -> list[Array]:
+        """Return mu and mu_s of a robot at arcs s (K,)."""
+        b = motion.rates[robot]
+        return [bernstein_basis(self.form.degree, s, d) @ b for d in range(2)]
 
-    def yaw_values(self, s: Array, derivative: int = 0) -> Array:
-        """Polynomials of the attitude by their end derivatives, (..., yaw order + 1)."""
-        return self.yaw_basis.basis.values(s, derivative)
-
-    def speed_basis(self, s: Array, derivative: int) -> Array:
-        """Bernstein polynomials or a derivative of them at s (...)."""
-        return bernstein_basis(self.degree, s, derivative)
-
-    def arc_at(self, motion: FormationMotion, t: Array) -> Array:
-        """Arc s in [0, 1] of every robot at the common instants t (K,) s, (n, K)."""
-        rates, since = motion.rates[:, None], t - self.task.coast[:, None]
-
-        def time(s: Array) -> Array:
-            return np.asarray((bernstein_integral(self.degree, s) * rates).sum(axis=-1))
-
-        def speed(s: Array) -> Array:
-            return np.asarray(1.0 / (bernstein_basis(self.degree, s) * rates).sum(axis=-1))
-
-        return invert_time(time, speed, since, rates.mean(axis=-1))
-
-    def pack(self, b: Array, shape: Array) -> Array:
-        """Scaled varied parameters of b (n, q + 1) s and q (n, 2, nf) m, yaw at rest: (n, P)."""
-        n = len(b)
-        yaw = np.zeros((n, self.ny))
-        scaled = (shape / self.length_scale).reshape(n, -1)
-        return np.concatenate([b / self.time_scale, scaled, yaw], axis=1)
-
-
-def _scales(task: FormationTask) -> tuple[float, float]:
-    """Time [s] and length [m] by which the varied parameters are scaled."""
-    way = np.linalg.norm(task.goal - task.departure, axis=1)
-    speed = np.linalg.norm(task.velocity, axis=1)
-    longest = max(float(way.max()), task.separation)
-    time = max(2.4 * math.sqrt(longest / task.thrust), float(speed.max()) / task.thrust)
-    return time, 10.0 * longest
+    def arcs_at(self, motion: FormationMotion, robot: int, t: Array) -> Array:
+        """Arc s in [0, 1] of a robot at instants t (K,) s."""
+        times, duration = motion.rates[robot] @ passing(self.form.degree), motion.durations[robot]
+        return _arcs_at(times, float(duration), t - self.task.coast[robot])

@@ -30,7 +30,6 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build, ParameterSpec, to_mapping
 from tdm_planner.plants.robot_replay import compile_robot_replay
 from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.formation_checks import check_task
 from tdm_planner.problems.formation_parameters import (
     default_offset,
     default_start,
@@ -39,10 +38,9 @@ from tdm_planner.problems.formation_parameters import (
     robot_names,
     RobotStart,
 )
-from tdm_planner.problems.formation_program import compile_polynomials
-from tdm_planner.problems.formation_search import assessed, gas_used
-from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import robot_constraints
+from tdm_planner.problems.formation_task import check_task, FormationTask
+from tdm_planner.problems.formation_verification import assessed, gas_used, robot_constraints
+from tdm_planner.problems.polynomial_program import compile_polynomials
 from tdm_planner.problems.polynomial_search import PolynomialSearch
 from tdm_planner.problems.reference_motion import MotionForm
 from tdm_planner.problems.thrust_arcs_search import ArcSearch, compile_arcs

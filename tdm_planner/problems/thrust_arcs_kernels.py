@@ -51,8 +51,7 @@ class Fleet(NamedTuple):
     `yaw`, `yaw_rate`, `goal_yaw` (n,); `varied` (n,) those whose motion is varied; `low`, `high`
     (n, 2) where corners may be. `thrust` F [m/s^2], `rate` of the thruster [rad/s]. `pause` [s] is
     the shortest coast, `speed` [m/s] what rounds |p| off at zero, `length` [m] and `time` [s] the
-    units of the parameters, `units` (n, v) as they are scaled; approaches are looked for between
-    instants `interval` s apart.
+    units of the parameters; approaches are looked for between instants `interval` s apart.
     """
 
     start: Array
@@ -72,7 +71,6 @@ class Fleet(NamedTuple):
     speed: float
     length: float
     time: float
-    units: Array
     interval: float
 
 
@@ -331,3 +329,15 @@ def own_slopes(
         for q in range(r):
             mean = 0.5 * (hessian[r, q] + hessian[q, r])
             hessian[r, q] = hessian[q, r] = mean
+
+
+@compiled
+def positions(times: Array, start: Array, velocity: Array, burns: Array) -> Array:
+    """Positions (n, K, 2) of all at `times` (K,)."""
+    n = burns.shape[0]
+    found, at = np.zeros((n, times.size, 2)), np.zeros(6)
+    for i in range(n):
+        for k in range(times.size):
+            place(times[k], start[i], velocity[i], burns[i], at)
+            found[i, k, 0], found[i, k, 1] = at[0], at[1]
+    return found

@@ -24,12 +24,17 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_search import Candidate, FormationSearch
 from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.thrust_arcs_fit import fitted, remaining, resumed
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
-from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned
+from tdm_planner.problems.thrust_arcs_motion import (
+    arc_trajectory,
+    cleaned,
+    fitted,
+    remaining,
+    resumed,
+)
 from tdm_planner.problems.thrust_arcs_program import ArcProgram, HeldMotion
 from tdm_planner.problems.thrust_arcs_seeds import ArcSeeds, MANY, reseated
-from tdm_planner.problems.warm_start import kept_motions, LATE, rest_of
+from tdm_planner.problems.warm_start import kept_motions, LATE
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -42,10 +47,9 @@ _PROMISING = 1.01  # times the best cost: minima that are polished
 _POLISHED = 2  # of them at most
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
 _ROUGH, _FINE = 1e-3, 2e-4  # predicted decrease of J at which a minimum is one
-_RADIUS, _POLISHING_RADIUS = 0.3, 0.1
+_RADIUS, _POLISHING_RADIUS = 0.15, 0.1
 _ITERATIONS = 50
 _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the tolerance
-_MORE_MARGIN = 0.04  # of the separation, that a further round keeps more
 
 
 def arc_motions(candidate: Arcs, task: FormationTask) -> dict[str, Trajectory]:
@@ -89,26 +93,22 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         budget: Budget,
         polynomials: Callable[[Budget], Solution],
         reserve: float,
-        previous: Solution | None = None,
         **shared: Any,
     ) -> None:
         super().__init__(task, rng, budget, **shared)
         self.task = replace(task, thrust=(1.0 - reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
         self._polynomials = polynomials
-        self._kept: dict[str, Trajectory] = {}
-        self._rest = {} if previous is None else rest_of(task, previous)
-        if any(plan.interpolation != 'zero_order_hold' for plan in self._rest.values()):
-            self._rest = {}
-        directly = [self._minima, self._minima] if task.n <= FEW else []
-        resumed = [self._resumed, self._near_polynomials, *directly]
-        self._rounds = resumed if self._rest else [*directly, self._near_polynomials]
         self._last: Infeasible | None = None
+        if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
+            self.rest = {}
+        directly = [self._minima] if task.n <= FEW else []
+        first = [self._resumed, *directly] if self.rest else [*directly, self._again]
+        self.rounds = [*first, self._near_polynomials]
 
-    def candidates(self) -> Iterable[Arcs | Solution]:
-        """Minima, cheapest first: see `widen` for what they come from."""
-        self._kept = {}
-        return self._rounds[0]()
+    def _again(self) -> Iterable[Arcs]:
+        """Minima with more distance kept, where plans failed the check."""
+        return self._minima() if self.rejected else ()
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
         """Yield the minimum with four burns a robot near a plan of polynomials, then that plan."""
@@ -128,7 +128,8 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         """Feasible local minima, cheapest first, the most promising of them polished."""
         program = ArcProgram(self.task)
         seeds = ArcSeeds(program, self.rng)
-        more = (seeds.random() for _ in range(_DESPERATE))
+        # On the way there is little time.
+        more = (seeds.random() for _ in range(0 if self.rest else _DESPERATE))
         guesses = itertools.chain(itertools.islice(seeds.screened(), self.starts), more)
         found = self.minima(program, map(program.reduce, guesses), self._options(), _WORSE)
         for k, candidate in enumerate(found[:_POLISHED]):
@@ -140,20 +141,20 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         """Yield the minimum that the rest of the plan before leads to."""
         task = self.task
         for half_turns in (1.0, LATE):
-            fewer, self._kept = self._kept, kept_motions(task, self._rest, half_turns)
-            if half_turns > 1.0 and len(self._kept) == len(fewer):
+            fewer, self.kept = self.kept, kept_motions(task, self.rest, half_turns)
+            if half_turns > 1.0 and len(self.kept) == len(fewer):
                 break
-            x = resumed(task, self._rest, self._kept)
+            x = resumed(task, self.rest, self.kept)
             held = {
                 task.names.index(name): HeldMotion(remaining(motion), motion.duration)
-                for name, motion in self._kept.items()
+                for name, motion in self.kept.items()
             }
             count = max([(x.shape[1] + 4) // 3, *(len(each.burns) for each in held.values())])
             if count > (x.shape[1] + 4) // 3:
                 break
             program = ArcProgram(task, count, held)
-            xi = np.clip(program.reduce(x), program.lower, program.upper)
-            candidate = self.minimised(program, xi, self._options(_POLISHING_RADIUS))
+            options = self._options(_POLISHING_RADIUS)
+            candidate = self.minimised(program, program.reduce(x), options)
             if candidate is not None:
                 yield candidate
 
@@ -185,27 +186,11 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         if isinstance(candidate, Solution):
             yield candidate
         else:
-            motions = self._kept | arc_motions(candidate, self.task)
-            yield self.assessed(motions, candidate.point.xi)
+            yield self.assessed(arc_motions(candidate, self.task), candidate.point.xi)
 
     def promises_more(self, candidate: Arcs | Solution, than: Arcs | Solution) -> bool:
         """Whether a candidate is cheaper than one that is verified."""
         return candidate.cost < than.cost
-
-    def widen(self) -> bool:
-        """
-        Go on with the next round.
-
-        The rest of an earlier plan comes first, and where it does not do, polynomials: on the way
-        there is little time. First guesses are minimised twice, keeping more distance where plans
-        failed the check. At last come polynomials.
-        """
-        if self._rounds.pop(0) == self._minima:
-            margin = self.task.margin + _MORE_MARGIN * self.task.separation
-            self.task = replace(self.task, margin=margin)
-            if self._rounds[:1] == [self._minima] and not self.rejected:
-                self._rounds.pop(0)
-        return bool(self._rounds)
 
     def failure(self) -> Infeasible:
         """Return why there is no plan, not even by polynomials."""

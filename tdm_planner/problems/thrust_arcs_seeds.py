@@ -17,18 +17,22 @@ sides the guess that looks best is given, the most promising first.
 from __future__ import annotations
 
 from collections.abc import Iterator
-import itertools
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.problems.formation_seeds import combined
-from tdm_planner.problems.thrust_arcs_approaches import positions
-from tdm_planner.problems.thrust_arcs_kernels import CENTRE, Fleet, HALF, own_margins, round_off
+from tdm_planner.problems.formation_seeds import INSTANTS, screened
+from tdm_planner.problems.thrust_arcs_kernels import (
+    CENTRE,
+    Fleet,
+    HALF,
+    own_margins,
+    positions,
+    round_off,
+)
 from tdm_planner.problems.thrust_arcs_program import ArcPoint, ArcProgram
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MANY = 5  # robots from which on choices are richer, and combined by descent
 _BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
@@ -42,11 +46,10 @@ _RICH_CHOICES = (
     *((0.7, bow, 0.35) for bow in (0.0, 0.15, -0.15)),
 )
 _OVERLAP, _RICH_OVERLAP = 0.35, 1.15  # price of coming too near by a unit of length, in costs
-_SPARE = 1.02  # of a clearance, wanted of a guess
+_SPARE = 1.02  # clearances wanted of a guess
+_MEETING = 1.1  # clearances within which it matters on which side robots pass
 _LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
-_INSTANTS = 60
 _STRETCHES = 8  # times that a guess may be given more time
-_TRIES = 30
 _TOUCHING = 1.01  # clearances within which robots touch
 _STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
 _SEATED = 0.02  # of a duration, by which a corner must move to be worth it
@@ -69,24 +72,6 @@ def _survey(
             )[0]  # fmt: skip
             for k in range(burns.shape[1]):
                 gas[i, c] += np.hypot(burns[i, k, 0], burns[i, k, 1])
-
-
-@compiled
-def _encounters(one: Array, other: Array, nearest: Array, sides: Array) -> None:
-    """Least distances (c, d) of paths (c, K, 2), (d, K, 2), and the sense in which they pass."""
-    for c in range(len(one)):
-        for d in range(len(other)):
-            least, at = np.inf, 0
-            for k in range(one.shape[1]):
-                x, y = one[c, k, 0] - other[d, k, 0], one[c, k, 1] - other[d, k, 1]
-                square = x * x + y * y
-                if square < least:
-                    least, at = square, k
-            nearest[c, d] = np.sqrt(least)
-            k = min(max(at, 1), one.shape[1] - 2)
-            x, y = one[c, k] - other[d, k]
-            u, v = one[c, k + 1] - other[d, k + 1] - one[c, k - 1] + other[d, k - 1]
-            sides[c, d] = 1.0 if x * v - y * u > 0.0 else -1.0
 
 
 @compiled
@@ -115,11 +100,7 @@ class ArcSeeds:
 
     def __init__(self, program: ArcProgram, rng: np.random.Generator) -> None:
         self.program, self.task, self.rng = program, program.task, rng
-        n = self.task.n
-        lower = program.full(program.lower)[:, -1]
-        arrivals = program.first + self.task.interval * np.arange(n) + self.task.arrived
-        self.durations = np.minimum(np.maximum(arrivals, lower), 0.98 * self.task.longest)
-        self.durations[self.task.staying] = lower[self.task.staying]
+        self.durations = program.usual_durations()
         self._way = self.task.goal - self.task.start
         normal = np.stack([-self._way[:, 1], self._way[:, 0]], axis=1)
         size = np.maximum(np.linalg.norm(self._way, axis=1), 1e-9)
@@ -151,36 +132,15 @@ class ArcSeeds:
         rich = n >= MANY
         every = np.array(_RICH_CHOICES if rich else _CHOICES)
         x = np.stack([self.guess(*np.tile(c, (n, 1)).T) for c in every], axis=1)
-        times = np.linspace(0.0, self.durations.max(), _INSTANTS)
-        paths, gas = np.zeros((n, len(every), _INSTANTS, 2)), np.zeros((n, len(every)))
+        times = np.linspace(0.0, self.durations.max(), INSTANTS)
+        paths, gas = np.zeros((n, len(every), INSTANTS, 2)), np.zeros((n, len(every)))
         burns = program.evaluate(program.reduce(x[:, 0])).cache.burns[:n]
         _survey(x, program.fleet, times, paths, gas, burns)
-        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.fleet.length
-        single = self.task.weights[2] * gas + price * self._blocked(paths)
-        pair = np.zeros((n, n, len(every), len(every)))
-        sides = np.zeros_like(pair)
-        couples = list(itertools.combinations(range(n), 2))
-        for i, j in couples:
-            if program.fleet.clearances[i, j] == 0.0:
-                continue
-            nearest = np.zeros(pair.shape[2:])
-            _encounters(paths[i], paths[j], nearest, sides[i, j])
-            pair[i, j] = price * np.maximum(_SPARE * program.fleet.clearances[i, j] - nearest, 0.0)
-            pair[j, i] = pair[i, j].T
-        combinations = combined(single, pair, np.zeros((1, n), dtype=np.intp), _TRIES, self.rng)
-        passed = np.zeros((len(combinations), len(couples)))
-        for q, (i, j) in enumerate(couples):
-            passed[:, q] = sides[i, j][combinations[:, i], combinations[:, j]]
-        bows = np.sign(every[combinations, 1])[:, program.varied]
-        _, first = np.unique(np.hstack([passed, bows]), axis=0, return_index=True)
-        for chosen in combinations[np.sort(first)]:
+        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
+        single = self.task.weights[2] * gas
+        alike = np.zeros(len(every))  # a bow round nobody makes no other minimum
+        for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
             yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
-
-    def _blocked(self, paths: Array) -> Array:
-        """How much nearer than they may (n, c) paths (n, c, K, 2) come to what stands still."""
-        centres, wanted = self.task.circles()
-        apart = np.linalg.norm(paths[:, :, None] - centres[:, None], axis=-1).min(axis=-1)
-        return np.asarray(np.maximum(wanted[:, None] - apart, 0.0).sum(axis=-1))
 
     def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
         """Guess with every corner where the robot comes nearest to another on its way."""

@@ -83,7 +83,7 @@ def _elapsed_on(plans: list[Trajectory], now: Array) -> float:
 
 def warm_parameters(model: ReferenceMotion, usual: Array, rest: Mapping[str, Trajectory]) -> Array:
     """
-    Scaled varied parameters (n, P) that bend as the `rest` of a plan does.
+    Varied parameters (n, P) that bend as the `rest` of a plan does.
 
     Robots whose motion has ended take the `usual` durations (n,) s, and go straight.
     """
@@ -101,9 +101,9 @@ def warm_parameters(model: ReferenceMotion, usual: Array, rest: Mapping[str, Tra
             found[i] = push * np.stack([np.cos(heading), np.sin(heading)])
         return found
 
-    b = np.repeat(durations[:, None], model.nb, axis=1)
-    straight = model.pack(b, np.zeros((len(plans), 2, model.nf)))
-    return np.where(ended[:, None], straight, model.fit(b, bend))
+    x = model.fit(np.repeat(durations[:, None], model.nb, axis=1), bend)
+    x[ended[:, None] & (np.arange(model.size) >= model.nb)] = 0.0
+    return x
 
 
 def kept_motions(

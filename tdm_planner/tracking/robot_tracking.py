@@ -192,9 +192,9 @@ class RobotTracker(TrajectoryTracker):
         elapsed = time - motion.start
         at = motion.trajectory.times[0] + elapsed
         interval = self.parameters.interval
-        reference = motion.trajectory.sample(at).state
+        instants = at + interval * np.array([0.0, 0.5, 1.0])
+        reference, middle, after = motion.trajectory.sample(instants).state
         thrust, _, torque = law.feedforward.mean(at, at + interval)
-        middle = motion.trajectory.sample(at + 0.5 * interval).state
         driven = self.parameters.plant.derivative(middle, np.array([thrust, 0.0, torque]))
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
@@ -202,7 +202,7 @@ class RobotTracker(TrajectoryTracker):
         wish = self._wish(
             acceleration=-self._stiffness * error[:2] - self._damping * error[2:4],
             torque=torque + self._yaw_feedback(error),
-            alpha=float(motion.trajectory.sample(at + interval).state[_ALPHA]) + near,
+            alpha=float(after[_ALPHA]) + near,
             reach=Reach(reach.lower + near, reach.upper + near),
         )
         if law.burns is not None:

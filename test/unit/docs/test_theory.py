@@ -21,7 +21,12 @@ from tdm_planner.parameters import to_mapping
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.rotary_pendulum import driven
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_verification import penalty
+from tdm_planner.problems.formation_verification import (
+    penalty,
+    robot_constraints,
+    separation_constraints,
+)
+from tdm_planner.verification import check
 
 RNG = np.random.default_rng(7)
 
@@ -66,27 +71,28 @@ def test_performance_index_is_equation_28(formation):
 def test_penalty_is_equation_29_mended(formation):
     task = formation[0].task
     # Everything is violated: walls, limits of all kinds, and the distance of neighbours.
-    states, controls = RNG.normal(size=(500, 7 * task.n)), RNG.normal(size=(500, 3 * task.n))
+    times, n, m = np.arange(500.0), task.n, task.separation
+    states, controls = RNG.normal(size=(500, 7 * n)), RNG.normal(size=(500, 3 * n))
     k = np.array([0.1, 0.2, 0.3, 0.4])
-    n, m = task.n, task.separation
 
     def square(margin: np.ndarray) -> float:
         return float(np.maximum(-margin, 0.0).max() ** 2)
 
-    delta = 0.0
-    every = states.reshape(len(states), n, 7)[:, :, :2]
+    delta, worst = 0.0, []
+    robots = states.reshape(len(states), n, 7)
+    every = robots[..., :2]
     for i in range(n):
-        place = every[:, i]
-        f = controls[:, 3 * i] / task.plant.mass / task.thrust
-        t = controls[:, 3 * i + 2] / task.plant.inertia / task.torque
-        turn = controls[:, 3 * i + 1] / task.thruster_rate
-        for q in range(2):
-            delta += k[0] * square(place[:, q] - m / 2)
-            delta += k[0] * square(task.sides[q] - m / 2 - place[:, q])
+        place, own = every[:, i], controls.reshape(len(states), n, 3)[:, i]
+        f = own[:, 0] / task.plant.mass / task.thrust
+        t = own[:, 2] / task.plant.inertia / task.torque
+        delta += k[0] * square(np.minimum(place, task.sides - place).min(axis=1) - m / 2)
         delta += k[1] * square(np.minimum(1 - f, f))
-        delta += k[2] * (square(1 - np.abs(t)) + square(1 - np.abs(turn)))
+        delta += k[2] * square(1 - np.abs(t))
+        delta += k[2] * square(1 - np.abs(own[:, 1]) / task.thruster_rate)
         for other in range(i):
             apart = place - every[:, other]
             delta += k[3] * square(np.hypot(*apart.T) - m)
+        worst.append(check(robot_constraints(task), times, robots[:, i], own)[0])
+    pairs = check(separation_constraints(task), times, states, controls)[0]
     assert delta > 0.1
-    assert penalty(task, states, controls, k) == pytest.approx(delta, rel=1e-9)
+    assert penalty(task, worst, pairs, k) == pytest.approx(delta, rel=1e-9)

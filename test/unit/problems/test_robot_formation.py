@@ -18,10 +18,9 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.problems import formation_verification, RobotFormation, RobotStart, Solution
-from tdm_planner.problems.formation_checks import least_time
-from tdm_planner.problems.formation_search import gas_used
 from tdm_planner.problems.formation_size import resized
-from tdm_planner.problems.formation_verification import verify_formation
+from tdm_planner.problems.formation_task import least_time
+from tdm_planner.problems.formation_verification import assessed, gas_used
 from tdm_planner.trajectory import Trajectory
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -132,6 +131,7 @@ def alone(start, goal, name='only', **more):
     return {'robots': [name]} | IN_PLACE | pose(name, start, goal, **more)
 
 
+ACROSS = (0.5, 2.0, 0.0), (3.5, 2.0, 0.0)
 TWO = {'robots': ['left', 'right']} | IN_PLACE
 MOVER = pose('right', (3.0, 2.0, 0.0), (1.0, 2.0, 0.0))
 SWAP = TWO | MOVER | pose('left', (1.0, 2.0, 0.0), (3.0, 2.0, 0.0))
@@ -152,8 +152,7 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
         (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
         (alone((2.0, 2.0, 0.1), (2.0, 2.0, 0.1)), None),
         (
-            alone((0.5, 2.0, 0.0), (3.5, 2.0, 0.0))
-            | {'arena.obstacles': [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]},
+            alone(*ACROSS) | {'arena.obstacles': [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]},
             None,
         ),
         (
@@ -253,19 +252,16 @@ def test_warm_start_from_a_active_plan(default):
 
 def test_verification_catches_perturbed_plans(default):
     problem, plans = formation(), dict(default.trajectories)
-    weights = np.array(problem.weights.penalty)
-    assert verify_formation(problem.task, plans, weights).ok
+    assert problem.assess(plans).verification.ok
     pushed = replace(plans['robot1'], controls=plans['robot1'].controls * [1.05, 1.0, 1.0])
-    check = verify_formation(problem.task, plans | {'robot1': pushed}, weights)
+    check = problem.assess(plans | {'robot1': pushed}).verification
     assert not check.ok
-    assert any('robot1' in reason for reason in check.overall.reasons)
+    assert any('robot1' in reason for reason in check.reasons)
     over = plans['robot2'].controls.copy()
     over[5, 0] = 1.2 * problem.limits.thrust
-    check = verify_formation(
-        problem.task, plans | {'robot2': replace(plans['robot2'], controls=over)}, weights
-    )
-    assert any('thrust is violated' in reason for reason in check.overall.reasons)
-    assert check.penalty > 0
+    plan = problem.assess(plans | {'robot2': replace(plans['robot2'], controls=over)})
+    assert any('thrust is violated' in reason for reason in plan.verification.reasons)
+    assert plan.penalty > 0
 
 
 def test_verification_catches_collisions_with_robots_that_have_arrived():
@@ -279,18 +275,18 @@ def test_verification_catches_collisions_with_robots_that_have_arrived():
         'second': formation(**alone(*second, name='second')).solve().trajectories['second'],
     }
     task = formation(**apart, **first, **pose('second', *second)).task
-    check = verify_formation(task, plans, np.full(4, 0.25))
-    assert not check.ok
-    assert check.overall.worst['separation first-second'] < -0.3
-    assert check.penalty > 1e-3
+    plan = assessed(task, plans, np.full(4, 0.25), 1e-6, np.zeros(0))
+    assert not plan.verification.ok
+    assert plan.verification.worst['separation first-second'] < -0.3
+    assert plan.penalty > 1e-3
 
 
 def test_no_plan_is_explained():
     with pytest.raises(DeadlineExceeded, match='within 1e-06 s'):
-        formation().solve(deadline=1e-6)
+        formation(**alone(*ACROSS), **{'arena.obstacles': [2.0, 2.0, 0.7]}).solve(deadline=1e-6)
     late = {'solver.longest': 11.0, 'solver.starts': 2}
     with pytest.raises(Infeasible, match=r"limits\.thrust of 'only'"):
-        formation(**alone((0.5, 2.0, 0.0), (3.5, 2.0, 0.0)), **late).solve()
+        formation(**alone(*ACROSS), **late).solve()
 
 
 @pytest.mark.parametrize(

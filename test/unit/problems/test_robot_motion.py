@@ -17,7 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.direct_method.virtual_arc import bernstein_integral, reciprocal, time_derivatives
+from tdm_planner.direct_method.virtual_arc import (
+    bernstein_basis,
+    bernstein_integral,
+    reciprocal,
+    time_derivatives,
+)
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.reference_motion import end_derivatives, MotionForm, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
@@ -53,18 +58,19 @@ def moving_task(seed):
 
 def random_parameters(model, seed):
     rng = np.random.default_rng(seed)
-    z = rng.normal(0, 0.3, (3, model.size))
-    z[:, : model.nb] = rng.uniform(0.6, 1.4, (3, model.nb))
-    return z
+    x = rng.normal(0, 0.3, (3, model.size))
+    x[:, : model.nb] = rng.uniform(0.6, 1.4, (3, model.nb))
+    return x * model.units
 
 
 def in_time(model, motion, s, derivative):
     """Positions and attitudes (n, 3) at arc s, differentiated with respect to time."""
-    speed = reciprocal([(motion.rates @ model.speed_basis(s, d))[:, None] for d in range(2)])
+    rates = [bernstein_basis(model.form.degree, s, d) for d in range(2)]
+    speed = reciprocal([(motion.rates @ each)[:, None] for each in rates])
 
     def along(d):
-        position = motion.position @ model.values(s, d)
-        yaw = motion.yaw @ model.yaw_values(s, d)
+        position = motion.position @ model.basis.basis.values(s, d)
+        yaw = motion.yaw @ model.yaw_basis.basis.values(s, d)
         return np.concatenate([position, yaw[:, None]], axis=1)
 
     return time_derivatives([along(d) for d in range(derivative + 1)], speed)[derivative]
@@ -81,7 +87,7 @@ def test_boundary_conditions_hold_whatever_is_varied(form, seed):
         expected = np.concatenate([places, yaws[:, None]], axis=1)[:, axes]
         assert in_time(model, motion, s, derivative)[:, axes] == pytest.approx(expected, abs=1e-9)
 
-    given_axes = slice(0, 3) if not model.vary_ends else slice(2, 3)
+    given_axes = slice(0, 3) if not model.form.vary_ends else slice(2, 3)
     rest = np.zeros((3, 2)), np.zeros(3)
     expect(0.0, 0, task.departure, task.departure_yaw)
     expect(0.0, 1, task.velocity, task.yaw_rate)
@@ -96,7 +102,8 @@ def test_time_along_the_arc_is_inverted():
     model = ReferenceMotion(task, MotionForm(7, 5, 2))
     motion = model.unpack(random_parameters(model, 17))
     t = np.linspace(0.0, 40.0, 41)
-    for s, rates, coast in zip(model.arc_at(motion, t), motion.rates, task.coast, strict=True):
+    for robot, (rates, coast) in enumerate(zip(motion.rates, task.coast, strict=True)):
+        s = model.arcs_at(motion, robot, t)
         times = bernstein_integral(rates.size - 1, s) @ rates
         last = bernstein_integral(rates.size - 1, 1.0) @ rates
         assert times == pytest.approx(np.clip(t - coast, 0.0, last), abs=1e-9)

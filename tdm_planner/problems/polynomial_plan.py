@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.problems.formation_verification import flown
+from tdm_planner.problems.reference_motion import acceleration as in_time
 from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMotion
-from tdm_planner.problems.robot_statement import acceleration as in_time
 from tdm_planner.problems.thrust_direction import ThrustDirection
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
@@ -63,10 +63,10 @@ def wanted(model: ReferenceMotion, motion: FormationMotion, robot: int) -> Wante
     duration = coast + float(motion.durations[robot])
     count = min(_SAMPLES, max(8, int(duration / _SHORTEST_STEP)))
     times = to_nanoseconds(np.linspace(0.0, duration, count))
-    s = model.arc_at(motion, times)[robot]
-    speed = [model.speed_basis(s, d) @ motion.rates[robot] for d in range(2)]
-    turn = [motion.yaw[robot] @ model.yaw_values(s, d).T for d in range(3)]
-    path = [motion.position[robot] @ model.values(s, d).T for d in (1, 2)]
+    s = model.arcs_at(motion, robot, times)
+    speed = model.speed(motion, robot, s)
+    turn = [motion.yaw[robot] @ model.yaw_basis.basis.values(s, d).T for d in range(3)]
+    path = [motion.position[robot] @ model.basis.basis.values(s, d).T for d in (1, 2)]
     acceleration, yaw_acceleration = in_time(*speed, *path), in_time(*speed, *turn[1:])
     waiting = times < coast
     acceleration[:, waiting] = 0.0
@@ -83,7 +83,7 @@ def initial_misalignment(model: ReferenceMotion, motion: FormationMotion) -> Arr
     little thrust that the thruster can turn on the way.
     """
     task = model.task
-    mu, slope = ((motion.rates @ by_rates)[:, None] for by_rates in model.departing)
+    mu, slope = motion.rates[:, :1], (motion.rates @ model.tables.slope)[:, None]
     acceleration = in_time(mu, slope, motion.position[..., 1], motion.position[..., 2])
     heading = np.arctan2(acceleration[:, 1], acceleration[:, 0])
     away = heading - task.departure_yaw - task.alpha
