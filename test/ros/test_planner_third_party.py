@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import math
 from pathlib import Path
 from typing import Any
 
@@ -169,61 +168,3 @@ def test_without_its_problem_there_is_no_node(planners: Planners, problem: str, 
     with pytest.raises(InvalidProblem) as error:
         planners.start('fatal', {'problem': problem})
     assert says in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ('space', 'wrong', 'reasons', 'correct'),
-    [
-        (
-            'wrong',
-            {'limits.torque': 0, 'limits.torqe': 0.09, 'method': 'magic'},
-            ["'limits.torque' = 0 is not allowed", "'method' = 'magic' is not allowed"],
-            {**STRONG, 'method': 'switching'},
-        ),
-        # Values that contradict each other.
-        (
-            'contradiction',
-            {'plant.inertia.disk': 1e250},
-            [],
-            {**STRONG, 'plant.inertia.disk': 2.334e-4},
-        ),
-    ],
-)
-def test_wrong_values_at_the_start_are_said_until_they_are_corrected(
-    ros: Stepped,
-    planners: Planners,
-    space: str,
-    wrong: dict[str, Any],
-    reasons: list[str],
-    correct: dict[str, Any],
-) -> None:
-    planner = planners.start(space, wrong)
-    done, answer = planners.plan(space)
-    assert not done
-    assert answer['code'] == 'INVALID_PROBLEM'
-    assert all(f'parameter {reason}' in answer['reason'] for reason in reasons)
-    unknown = "parameter 'limits.torqe' is unknown: did you mean limits.torque"
-    assert (unknown in planner.output) == ('limits.torqe' in wrong)
-    assert set(ros.set_parameter_mapping(f'/{space}/planner', correct)) == {''}
-    assert planners.plan(space)[0]
-
-
-def test_replanning_while_a_plan_is_active(ros: Stepped, planners: Planners) -> None:
-    """For a pendulum that hangs on, whatever is planned; nobody is heard to track it."""
-    parameters = {'replan.rate': 5, 'replan.delay': 0.4, 'start.delay': 0.2, **STRONG}
-    planners.start('replan', parameters)
-    publisher = ros.publisher('/replan/joint_states', JointState)
-    plans = ros.subscribe('/replan/trajectory', JointTrajectory, LATCHED)
-    hanging = JointState(name=['pendulum', 'disk'], position=[math.pi, 0.1], velocity=[0.0, 0.0])
-
-    def publish() -> None:
-        publisher.publish(hanging)
-
-    assert not ros.publish_until(publish, lambda: bool(plans), 0.5, every=0.05)
-    assert planners.plan('replan')[0]
-    assert ros.publish_until(publish, lambda: len(plans) >= 3, every=0.05)
-    assert plans[-1].points[0].positions[1] != 0.0
-    assert ros.set_parameters('/replan/planner', replan__rate=0) == ['']
-    ros.settle()
-    count = len(plans)
-    assert not ros.publish_until(publish, lambda: len(plans) > count, 1.0, every=0.1)

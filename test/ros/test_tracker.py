@@ -199,15 +199,6 @@ def test_bytes_that_are_no_trajectory_are_refused(
     assert idle.says('trajectory refused: ')
 
 
-def test_parameters_are_refused_with_a_sentence(ros: Stepped, idle: Bench) -> None:
-    reasons = ros.set_parameters('/scripted/tracker', weights__torque=-1.0, plant__mass=0.0)
-    assert 'weights.torque' in reasons[0]
-    assert 'plant.mass' in reasons[1]
-    assert ros.set_parameters('/scripted/tracker', weights__torque=3.0) == ['']
-    assert idle.tracker.node.tracker.parameters.weights.torque == 3.0
-    assert 'fixed' in ros.set_parameters('/scripted/tracker', rate=100.0)[0]
-
-
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
 ) -> None:
@@ -429,20 +420,6 @@ def begin_elsewhere(plan: Any) -> None:
         point.positions[0] = 3.0
 
 
-@pytest.mark.parametrize(
-    ('spoil', 'reason'),
-    [
-        (lambda plan: setattr(plan.header, 'frame_id', 'map'), "must be 'arena'"),
-        (begin_elsewhere, 'tolerance.start'),
-    ],
-)
-def test_plans_of_robots_are_refused_with_a_reason(
-    scout: Scout, spoil: Callable[[Any], Any], reason: str
-) -> None:
-    scout.offer(spoil)
-    assert scout.says('trajectory refused: ', reason)
-
-
 @pytest.mark.usefixtures('laborious')
 def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
     ros: Stepped, scout: Scout
@@ -467,20 +444,3 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
     assert list(scout.commands[-1].name) == ['thruster', 'reaction_wheel']
     assert list(scout.errors[-1].name) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
     assert np.hypot(*np.array([e.position[:2] for e in scout.errors[taken:]]).T).max() < 0.05
-
-
-def test_a_state_without_thruster_is_not_used(ros: Stepped, scout: Scout) -> None:
-    scout.tracker.end_cleanly()
-    scout.plant.end_cleanly()
-    lonely = Bench(ros, 'lonely', kind='robot')
-    publisher = ros.publisher('/lonely/odom', Odometry)
-    for _ in range(13):
-        odometry = Odometry()
-        odometry.header.frame_id = 'arena'
-        odometry.header.stamp = to_stamp(ros.now)
-        odometry.pose.pose.orientation.w = 1.0
-        publisher.publish(odometry)
-        ros.spin_for(0.1)
-    assert not any(command.effort[0] for command in lonely.commands)
-    assert lonely.says('no state has been received', level=ERROR)
-    lonely.tracker.end_cleanly()

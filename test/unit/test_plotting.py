@@ -133,22 +133,6 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planne
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
 
 
-def test_a_formation_has_every_quantity_of_every_robot(formation: Planned) -> None:
-    problem, solution = formation
-    figure = plot_plans(problem, solution.trajectories)
-    plan = next(iter(solution.trajectories.values()))
-    constraints = ('thrust', 'thruster_rate', 'torque', 'walls')
-    named = {title.partition(' [')[0] for title in axes(figure)}
-    assert named >= {*plan.state_names, *plan.control_names}
-    assert named >= {f'margin of\n{name}' for name in constraints}
-    thrust = axes(figure)['thrust [N]']
-    assert len(thrust.get_lines()) == len(solution.trajectories) + 2
-    assert levels(thrust, LIMIT) == [0.0, problem.limits.thrust]
-    x = next(axis for axis in figure.axes[2:] if axis.get_ylabel() == 'x [m]')
-    half = problem.arena.minimum_separation / 2
-    assert levels(x, LIMIT) == [half, problem.arena.length - half]
-
-
 def test_every_kind_of_file_and_plant(
     swing_up: Planned, formation: Planned, tmp_path: Path
 ) -> None:

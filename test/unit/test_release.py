@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 import re
 import sys
 from xml.etree import ElementTree
@@ -22,7 +21,6 @@ from ros_harness import SOURCE
 import tdm_planner
 from tdm_planner.cli import EXTRAS
 from tdm_planner.starting import REQUIRED
-from tools import links
 
 # What a package that is imported is called by rosdep, where not simply its name.
 ROSDEP_KEYS = {
@@ -115,19 +113,3 @@ def test_every_requirement_is_pinned_and_the_oldest_are_those_of_ubuntu():
     noble = pins('constraints-noble.txt')
     for name in set(oldest) - {'plotly'}:
         assert noble[package_name(name)].startswith(oldest[name]), name
-
-
-def test_links_of_the_pages_are_followed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / 'a.html').write_text('<a href="b.html#x">b</a> <a href="b.html#y">y</a>')
-    (tmp_path / 'b.html').write_text('<p id="x"> <img src="c.png"> <a href="https://x">x</a>')
-    monkeypatch.setattr(sys, 'argv', ['links', str(tmp_path)])
-    assert links.main() == 1
-    *dead, last = capsys.readouterr().out.splitlines()
-    assert dead == ['a.html: b.html#y leads nowhere', 'b.html: c.png leads nowhere']
-    assert last == f'{tmp_path}: 2 pages, 2 dead links'
-    monkeypatch.setattr(sys, 'argv', ['links'])
-    with pytest.raises(SystemExit, match='2'):
-        links.main()
-    assert 'required: folder' in capsys.readouterr().err

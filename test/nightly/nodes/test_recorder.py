@@ -17,15 +17,14 @@ from threading import Event
 from types import SimpleNamespace
 from typing import Any
 
-from bag_contents import fill, numbers, read_with_mcap
+from bag_contents import read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
-from tdm_sim.bag_writer import BagWriter
-from tdm_sim.recorder import IncompleteRecording, Progress, record, Recorder
+from tdm_sim.recorder import Progress, record
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
@@ -61,35 +60,6 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     return prepare
 
 
-@pytest.mark.parametrize(
-    ('wanted', 'namespace', 'expected'),
-    [
-        (('mine/plan',), None, ['/mine/plan']),
-        ((), 'mine', ['/mine/one/state', '/mine/plan', '/tf']),
-    ],
-    ids=['topics', 'namespace'],
-)
-def test_what_is_asked_for_and_nothing_of_others(
-    ros: Stepped, tmp_path: Path, wanted: tuple[str, ...], namespace: str | None, expected: Any
-) -> None:
-    topics = ('/mine/one/state', '/mine/plan', '/other/plan', '/minecraft/plan', '/tf')
-    publishers = [ros.node.create_publisher(String, topic, LATCHED) for topic in topics]
-    for publisher in publishers:
-        publisher.publish(String(data='x'))
-    with BagWriter(tmp_path / 'bag') as writer:
-
-        def make(context: Any, cli_args: Any) -> Recorder:
-            return Recorder(writer, wanted, namespace, context=context)
-
-        here = ros.add(make, [])
-        assert ros.spin_until(lambda: all(writer.counts.get(topic) for topic in expected))
-        here.end()
-    for publisher in publishers:
-        ros.node.destroy_publisher(publisher)
-    shared = {'/rosout', '/clock', '/diagnostics', '/tf_static'}
-    assert sorted(set(read_with_mcap(tmp_path / 'bag')) - shared) == expected
-
-
 def test_figures_of_a_recording_that_is_stopped(publish: Publish, tmp_path: Path) -> None:
     bag, seen, stop = tmp_path / 'bag', list[Progress](), Event()
 
@@ -116,18 +86,3 @@ def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> 
     done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
     assert done.elapsed == pytest.approx(0.2, abs=0.011)
     assert read_with_mcap(tmp_path / 'bag') == {}
-
-
-def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
-    publish: Publish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    enter = BagWriter.__enter__
-    monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
-    publish(f'{k:06d}' + 'x' * 40_000 for k in range(10_000))
-    with pytest.raises(IncompleteRecording, match=r'No space left.*; the recording') as caught:
-        record(tmp_path / 'bag', ['/texts'])
-    found = numbers(read_with_mcap(tmp_path / 'bag')['/texts'])
-    assert len(found) > 50
-    assert found == list(range(found[0], found[0] + len(found)))
-    assert f'with {len(found)} messages' in str(caught.value)
-    assert caught.value.progress.messages == len(found)

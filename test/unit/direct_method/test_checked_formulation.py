@@ -246,12 +246,6 @@ def test_names(kind, names, words):
     assert words in message
 
 
-@pytest.mark.parametrize('count', [2, 0, -1, 2.5, None, '41', 10**9])
-def test_numbers_of_nodes(count):
-    with pytest.raises(InvalidProblem, match='number of nodes'):
-        chebyshev_nodes(count)
-
-
 def test_what_is_not_finite_on_the_way_is_only_not_taken():
     """Beyond the first guess a number that is not finite makes a point infinitely bad."""
     short = type('Short', (Cart,), {'running_cost': lambda s, t, x, u: np.sqrt(30.0 - u[0] ** 2)})

@@ -94,24 +94,6 @@ def test_numbers(value):
         refused(lambda: Output(end=value))
 
 
-@pytest.mark.parametrize('order', [-1, 1.5, '1', None, 10**6, True])
-def test_orders_of_conditions(order):
-    message = refused(lambda: Output(start={0: 0.0, order: 1.0}))
-    assert 'order of a derivative given' in message
-
-
-@pytest.mark.parametrize('wrong', [(0.0, 1.0), 'start', 3.0, [(0, 1.0)], SineSeries])
-def test_what_is_no_family_of_shapes(wrong):
-    assert 'family of shapes' in refused(lambda: Output(shapes=wrong))
-    with pytest.raises(TypeError):
-        SineSeries(2) + 'more'
-
-
-@pytest.mark.parametrize('exponents', [None, 3, [1, 2], [(1, 2, 3)], [(1,)], 'ab', []])
-def test_exponents_that_are_no_pairs(exponents):
-    refused(lambda: PowerProducts(exponents))
-
-
 def shaped(shapes, start=(0.0,), end=(0.0,)):
     return lambda: output_basis('x', Output(start, end, shapes=shapes), 0)
 

@@ -9,14 +9,11 @@
 
 """The floating robot's equations and their compiled replay against independent integration."""
 
-import math
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import FloatingRobot
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
@@ -113,10 +110,3 @@ def test_torque_on_the_robot_is_the_motors_on_the_wheel():
     omega = np.array([0.0, h * torque / ROBOT.inertia])
     absolute = omega + ROBOT.wheel_speed(omega)
     assert np.diff(absolute)[0] / h == pytest.approx(-torque / ROBOT.wheel_inertia)
-
-
-@pytest.mark.parametrize('name', ['mass', 'inertia', 'wheel_inertia'])
-@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, 'heavy'])
-def test_refuses_constants_that_are_not_positive(name, value):
-    with pytest.raises(InvalidProblem, match=name):
-        FloatingRobot(**{name: value})

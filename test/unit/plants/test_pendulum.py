@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 import math
 import threading
 
@@ -21,7 +20,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import build
 from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.integrator import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
@@ -35,11 +33,9 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
 from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
-from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_seeds import laws
 from tdm_planner.tracking.motion import wrapped
-from tdm_planner.verification import replay
 
 PLANT = RotaryPendulum()
 
@@ -360,25 +356,6 @@ def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
     assert found <= max(peak, limit) + 0.01
     if peak > limit + 0.5:
         assert found > limit
-
-
-@pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])
-def test_the_replay_agrees_with_scipy(torque: float, method: str) -> None:
-    problem = build(PendulumSwingUp, {'limits.torque': torque, 'method': method})
-    trajectory = problem.solve(deadline=60.0).trajectory
-    times, found = trajectory.times, replay(PLANT, trajectory, trajectory.times)
-    control, state = trajectory.controls_at, trajectory.states[0]
-    for index, (first, last) in enumerate(pairwise(times)):
-        np.testing.assert_allclose(found[index], state, atol=1e-7)
-        held = control(first) if method == 'switching' else None
-        state = solve_ivp(
-            lambda t, x, u=held: PLANT.derivative(x, control(t) if u is None else u),
-            (first, last),
-            state,
-            method='DOP853',
-            rtol=1e-12,
-            atol=1e-13,
-        ).y[:, -1]
 
 
 def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:

@@ -18,7 +18,6 @@ import warnings
 import numpy as np
 import pytest
 from tdm_planner.direct_method import (
-    Budget,
     Duration,
     Integrated,
     Output,
@@ -301,18 +300,3 @@ def test_a_function_without_a_value_is_named_when_no_candidate_does():
     with pytest.raises(VerificationFailed) as caught:
         solve({**QUICKEST, 'derivative': derivative})
     assert "derivative gives the rate of 'v' = nan" in str(caught.value)
-
-
-def test_a_candidate_whose_refinement_was_cut_short_says_so():
-    problem = type('Changed', (Cart,), {'terminal_tolerance': (1e-15, 1e-15)})(solver=DIRECT)
-    budget = Budget(20.0)
-    search = problem.search(budget, np.random.default_rng(0), None)
-    candidate = next(iter(search.candidates()))
-    search.rejected = 'x ends far from the goal'
-    plans = search.plans(candidate)
-    assert not next(plans).verification.ok
-    budget.seconds = 0.0
-    search._minima.program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
-    assert next(plans, None) is None
-    assert search.rejected.endswith('it was not refined further: the time was up')
-    assert isinstance(search.failure(), DeadlineExceeded)

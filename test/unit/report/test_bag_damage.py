@@ -28,10 +28,10 @@ from recordings import (
     pendulum_recording,
     robot_recording,
     START,
-    string,
     told,
     write,
 )
+from std_msgs.msg import String
 from tdm_planner.exceptions import TdmError
 from tdm_sim.report.bag_files import salvaged
 from tdm_sim.report.comparison import compare
@@ -127,7 +127,7 @@ def foreign() -> list[Item]:
     return [
         Item('/odom', START, odometry(START, 'base', [0.0] * 6, 'odom')),
         Item('/joint_states', START, joints),
-        Item('/chatter', START, string('hello')),
+        Item('/chatter', START, String(data='hello')),
     ]
 
 

@@ -16,16 +16,14 @@ import math
 from typing import Any
 
 from missions import (
-    ANGLE_UNITS,
-    ANGLES,
     DURATION,
     formation_mission,
     pendulum_mission,
-    RATES,
     robot_parameters,
 )
 import numpy as np
 import pytest
+from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PendulumView
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
@@ -43,7 +41,6 @@ from tdm_sim.report.mission import (
 from tdm_sim.report.verdict import Verdict
 
 TURN = 2 * math.pi
-NAMES = (*ANGLES, *RATES)
 
 
 def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
@@ -52,9 +49,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
     share = times / DURATION
     states = np.stack([math.pi * (1 + share), 0.5 * share, 0 * share, 0 * share], axis=1)
     torque = np.full((81, 1), 0.014)
-    plan = Trajectory(
-        times, states, torque, NAMES, ('torque',), 'zero_order_hold', ANGLE_UNITS, ('N m',)
-    )
+    plan = Trajectory.of(PENDULUM, times, states, torque)
     at = np.arange(-1.0, 12.0, 0.005)
     progress = np.clip(at / caught_at, 0.0, 1.0)
     theta = np.where(at >= caught_at, TURN, math.pi * (1 + 0.9 * progress))
@@ -65,7 +60,7 @@ def swing_up(caught_at: float = 2.1, peak: float = 0.018) -> Mission:
         'pendulum',
         PendulumView(problem=PendulumSwingUp()),
         (FollowedPlan(plan, 0.0),),
-        states=Signals(at, measured, NAMES, ANGLE_UNITS),
+        states=Signals(at, measured, PENDULUM.state_names, PENDULUM.state_units),
         applied=Signals(at, torque, ('torque',), ('N m',)),
     )
     figures = PlanFigures(

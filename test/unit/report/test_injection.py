@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
 import json
 from pathlib import Path
 from typing import Any
@@ -39,13 +38,10 @@ def poisoned(message: Any, evil: str) -> Any:
         return evil
     if isinstance(message, list):
         return [poisoned(item, evil) for item in message]
-    if not is_dataclass(message):
+    if not hasattr(message, 'get_fields_and_field_types'):
         return message
-    parts = {field.name: getattr(message, field.name) for field in fields(message)}
-    return type(message)(**{
-        name: value if name == '__msgtype__' else poisoned(value, evil)
-        for name, value in parts.items()
-    })  # fmt: skip
+    names = message.get_fields_and_field_types()
+    return type(message)(**{name: poisoned(getattr(message, name), evil) for name in names})
 
 
 def with_strangers(items: list[Item]) -> list[Item]:

@@ -21,7 +21,6 @@ import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking import Phase, TrajectoryRefused
 from tdm_planner.tracking.robot_estimation import EstimatedRobot
-from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.trajectory import Trajectory
 
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
@@ -174,25 +173,6 @@ def test_yaw_may_be_wrapped_and_the_thruster_whole_turns_away() -> None:
     assert away(loop, plan) < 0.01
     assert abs(math.remainder(loop.plant.state[4] - plan.states[-1, 4], math.tau)) < 0.02
     assert abs(loop.plant.state[6] - plan.states[-1, 6] - 4 * math.pi) < math.pi
-
-
-def test_the_thruster_keeps_within_reach_of_what_the_plan_needs(plan: Trajectory) -> None:
-    tracker = robot(plan.states[0]).tracker
-    assert isinstance(tracker, RobotTracker)
-    law = tracker.prepare(plan)
-    lower, upper = law.lower, law.upper
-    assert (lower <= upper).all()
-    # the edges close in no faster than the thruster can turn
-    assert (np.diff(upper) >= -RATE * law.step - 1e-9).all()
-    assert (np.diff(lower) <= RATE * law.step + 1e-9).all()
-    sample = plan.sample(law.step * np.arange(len(lower)))
-    alpha, thrust = sample.state[:, 6], sample.control[:, 0]
-    strong = thrust > 0.5 * thrust.max()
-    assert strong.any()
-    margin = 0.3 * THRUST / thrust[strong]
-    assert (np.abs(np.clip(alpha, lower, upper) - alpha)[strong] < 1e-9).all()
-    assert ((upper - alpha)[strong] <= margin + 1e-9).all()
-    assert ((alpha - lower)[strong] <= margin + 1e-9).all()
 
 
 def test_there_is_no_thrust_while_the_direction_is_off(plan: Trajectory) -> None:
