@@ -11,8 +11,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
@@ -26,7 +24,6 @@ from tdm_planner.nodes.qos import LATCHED
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
-GALLERY = Path(__file__).resolve().parents[2] / 'docs' / 'plants'
 LOOPS = {  # module:Class, whether its end can be held
     'acrobot:Acrobot': True,
     'ball_and_beam:BallAndBeam': True,
@@ -36,11 +33,6 @@ LOOPS = {  # module:Class, whether its end can be held
     'overtaking:Overtaking': False,
 }
 ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
-
-
-@pytest.fixture(autouse=True)
-def _gallery(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(GALLERY)
 
 
 class Loop:
@@ -99,7 +91,7 @@ def test_a_plant_falls_freely_where_its_plan_does(ros: Stepped) -> None:
 
 
 def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
-    loop = Loop(ros, 'drawn_plant:Rail')
+    loop = Loop(ros, 'third_party_problems:Rail')
     moving = ros.subscribe('/own/plant_markers', MarkerArray)
     plan = ros.subscribe('/own/markers', MarkerArray, LATCHED)
     assert max(loop.away(loop.end), loop.away(loop.end + 5 * 10**8)) < ALLOWED
@@ -121,7 +113,9 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
 
 def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
     with pytest.raises(InvalidProblem, match='drawing of Blurred raises IndexError'):
-        ros.start('tdm_sim.stated_plant', {'problem': 'drawn_plant:Blurred'}, namespace='own')
+        ros.start(
+            'tdm_sim.stated_plant', {'problem': 'third_party_problems:Blurred'}, namespace='own'
+        )
 
 
 def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:

@@ -7,18 +7,24 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Problems as another package would bring them; `test_planner_third_party` registers them."""
+"""
+Problems as another package would bring them.
+
+`test_planner_third_party` registers them, `test_own_plant` draws the last two.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import time
 from typing import Any, ClassVar
 
+from double_integrator import DoubleIntegrator as StatedCart
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method import Budget
+from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import Infeasible, VerificationFailed
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import (
@@ -142,3 +148,31 @@ class HomingCart(Problem, Validated):
     ) -> TwoStrokes:
         position = 1.0 if self.side == 'right' else -1.0
         return TwoStrokes(Cart(start=CartStart(position=position)), budget)
+
+
+@dataclass(frozen=True)
+class Rail(StatedCart):
+    """A cart with a lamp on a rail."""
+
+    name: ClassVar[str] = 'rail'
+
+    def joints(self) -> Mapping[str, tuple[str, str]]:
+        return {'cart': ('x', 'v')}
+
+    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
+        place = x[0]
+        return (
+            Line(((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0)), 'limit'),
+            Box((place, 0.0, 0.1), (0.4, 0.2, 0.2)),
+            Disc((place, 0.0, 0.3), 0.1, trail=True),
+        )
+
+
+@dataclass(frozen=True)
+class Blurred(Rail):
+    """The same with a drawing that fails."""
+
+    name: ClassVar[str] = 'blurred'
+
+    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
+        return (x[7],)

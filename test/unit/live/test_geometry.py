@@ -28,7 +28,6 @@ from tdm_sim.live.geometry import (
     GHOST,
     Look,
     picture,
-    UPWARDS,
     view_on,
 )
 
@@ -42,11 +41,6 @@ def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
     assume(np.linalg.norm(direction) > 1e-3)
     _, _, along = axes_of(from_vertical(direction))
     assert along == pytest.approx(direction / np.linalg.norm(direction), abs=1e-7)
-
-
-def test_the_rotations_that_turn_nothing_and_upside_down() -> None:
-    assert from_vertical(np.zeros(3)) == pytest.approx(UPWARDS)
-    assert axes_of(from_vertical(np.array([0.0, 0.0, -3.0])))[2] == pytest.approx([0, 0, -1])
 
 
 @given(vector, st.floats(-3.0, 3.0))
@@ -100,11 +94,3 @@ def test_built_in_plants_are_seen_whole(kind: type) -> None:
     assert np.linalg.norm(places - seen.target, axis=1).max() < seen.size
     assert 0.5 < np.linalg.norm(seen.camera - seen.target) / seen.size < 2.0
     assert places[:, 2].min() >= seen.floor - 1e-9
-
-
-def test_paths_are_lines_and_nothing_is_seen_too() -> None:
-    way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
-    found = picture([], 0.1, [(way, (1, 2, 3))])
-    assert found.lines.shape == (2, 2, 3)
-    assert found.line_colours[0, 0].tolist() == [1, 2, 3]
-    assert view_on([]).size > 0.0

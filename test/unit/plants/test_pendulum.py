@@ -57,80 +57,11 @@ STATES = st.tuples(
 ).map(np.array)
 
 
-def test_the_picture_moves_as_the_equations_of_motion_say():
-    """The centre of mass's velocity gives the kinetic energy that `energy` computes."""
-    rng = np.random.default_rng(0)
-    h = 1e-6
-    for theta, psi, theta_dot, psi_dot in rng.normal(size=(20, 4)):
-        times = np.array([-h, h])
-        ends = pendulum_points(PLANT, theta + theta_dot * times, psi + psi_dot * times)
-        centre = np.mean(ends, axis=0)
-        velocity = (centre[1] - centre[0]) / (2 * h)
-        state = np.array([theta, psi, theta_dot, psi_dot])
-        rotation = 0.5 * (
-            PLANT.inertia.disk * psi_dot**2
-            + PLANT.inertia.z * theta_dot**2
-            + PLANT.inertia.x * (math.sin(theta) * psi_dot) ** 2
-            + PLANT.inertia.y * (math.cos(theta) * psi_dot) ** 2
-        )
-        height = PLANT.com_distance * math.cos(theta)
-        energy = 0.5 * PLANT.mass * velocity @ velocity + rotation
-        energy += PLANT.mass * PLANT.gravity * height
-        assert PLANT.energy(state) == pytest.approx(energy, rel=1e-7)
-
-
 def test_one_tip_is_where_the_vectorised_ones_are():
     shape = RigShape.of(RotaryPendulum(arm_length=0.3))
     angles = np.random.default_rng(1).normal(scale=3.0, size=(50, 2))
     _, tips = pendulum_points(RotaryPendulum(arm_length=0.3), angles[:, 0], angles[:, 1])
     np.testing.assert_allclose([shape.tip(*pair) for pair in angles], tips, atol=1e-12)
-
-
-MODEL = """
-    <mujoco>
-      <option gravity="0 0 -{p.gravity}" integrator="RK4" timestep="1e-4"/>
-      <worldbody>
-        <body>
-          <joint name="psi" axis="0 0 1"/>
-          <inertial pos="0 0 0" mass="1" diaginertia="{i.disk} {i.disk} {i.disk}"/>
-          <body pos="{p.arm_length} 0 0">
-            <joint name="theta" axis="-1 0 0"/>
-            <inertial pos="0 0 {p.com_distance}" mass="{p.mass}" diaginertia="{i.z} {i.x} {i.y}"/>
-          </body>
-        </body>
-      </worldbody>
-      <actuator><motor joint="psi"/></actuator>
-    </mujoco>"""
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_agrees_with_mujoco(seed):
-    """A disk about the vertical, the pendulum hinged to its rim; x is radial."""
-    mujoco = pytest.importorskip('mujoco')
-    rng = np.random.default_rng(seed)
-    inertia = PendulumInertia(
-        disk=rng.uniform(1e-4, 1e-3), x=6e-5 * rng.uniform(0.9, 1.1), y=1e-5, z=6e-5
-    )
-    mass, *lengths = rng.uniform([0.01, 0.05, 0.05], [0.2, 0.2, 0.2])
-    plant = RotaryPendulum(mass, *lengths, inertia=inertia)
-    state = rng.uniform(-1, 1, 4) * [np.pi, 2.0, 8.0, 8.0]
-    torque = rng.uniform(-0.05, 0.05, 1)
-    model = mujoco.MjModel.from_xml_string(MODEL.format(p=plant, i=inertia))
-    data = mujoco.MjData(model)
-    # In the model's joints psi comes first.
-    data.qpos[:], data.qvel[:], data.ctrl[0] = state[[1, 0]], state[[3, 2]], torque[0]
-    for _ in range(5_000):
-        mujoco.mj_step(model, data)
-    expected = np.array([*data.qpos[::-1], *data.qvel[::-1]])
-    found = solve_ivp(
-        lambda t, x: plant.derivative(x, torque),
-        (0.0, 0.5),
-        state,
-        'DOP853',
-        rtol=1e-12,
-        atol=1e-12,
-    ).y[:, -1]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 
 @given(STATES, TORQUES)

@@ -16,7 +16,6 @@ import time
 from typing import Any
 
 import pytest
-from ros_harness import SOURCE
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
@@ -115,8 +114,7 @@ def test_robots_fly_in_formation_and_keep_their_distance() -> None:
     assert row['flown.robot1 - robot2'] > 0.0
 
 
-def test_a_stated_plant_flies_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(SOURCE / 'docs' / 'plants')
+def test_a_stated_plant_flies_as_well() -> None:
     cart = load_problem('double_integrator:DoubleIntegrator')
     row = Trial(cart, {}, ClosedLoop(seeds=2, mismatch=0.02))({'start.x': -0.5})
     assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
