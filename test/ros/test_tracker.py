@@ -188,16 +188,16 @@ def test_bytes_that_are_no_trajectory_are_refused(
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
 ) -> None:
+    other = idle.publisher('trajectory', JointTrajectory)
+    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
+    assert idle.says('2 planners publish /scripted/trajectory')
     plans.publish(message(ros, plan, 0.5))
     ros.spin_for(0.01)
     assert idle.status.message.startswith('waiting')
-    other = idle.publisher('trajectory', JointTrajectory)
-    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
     other.publish(message(ros, plan, 0.39))
     ros.settle()
     told = "it starts 0.1 s before the active one; of 2 planners' plans the one that starts last"
     assert told in idle.status.message
-    assert idle.says('2 planners publish /scripted/trajectory')
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
     plans.publish(message(ros, plan, 0.3))  # one planner may change its mind

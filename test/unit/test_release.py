@@ -7,15 +7,22 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a maintainer looks at before a release: manifest, changelog, versions, links."""
+"""What a maintainer looks at before a release: manifest, changelog, versions, benchmark."""
 
 from __future__ import annotations
 
 import ast
+from pathlib import Path
 import re
+import shutil
 import sys
 from xml.etree import ElementTree
 
+from benchmark import __main__ as command
+from benchmark import figures as records_of_runs
+from benchmark import page, runner
+from benchmark.progress import MARK
+from benchmark.sections import SECTIONS
 import pytest
 from ros_harness import SOURCE
 import tdm_planner
@@ -113,3 +120,44 @@ def test_every_requirement_is_pinned_and_the_oldest_are_those_of_ubuntu():
     noble = pins('constraints-noble.txt')
     for name in set(oldest) - {'plotly'}:
         assert noble[package_name(name)].startswith(oldest[name]), name
+
+
+def shell(script: str) -> tuple[str, tuple[str, ...], list[str]]:
+    said: list[str] = []
+    failure, log = runner._watched(['sh', '-c', script], 600.0, said.append)
+    return failure, log, said
+
+
+@pytest.mark.parametrize(
+    ('code', 'says'),
+    [
+        ('', ''),
+        ('echo "ValueError: a wrong number"; echo; exit 1', 'ValueError: a wrong number'),
+        ('kill -ABRT $$', 'it was ended by SIGABRT'),
+    ],
+)
+def test_how_a_section_ended(code: str, says: str) -> None:
+    failure, log, said = shell(f'echo "{MARK}at work"; echo something else; {code}')
+    assert (failure, said) == (says, ['at work'])
+    assert 'something else' in log
+
+
+def test_a_failure_is_on_the_page_and_in_the_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = runner.Outcome({}, 'today', 1.0, None, 'it broke', ('a line of its log',))
+    monkeypatch.setattr(command, 'run', lambda *_: broken)
+    assert command.main(['--quick', '--output', str(tmp_path)]) == 1
+    text = (tmp_path / 'benchmarks.md').read_text()
+    assert text.count('**failed** - it broke') == len(SECTIONS)
+
+
+def test_the_page_is_that_of_the_figures(tmp_path: Path) -> None:
+    """Written anew from the figures beside it, it is the same."""
+    pytest.importorskip('casadi')
+    shutil.copytree(page.DOCS / 'images', tmp_path / 'images')
+    page.write(records_of_runs.read(page.DOCS), tmp_path)
+    for name in ('benchmarks.md', 'images/benchmark_success.png'):
+        assert (tmp_path / name).stat().st_size > 1000
+    written = (tmp_path / 'benchmarks.md').read_text()
+    assert written == (page.DOCS / 'benchmarks.md').read_text()

@@ -7,12 +7,15 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a recorder takes up, its figures, and how it ends, with messages over DDS."""
+"""A recorder's figures and end; the end of nodes whose executor is interrupted."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import os
 from pathlib import Path
+import subprocess
+import sys
 from threading import Event
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +24,7 @@ from bag_contents import read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_harness import Ros
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
@@ -86,3 +90,53 @@ def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> 
     done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
     assert done.elapsed == pytest.approx(0.2, abs=0.011)
     assert read_with_mcap(tmp_path / 'bag') == {}
+
+
+@pytest.mark.parametrize(
+    ('ending', 'code'),
+    [
+        ('os.kill(os.getpid(), signal.SIGINT)', 0),
+        ('os.kill(os.getpid(), signal.SIGTERM)', 0),
+        ("rclpy.shutdown(); raise RuntimeError('the context is gone')", 0),
+        ("raise RuntimeError('something broke')", 1),
+    ],
+)
+def test_an_end_while_the_executor_takes_up_a_new_publisher(
+    ros: Ros, ending: str, code: int
+) -> None:
+    """An executor interrupted there is left with half of its callbacks, and aborts when freed."""
+    program = f"""
+import os, rclpy, signal, sys
+from rclpy.event_handler import EventHandler
+from rclpy.node import Node
+from std_msgs.msg import String
+from tdm_planner.nodes.runtime import run
+
+class Late(Node):
+    def __init__(self):
+        super().__init__('late')
+        self.create_timer(0.2, self.publish)
+
+    def publish(self):
+        taken_up, original = [], EventHandler.get_num_entities
+        def get_num_entities(handler):
+            taken_up.append(handler)
+            if len(taken_up) == 2:
+                {ending}
+            return original(handler)
+        EventHandler.get_num_entities = get_num_entities
+        for name in 'abc':
+            self.create_publisher(String, name, 1)
+
+sys.exit(run(Late))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == code, done.stderr
+    assert 'Traceback' not in done.stderr
+    assert ('fatal: RuntimeError: something broke' in done.stderr) == (code == 1)
