@@ -37,7 +37,6 @@ from tdm_planner.problems import (
     polynomial_search,
     RobotFormation,
     swing_up_task,
-    switching_method,
     switching_search,
 )
 from tdm_planner.problems.base import Problem
@@ -87,17 +86,6 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
         return replace(found, point=replace(found.point, xi=xi))
 
     _minimisers(patch, noisy)
-
-
-def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
-    """Integrate the pendulum's motions in a few steps, write robots' in few samples."""
-    steps = int(rng.integers(3, 24))
-    for module in (switching_search, switching_method):
-        patch.setattr(module, 'COARSE_STEPS', steps)
-        patch.setattr(module, 'FINE_STEPS', steps)
-    patch.setattr(switching_search, '_SUBSTEPS', 1)
-    patch.setattr(switching_search, '_SAMPLE_TIME', 0.05)
-    patch.setattr('tdm_planner.problems.formation_plan._SAMPLES', int(rng.integers(9, 200)))
 
 
 def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
@@ -158,16 +146,6 @@ def mirrored_controls(patch: Patch, rng: Generator, size: float) -> None:
     _sabotaged(patch, mirror)
 
 
-def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
-    write = polynomial_search.trajectory
-
-    def swapped(model: Any, motion: Any, i: int, *others: Any) -> Trajectory:
-        other = (i + 1) % model.task.n if rng.uniform() < 0.5 else i
-        return write(model, motion, other, *others)
-
-    patch.setattr(polynomial_search, 'trajectory', swapped)
-
-
 def blind_verification(patch: Patch) -> None:
     """Let every plan pass the check; what it would have been refused for stays in `reasons`."""
     verify, verify_formation = SwingUpTask.verify, formation_search.verify_formation
@@ -188,8 +166,8 @@ def nothing(patch: Patch, rng: Generator, size: float) -> None:
 
 
 SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
-    nothing, early_stops, noise_on_parameters, coarse_integration, scaled_controls,
-    scaled_durations, shifted_states, truncated_samples, mirrored_controls, swapped_robots,
+    nothing, early_stops, noise_on_parameters, scaled_controls,
+    scaled_durations, shifted_states, truncated_samples, mirrored_controls,
 )  # fmt: skip
 SMALLEST, LARGEST = 1e-8, 0.3  # sizes of sabotage
 

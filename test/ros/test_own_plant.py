@@ -27,9 +27,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 LOOPS = {  # module:Class, whether its end can be held
     'acrobot:Acrobot': True,
     'ball_and_beam:BallAndBeam': True,
-    'crane:Crane': True,
     'moon_lander:MoonLander': True,
-    'satellite:Satellite': True,
     'overtaking:Overtaking': False,
 }
 ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival

@@ -87,14 +87,6 @@ def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
     np.testing.assert_allclose(place(scene['body', 0].points[1]), pivot, atol=1e-9)
 
 
-@pytest.mark.parametrize(('limit', 'reach'), [(0.5, 0.5), (3.5, math.pi), (1e12, math.pi)])
-def test_the_disk_has_its_limit_around_it(limit: float, reach: float) -> None:
-    around = PendulumDrawing(PLANT, 0.02, limit).surroundings()
-    drawn = plan_markers('world', around, [Way(PENDULUM, np.zeros((1, 4)))])
-    ends = [math.atan2(p.y, p.x) for p in Scene(drawn)['limit', 1].points[::59]]
-    np.testing.assert_allclose(np.abs(ends), reach, atol=1e-9)
-
-
 def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
     state = np.array([1.0, 2.0, 0.0, 0.0, 0.7, 0.0, 1.1])
     scene = shown(ROBOT, state, thrust=0.5)

@@ -22,12 +22,10 @@ from tdm_planner.direct_method.virtual_arc import (
     reciprocal,
     time_derivatives,
 )
-from tdm_planner.plants.slopes import with_curvature, with_slopes
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_program import FormationProgram
 from tdm_planner.problems.formation_seeds import BowSeeds
 from tdm_planner.problems.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.robot_statement import push
 
 FORMS = {
     'default': MotionForm(7, 5, 0, True),
@@ -199,36 +197,6 @@ def test_thrust_torque_and_gas_are_those_of_the_virtual_domain(made):
     assert values.durations == pytest.approx(mu @ weights)
 
 
-def test_slopes_and_curvature_of_a_push_are_those_of_differences():
-    parts = {'local': 8, 'at': 4, 'robot': 5}
-    curved = with_curvature(push, ('local',), weights=2, **parts)
-    rng = np.random.default_rng(2)
-    local = np.array([12.0, 2.0, 11.0, 1.0, *rng.normal(0, 1, 4)])
-    others = rng.normal(0, 1, 4), np.array([0.1, 0.01, -0.05, 0.02, 0.03])
-    weights = np.array([0.7, -1.3])
-
-    def slopes(x):
-        return np.array(with_slopes(push, ('local',), **parts)(x, *others))[2:].reshape(8, 2).T
-
-    found = np.empty(2 + 16 + 64)
-    curved(local, *others, weights, found)
-    assert found[:2] == pytest.approx(push(local, *others))
-    by_local = found[2:18].reshape(8, 2).T
-    assert by_local == pytest.approx(slopes(local))
-    numeric = central(lambda x: np.array(push(x, *others)), local)
-    assert by_local == pytest.approx(numeric, rel=1e-6, abs=1e-8)
-    numeric = central(lambda x: weights @ slopes(x), local)
-    assert found[18:].reshape(8, 8) == pytest.approx(numeric, rel=1e-6, abs=1e-8)
-
-
-def test_gas_is_that_of_a_dense_sum():
-    program, xi = program_and_point('speed factor', True)
-    form = program.model.form._replace(nodes=401)
-    dense = FormationProgram(ReferenceMotion(program.model.task, form))
-    gas, exact = (p.values(xi).gas for p in (program, dense))
-    assert gas == pytest.approx(exact, rel=2e-2)
-
-
 def test_minimiser_reaches_a_feasible_minimum():
     task = RobotFormation().task
     program = FormationProgram(ReferenceMotion(task))
@@ -243,45 +211,7 @@ def test_minimiser_reaches_a_feasible_minimum():
     assert min(costs) == pytest.approx(1.86, rel=0.05)
 
 
-def test_staying_robots_have_only_their_times_varied():
-    task = RobotFormation().task
-    task = replace(task, goal=np.concatenate([task.start[:1], task.goal[1:]]))
-    model = ReferenceMotion(task)
-    program = FormationProgram(model)
-    assert program.free.size == 1 + 2 * model.size
-    xi = program.reduce(next(iter(BowSeeds(model, np.random.default_rng(0)))))
-    found = places(program, xi, np.linspace(0, 30, 50))
-    assert found[0] == pytest.approx(np.tile(task.start[0][:, None], (1, 50)))
-
-
 def test_names_the_constraint_that_is_violated_most():
     for change, words in (({'torque': 1e-5}, 'limits.torque'), ({'separation': 2.5}, 'arena.')):
         program, xi = program_and_point('default', task=replace(RobotFormation().task, **change))
         assert words in program.binding(program.evaluate(xi))
-
-
-def test_held_motions_are_avoided_and_not_varied() -> None:
-    task = RobotFormation().task
-    model = ReferenceMotion(task)
-    every = FormationProgram(model)
-    guess = np.random.default_rng(3).normal(scale=0.05, size=(task.n, model.size))
-    guess[:, 0] = 1.0
-    held = np.full_like(guess, np.nan)
-    held[1] = guess[1]
-    program = FormationProgram(model, held=held)
-    xi = program.reduce(guess)
-    assert xi.size == every.reduce(guess).size - model.size
-    np.testing.assert_array_equal(program.full(xi)[1], guess[1])
-    np.testing.assert_allclose(program.full(xi), guess)
-    with_it, without = program.values(xi), every.values(guess.ravel())
-    np.testing.assert_allclose(with_it.gas, without.gas)
-    np.testing.assert_allclose(with_it.pairs.margins, without.pairs.margins)
-    assert (with_it.thrust[1] > 1.0).all()
-    np.testing.assert_array_equal(with_it.thrust[[0, 2]], without.thrust[[0, 2]])
-    rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
-    assert rows.shape[1] == xi.size
-    held[0] = guess[0]  # two kept robots leave the third all the room there is
-    program = FormationProgram(model, held=held)
-    values = program.values(program.reduce(guess))
-    first, second = program.pairs(values)
-    assert (values.pairs.margins[(first < 2) & (second < 2)] > 1.0).all()
