@@ -73,7 +73,7 @@ def test_default_problem(default):
             motion.states[0] = 0.0
 
 
-@pytest.mark.parametrize(('n', 'seed'), [(1, 0), (3, 2), (5, 4)])
+@pytest.mark.parametrize(('n', 'seed'), [(1, 0), (5, 4)])
 def test_random_crossings(n, seed):
     problem = RobotFormation.from_parameters(crossing(seed, n).parameters(**PATIENT))
     solution = problem.solve()

@@ -35,9 +35,7 @@ FORMS = {
 }
 
 
-@pytest.fixture(
-    params=[(form, case) for form in FORMS for case in ('rest', 'moving', 'stays')], ids=str
-)
+@pytest.fixture(params=[(form, case) for form in FORMS for case in ('rest', 'stays')], ids=str)
 def made(request):
     form, case = request.param
     task = crowded_task(case != 'rest')
