@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A recorder's figures and end; the end of nodes whose executor is interrupted."""
+"""How a recording ends, and nodes whose executor is interrupted."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ import os
 from pathlib import Path
 import subprocess
 import sys
-from threading import Event
 from types import SimpleNamespace
 from typing import Any
 
-from bag_contents import read_with_mcap
+from bag_contents import fill, numbers, read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -28,7 +27,8 @@ from ros_harness import Ros
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
-from tdm_sim.recorder import Progress, record
+from tdm_sim.bag_writer import BagWriter
+from tdm_sim.recorder import IncompleteRecording, record
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
@@ -64,32 +64,26 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     return prepare
 
 
-def test_figures_of_a_recording_that_is_stopped(publish: Publish, tmp_path: Path) -> None:
-    bag, seen, stop = tmp_path / 'bag', list[Progress](), Event()
-
-    def look(progress: Progress) -> None:
-        seen.append(progress)
-        if progress.messages >= 100:
-            stop.set()
-
-    publish('x' * 1000 for _ in range(100_000))
-    done = record(bag, ['/texts'], stop=stop, on_progress=look)
-    assert max(progress.rate for progress in seen) > 0.0
-    assert done.elapsed >= seen[-1].elapsed > 0.0
-    assert done.dropped == 0
-    assert dict(done.counts) == {'/texts': done.messages}
-    assert 100 <= seen[-1].messages <= done.messages
-    assert len(read_with_mcap(bag)['/texts']) == done.messages
-    assert done.size == sum((bag / name).stat().st_size for name in ('bag.mcap', 'metadata.yaml'))
-    assert done.messages * 1000 < done.size
-    assert done.rate == pytest.approx(done.messages / done.elapsed)
-
-
 def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> None:
     publish(())
     done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
     assert done.elapsed == pytest.approx(0.2, abs=0.011)
     assert read_with_mcap(tmp_path / 'bag') == {}
+
+
+def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
+    publish: Publish, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enter = BagWriter.__enter__
+    monkeypatch.setattr(BagWriter, '__enter__', lambda self: fill(enter(self), 3_000_000))
+    publish(f'{k:06d}' + 'x' * 40_000 for k in range(10_000))
+    with pytest.raises(IncompleteRecording, match=r'No space left.*; the recording') as caught:
+        record(tmp_path / 'bag', ['/texts'])
+    found = numbers(read_with_mcap(tmp_path / 'bag')['/texts'])
+    assert len(found) > 50
+    assert found == list(range(found[0], found[0] + len(found)))
+    assert f'with {len(found)} messages' in str(caught.value)
+    assert caught.value.progress.messages == len(found)
 
 
 @pytest.mark.parametrize(

@@ -233,11 +233,9 @@ def test_margins_that_change_their_names():
     ('names', 'words'),
     [
         ('x', 'must be a tuple of names'),
-        (None, 'must be a tuple of names'),
         ((), 'must be a tuple of names'),
         (('x', 'v', 'x'), 'the same name twice'),
         (('x', 3, 'v'), 'must be strings'),
-        (3, 'must be a tuple of names'),
     ],
 )
 def test_names(kind, names, words):
