@@ -263,10 +263,7 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
 @pytest.mark.parametrize(
     ('problem', 'says'),
     [
-        (
-            'pendulum_swingup',
-            'slow_swing_up, or a stated problem such as my_module:MyP',
-        ),
+        ('pendulum_swingup', 'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
         ('3', "parameter 'problem' = 3 is not allowed: must be a string"),
         (f'{__name__}:CartStart', 'is not a subclass of tdm_planner.problems.Problem'),
     ],

@@ -81,18 +81,6 @@ def test_jacobians_match_finite_differences(state, torque):
     np.testing.assert_allclose(by_control[:, 0], difference, rtol=1e-9, atol=1e-6)
 
 
-def test_many_states_at_once_as_one_by_one():
-    states = np.random.default_rng(0).normal(size=(2, 3, 4))
-    controls = np.linspace(-0.1, 0.1, 6).reshape(2, 3, 1)
-    together = PLANT.derivative(states, controls), *PLANT.jacobians(states, controls)
-    assert [found.shape for found in together] == [(2, 3, 4), (2, 3, 4, 4), (2, 3, 4, 1)]
-    for index in np.ndindex(2, 3):
-        one = states[index], controls[index]
-        alone = PLANT.derivative(*one), *PLANT.jacobians(*one)
-        for all_of_them, single in zip(together, alone, strict=True):
-            np.testing.assert_allclose(all_of_them[index], single, rtol=1e-12)
-
-
 def test_upright_and_hanging():
     for angle, name in ((0.0, 'upright'), (np.pi, 'hanging')):
         at_rest = PLANT.jacobians(np.array([angle, 0.0, 0.0, 0.0]), np.zeros(1))

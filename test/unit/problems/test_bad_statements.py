@@ -63,12 +63,6 @@ def changed(**change: Any) -> Any:
     return type('Changed', (Car,), change)
 
 
-def test_the_car_itself_is_planned():
-    plan = Car().solve()
-    assert plan.verification.ok
-    assert np.abs(plan.trajectory.controls).max() <= 2.0 + 1e-4
-
-
 def by_math(self, t, x, u):
     return {'pole': math.sqrt(x[0] ** 2 + x[1] ** 2) - 0.5}
 
