@@ -32,7 +32,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 LOOPS = {  # module:Class, whether its end can be held
     'acrobot:Acrobot': True,
-    'ball_and_beam:BallAndBeam': True,
     'moon_lander:MoonLander': True,
     'overtaking:Overtaking': False,
 }
