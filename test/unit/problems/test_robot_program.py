@@ -213,3 +213,30 @@ def test_names_the_constraint_that_is_violated_most():
     for change, words in (({'torque': 1e-5}, 'limits.torque'), ({'separation': 2.5}, 'arena.')):
         program, xi = program_and_point('default', task=replace(RobotFormation().task, **change))
         assert words in program.binding(program.evaluate(xi))
+
+
+def test_held_motions_are_avoided_and_not_varied() -> None:
+    task = RobotFormation().task
+    model = ReferenceMotion(task)
+    every = FormationProgram(model)
+    guess = np.random.default_rng(3).normal(scale=0.05, size=(task.n, model.size))
+    guess[:, 0] = 1.0
+    held = np.full_like(guess, np.nan)
+    held[1] = guess[1]
+    program = FormationProgram(model, held=held)
+    xi = program.reduce(guess)
+    assert xi.size == every.reduce(guess).size - model.size
+    np.testing.assert_array_equal(program.full(xi)[1], guess[1])
+    np.testing.assert_allclose(program.full(xi), guess)
+    with_it, without = program.values(xi), every.values(guess.ravel())
+    np.testing.assert_allclose(with_it.gas, without.gas)
+    np.testing.assert_allclose(with_it.pairs.margins, without.pairs.margins)
+    assert (with_it.thrust[1] > 1.0).all()
+    np.testing.assert_array_equal(with_it.thrust[[0, 2]], without.thrust[[0, 2]])
+    rows = program.linearise(program.evaluate(xi), None).inequality_jacobian
+    assert rows.shape[1] == xi.size
+    held[0] = guess[0]  # two kept robots leave the third all the room there is
+    program = FormationProgram(model, held=held)
+    values = program.values(program.reduce(guess))
+    first, second = program.pairs(values)
+    assert (values.pairs.margins[(first < 2) & (second < 2)] > 1.0).all()
