@@ -318,10 +318,12 @@ def test_penalty_is_equation_29_mended():
 
     delta, half = 0.0, task.separation / 2
     places = states.reshape(len(states), task.n, 7)[:, :, :2]
+    largest = [
+        task.plant.mass * task.thrust, task.thruster_rate, task.plant.inertia * task.torque
+    ]  # fmt: skip
+    shares = controls.reshape(len(states), task.n, 3) / largest
     for i in range(task.n):
-        f, turn, t = (controls[:, 3 * i : 3 * i + 3] / [
-            task.plant.mass * task.thrust, task.thruster_rate, task.plant.inertia * task.torque
-        ]).T  # fmt: skip
+        f, turn, t = shares[:, i].T
         for side, place in zip(task.sides, places[:, i].T, strict=True):
             delta += k[0] * (square(place - half) + square(side - half - place))
         delta += k[1] * square(np.minimum(1 - f, f))
