@@ -27,8 +27,11 @@ limit_threads()  # nothing above imports numpy
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
+collect_ignore_glob = []
 if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3.13
-    collect_ignore_glob = ['system/test_other_dds.py']
+    collect_ignore_glob.append('system/test_other_dds.py')
+if None in map(importlib.util.find_spec, ('distributed', 'pyarrow')):  # of the extra `study`
+    collect_ignore_glob.append('*/study/*')
 
 # The same cases in every run, and no time limit: the machine may be busy.
 settings.register_profile('same', derandomize=True, deadline=None)

@@ -261,8 +261,7 @@ HARMLESS = [('delay', 0.05), ('delay', 0.07), ('drop', 0.05), ('drop', 0.5), ('d
             ('reorder', 0.03), ('unstamped', 0.0)]  # fmt: skip
 SILENT = [('freeze', 0.0), ('shift', 5.0), ('shift', -5.0), ('repeat', 0.0), ('shift', -2e9)]
 PHASES = ('swing', 'hold')
-QUICK = ('delay 0.07', 'shift -5 in swing', 'stuck in hold', 'simulated time -5 s',
-         'time of day -5 s in swing')  # fmt: skip
+QUICK = 'delay 0.07', 'stuck in hold', 'simulated time -5 s', 'time of day -5 s in swing'
 TIME_OF_DAY = 'time of day'  # at the beginning of the names of faults for nodes that go by it
 FAULTS: dict[str, Callable[[MisledRig], Figures]] = {
     **{f'{kind} {amount:g}': partial(harmless, kind=kind, amount=amount)

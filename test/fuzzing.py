@@ -236,7 +236,7 @@ PROPERTIES: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], Any], int]] 
     'files': (yaml_texts(), becomes(read_file, PendulumSwingUp), 60),
     'bytes': (st.binary(max_size=60), becomes(read_file, PendulumSwingUp), 30),
     'settings': (yaml_texts(), becomes(read_setting, dict), 30),
-    **{f'{plant} trackers': (histories(plant), survived, 60) for plant in TRACKERS},
+    **{f'{plant} trackers': (histories(plant), survived, 40) for plant in TRACKERS},
 }  # fmt: skip
 
 

@@ -18,11 +18,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 # Which of the scale's components a kind of marker reads.
 SCALES = {
-    Marker.ARROW: 'xyz',
     Marker.CUBE: 'xyz',
     Marker.CYLINDER: 'xyz',
     Marker.SPHERE: 'xyz',
-    Marker.TRIANGLE_LIST: 'xyz',
     Marker.LINE_STRIP: 'x',
     Marker.TEXT_VIEW_FACING: 'z',
 }
@@ -60,9 +58,6 @@ def check_drawing(marker: Marker) -> None:
     assert all(math.isfinite(getattr(p, axis)) for p in marker.points for axis in 'xyz')
     if marker.type == Marker.LINE_STRIP:
         assert len(marker.points) >= 2, marker.ns
-    elif marker.type == Marker.TRIANGLE_LIST:
-        assert marker.points
-        assert len(marker.points) % 3 == 0
     else:
         assert not marker.points
     assert bool(marker.text) == (marker.type == Marker.TEXT_VIEW_FACING)

@@ -12,7 +12,7 @@ Plans made in processes of their own, as digests: the same request and seed give
 
 As in the nodes, one thread does the linear algebra (`tdm_planner.starting.limit_threads`). The
 deadlines are long: one that cuts a search short makes the plan depend on the machine's speed.
-Used by `unit/problems/test_problems.py` and `nightly/problems/test_determinism.py`.
+Used by `unit/problems/test_problems.py` and `nightly/test_compilation.py`.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ problems = {
     'plant of ones own': DoubleIntegrator,
 }
 found = {}
-for name in sys.argv[1:] or problems:
-    solution = problems[name]().solve(deadline=120.0, seed=7)
+for name, make in problems.items():
+    solution = make().solve(deadline=120.0, seed=7)
     plan = solution.to_dict()
     del plan['solve_time']
     for robot in plan.get('robots', {}).values():
@@ -55,10 +55,10 @@ print(json.dumps(found))
 """
 
 
-def planned_apart(*names: str, **environment: str) -> dict[str, str]:
-    """Plan for those problems, or all, in a process of its own; a digest of every plan."""
+def planned_apart(**environment: str) -> dict[str, str]:
+    """Plan for all problems in a process of its own; a digest of every plan."""
     done = subprocess.run(
-        [sys.executable, '-W', 'ignore', '-c', CHILD, *names],
+        [sys.executable, '-W', 'ignore', '-c', CHILD],
         env={**os.environ, **ONE_THREAD, 'PYTHONPATH': str(SOURCE), **environment},
         cwd=SOURCE,
         stdout=subprocess.PIPE,

@@ -36,7 +36,6 @@ from tdm_planner.problems import (
     PendulumSwingUp,
     RobotFormation,
     swing_up_task,
-    switching_method,
     switching_search,
 )
 from tdm_planner.problems.base import Problem, Solution
@@ -88,25 +87,14 @@ def noise_on_parameters(patch: Patch, rng: Generator, size: float) -> None:
     _minimisers(patch, noisy)
 
 
-def coarse_integration(patch: Patch, rng: Generator, size: float) -> None:
-    """Integrate the pendulum's motions in a few steps, write robots' in few samples."""
-    steps = int(rng.integers(3, 24))
-    for module in (switching_search, switching_method):
-        patch.setattr(module, 'COARSE_STEPS', steps)
-        patch.setattr(module, 'FINE_STEPS', steps)
-    patch.setattr(switching_search, '_SUBSTEPS', 1)
-    patch.setattr(switching_search, '_SAMPLE_TIME', 0.05)
-    patch.setattr('tdm_planner.problems.polynomial_plan._SAMPLES', int(rng.integers(9, 200)))
-
-
 def _sabotaged(patch: Patch, change: Callable[[Trajectory], Trajectory]) -> None:
     """Change every trajectory before it is checked."""
     check = SwingUpTask.plan
 
-    def plan(self: Any, trajectory: Trajectory, parameters: Any, penalty: float) -> Any:
+    def plan(self: Any, trajectory: Trajectory, *others: Any) -> Any:
         made = change(trajectory)
         made = self.trajectory(made.times, made.states, made.controls, made.interpolation)
-        return check(self, made, parameters, penalty)
+        return check(self, made, *others)
 
     patch.setattr(swing_up_task.SwingUpTask, 'plan', plan)
     _formations(patch, lambda motions: {name: change(t) for name, t in motions.items()})
@@ -195,7 +183,7 @@ def nothing(patch: Patch, rng: Generator, size: float) -> None:
 
 
 SABOTEURS: tuple[Callable[[Patch, Generator, float], None], ...] = (
-    nothing, early_stops, noise_on_parameters, coarse_integration, scaled_controls,
+    nothing, early_stops, noise_on_parameters, scaled_controls,
     scaled_durations, shifted_states, truncated_samples, mirrored_controls, swapped_robots,
 )  # fmt: skip
 SMALLEST, LARGEST = 1e-8, 0.3  # sizes of sabotage

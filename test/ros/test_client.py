@@ -27,14 +27,11 @@ from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
 from tdm_planner.exceptions import (
-    Busy,
     ERRORS,
-    Inactive,
     Infeasible,
     InvalidProblem,
     NoAnswer,
     NoState,
-    PlannerFault,
     TdmError,
 )
 from tdm_planner.nodes.planning import CODES
@@ -140,40 +137,6 @@ def test_every_code_of_the_planner_has_its_exception() -> None:
     }  # fmt: skip
 
 
-def test_a_fault_of_a_problem_is_told_as_one(
-    ros: Stepped, space: str, do: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise ZeroDivisionError('a bug')
-
-    monkeypatch.setattr(PendulumSwingUp, 'solve', fail)
-    fault = pytest.raises(PlannerFault, match='ZeroDivisionError: a bug')
-    with PlanClient(space, node=ros.node) as client, fault:
-        do(client.plan)
-    ros.log.clear()
-
-
-def test_who_asks_meanwhile_is_told_that_the_planner_is_busy(
-    ros: Stepped, space: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clients = [PlanClient(space, node=ros.node) for _ in range(3)]
-    with ThreadPoolExecutor(len(clients)) as pool:
-        asked = [
-            pool.submit(client.plan_with, {'goal.turns': turns})
-            for turns, client in enumerate(clients)
-        ]
-        assert ros.meet(lambda: all(future.done() for future in asked))
-    for turns, future in enumerate(asked):
-        if future.exception() is None:
-            end = future.result().trajectory.states[-1, 0]
-            assert end == pytest.approx(turns * math.tau, abs=1e-4)
-        else:
-            assert isinstance(future.exception(), Busy)
-    assert any(future.exception() is None for future in asked)
-    for client in clients:
-        client.close()
-
-
 def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
     node = rclpy.create_node('user', context=ros._context)
     with PlanClient('nowhere', node=node) as client:
@@ -186,14 +149,6 @@ def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
             client.plan(timeout=0.05)
     ros.node.destroy_publisher(stranger)
     node.destroy_node()
-
-
-def test_an_inactive_planner_says_so(ros: Stepped, do: Call) -> None:
-    here = ros.start(PLANNER, {**STRONG, 'autostart': False}, namespace='asleep')
-    assert here.node.trigger_configure()
-    with PlanClient('asleep', node=ros.node) as client, pytest.raises(Inactive):
-        do(client.plan)
-    here.end_cleanly()
 
 
 def test_robots_have_a_trajectory_each(ros: Stepped, do: Call) -> None:

@@ -11,44 +11,13 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 from data_faults import FAULTS, misled_rig, QUICK
-from pendulum_rig import note, PendulumRig, UPRIGHT
+from pendulum_rig import note
 import pytest
-from ros_harness import MODULES
-from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
-from trajectory_msgs.msg import JointTrajectory
 
 
 @pytest.mark.parametrize('fault', QUICK)
 def test_a_mission_under_a_fault_of_data(ros: Any, fault: str) -> None:
     note(fault, **FAULTS[fault](misled_rig(ros, fault)))
-
-
-def test_two_planners_run_by_mistake(ros: Any) -> None:
-    """It is told of; of their plans the one that starts last is followed."""
-    rig = PendulumRig(ros, 'two')
-    began = rig.now
-    other = ros.start(MODULES['planner'], rig.parameters('planner'), namespace='two')
-    rig.wait(lambda: rig.says('tracker', '2 planners publish /two/trajectory'))
-    note('two planners', detected=rig.now - began)
-    rig.wait(lambda: rig.says('planner', '2 planners publish /two/plan_summary'))
-    rig.wait(lambda: other.output.count('2 planners publish') == 2)  # both have the name
-    ros.request('/two/plan', Trigger)
-    rig.wait(lambda: other.output.count(': plan 1: ') == 2)
-    held = rig.held_since(rig.now)
-    followed = rig.followed[-1]
-    third = ros.publisher('/two/trajectory', JointTrajectory, LATCHED)
-    earlier = copy.deepcopy(followed)
-    earlier.header.stamp = to_stamp(nanoseconds_of(followed.header.stamp) - 100_000_000)
-    third.publish(earlier)
-    rig.wait(lambda: rig.said('tracker', "it starts 0.1 s before the active one; of 3 planners'"))
-    assert rig.followed[-1] == followed
-    ros.node.destroy_publisher(third)
-    other.end()
-    rig.wait(lambda: rig.figure('tracker', 'planners') == 1)
-    rig.wait(lambda: not rig.says('tracker', 'planners publish'))
-    assert rig.lean(held + 0.5) < UPRIGHT

@@ -264,18 +264,6 @@ def test_a_refused_goal_changes_nothing_and_says_why(
     assert not robots.plan.arrays
 
 
-def test_a_goal_while_another_request_is_solved_is_busy(ros: Stepped, robots: Robots) -> None:
-    robots.clear()
-    robots.goal(3.0, 3.3)
-    robots.goal(1.0, 3.0)
-    assert ros.spin_until(lambda: bool(robots.trajectories) and bool(robots.refusals()))
-    assert 'BUSY' in robots.refusals()[0].text
-    assert robots.end == pytest.approx((3.0, 3.3), abs=5e-3)
-    # The accepted one takes the notice away.
-    robots.goal(2.8, 3.3)
-    assert robots.live.shows(lambda scene: 'rejected' not in scene.namespaces)
-
-
 def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Robots) -> None:
     initial = {'initial.x': 1.0, 'initial.yaw': 0.5, 'initial.alpha': 1.0}
     plant = ros.start(

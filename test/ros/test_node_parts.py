@@ -15,9 +15,7 @@ from typing import Any
 
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import Transition
 import pytest
-from rclpy.lifecycle import LifecycleNode
 from ros_harness import MODULES
 from stepped_ros import Stepped
 from tdm_planner.nodes.clocks import MotionClock
@@ -57,23 +55,6 @@ def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> N
     assert [array.status[0].message for array in received] == ['fine', 'fine', 'broken']
     ros.spin_for(2.0)
     assert len(received) == 5
-
-
-def test_rclpy_has_what_managed_nodes_rely_on(ros: Stepped) -> None:
-    """Where a new rclpy has it not, look in nodes/managed.py for what it has instead."""
-    node = LifecycleNode('managed_by_rclpy', context=ros.node.context)
-    service, machine = node._service_change_state, node._state_machine
-    assert service.srv_name.endswith('change_state')
-    assert service in list(node.services)
-    mine = lambda request, response: response  # noqa: E731
-    service.callback = mine
-    assert service.callback is mine
-    found = [transition[:2] for transition in machine.available_transitions]
-    assert sorted(map(tuple, found)) == [
-        (Transition.TRANSITION_CONFIGURE, 'configure'),
-        (Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, 'shutdown'),
-    ]
-    node.destroy_node()
 
 
 # What the planner knows of a tracker: its mode, its plan, its parameters.

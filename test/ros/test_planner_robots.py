@@ -18,8 +18,6 @@ from typing import Any
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 import pytest
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
@@ -158,43 +156,6 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
     assert success, answer
     assert fleet.motions['robot2'][-1].points[0].positions[0] == pytest.approx(2.0)
     assert fleet.set(start__source='parameters') == ['']
-
-
-@pytest.mark.parametrize(
-    ('own', 'words'),
-    [
-        ({'robot1.start.x': 3.3, 'robot1.start.y': 0.8}, ['robot1', 'robot2']),
-        ({'formation.robot1': [9.0, 0.0, 0.0]}, ['robot1']),
-        ({'formation.robot1': [-0.2, 0.39, 0.0]}, ['robot1', 'robot2']),
-        ({'weights.time': 0.0, 'weights.sequence': 0.0, 'weights.gas': 0.0}, ['weights']),
-        ({'robots': ['robot1', 'robot1']}, ['robots']),
-        ({'robot9.start.x': 1.0}, ['robot9.start.x']),
-    ],
-    ids=str,
-)
-def test_contradictions_are_named(
-    ros: Stepped, fleet: Fleet, own: dict[str, Any], words: list[str]
-) -> None:
-    given = [Parameter(name, value=value).to_parameter_msg() for name, value in own.items()]
-    request = SetParametersAtomically.Request(parameters=given)
-    result = ros.call('/robots/plan_with', SetParametersAtomically, request).result
-    answer = json.loads(result.reason)
-    assert answer['code'] == 'INVALID_PROBLEM'
-    assert all(word in answer['reason'] for word in words), answer
-
-
-@pytest.mark.parametrize('robots', ['[]', '[1st]'])
-def test_wrong_names_at_the_start_are_answered(ros: Stepped, robots: str) -> None:
-    given = {**FORMATION, 'start.source': 'parameters'}
-    arguments = ['-p', f'robots:={robots}']
-    node = ros.start(MODULE, given, namespace='/wrong', arguments=arguments)
-    success, answer = ros.trigger('/wrong/plan')
-    assert not success
-    assert answer['code'] == 'INVALID_PROBLEM'
-    assert 'robots' in answer['reason']
-    ros.set_parameters('/wrong/planner', solver__deadline=1.0)
-    assert not ros.trigger('/wrong/plan')[0]
-    node.end_cleanly()
 
 
 def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(

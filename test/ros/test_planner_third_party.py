@@ -7,33 +7,149 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Problems registered by another package, and with them what a solver can do to the planner."""
+"""Problems as another package would bring them, and what their solvers can do to the planner."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-import math
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+import sys
+import time
+from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.direct_method import Budget
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
-import third_party_problems
+from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.problems import (
+    PendulumSwingUp,
+    Problem,
+    Search,
+    Solution,
+    SolverParameters,
+)
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import verify
 from trajectory_msgs.msg import JointTrajectory
 
-ENTRY_POINTS = """[tdm_planner.problems]
-slow_swing_up = third_party_problems:SlowSwingUp
-failing_swing_up = third_party_problems:FailingSwingUp
-cart = third_party_problems:Cart
-homing_cart = third_party_problems:HomingCart
-not_a_problem = third_party_problems:CartStart
-missing_module = no_such_module:Problem
-"""
+Array = NDArray[np.float64]
 STRONG = {'limits.torque': 0.09}
+
+
+@dataclass(frozen=True)
+class SlowSwingUp(PendulumSwingUp):
+    """A swing-up that takes `thinking` s longer to find."""
+
+    name: ClassVar[str] = 'slow_swing_up'
+
+    thinking: float = parameter(1.0, 'time to think', unit='s', allowed=POSITIVE)
+
+    def solve(self, *args: Any, **kwargs: Any) -> Solution:
+        time.sleep(self.thinking)
+        return super().solve(*args, **kwargs)
+
+
+@dataclass(frozen=True)
+class FailingSwingUp(PendulumSwingUp):
+    """Fails as `failure` says."""
+
+    name: ClassVar[str] = 'failing_swing_up'
+
+    failure: str = parameter(
+        'crash', 'how to fail', choices=('crash', 'verification', 'infeasible', 'not')
+    )
+
+    def solve(self, *args: Any, **kwargs: Any) -> Solution:
+        if self.failure == 'crash':
+            raise ZeroDivisionError('a bug\nin the solver')
+        if self.failure == 'verification':
+            raise VerificationFailed('the replay\nmisses the goal')
+        if self.failure == 'infeasible':
+            raise Infeasible('the torque is too weak')
+        return super().solve(*args, **kwargs)
+
+
+@dataclass(frozen=True)
+class CartStart(Validated):
+    position: float = parameter(1.0, 'position', unit='m')
+
+
+@dataclass(frozen=True)
+class Cart(Problem, Validated):
+    """A cart to be pushed to the origin in the shortest time: half the way on, half off."""
+
+    name: ClassVar[str] = 'cart'
+
+    start: CartStart = group(CartStart)
+    force: float = parameter(1.0, 'largest force per mass', unit='m/s^2', allowed=POSITIVE)
+    solver: SolverParameters = group(SolverParameters)
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> TwoStrokes:
+        return TwoStrokes(self, budget)
+
+    def describe(self, plan: Solution) -> str:
+        return 'there in two strokes'
+
+
+class TwoStrokes(Search[float]):
+    """The only candidate is known: the time of one stroke."""
+
+    def __init__(self, cart: Cart, budget: Budget) -> None:
+        super().__init__(budget)
+        self.cart = cart
+
+    def candidates(self) -> list[float]:
+        return [float(np.sqrt(abs(self.cart.start.position) / self.cart.force))]
+
+    def plans(self, candidate: float) -> Iterator[Solution]:
+        x, half = self.cart.start.position, candidate
+        f = -np.sign(x) * self.cart.force
+        motion = Trajectory(
+            times=np.array([0.0, half, 2 * half]),
+            states=np.array([[x, 0.0], [x / 2, f * half], [0.0, 0.0]]),
+            controls=np.array([[f], [-f], [-f]]),
+            state_names=('position', 'velocity'),
+            control_names=('force',),
+        )
+        check = verify(DoubleIntegrator(), motion, np.zeros(2), np.full(2, 1e-9), ())
+        yield Solution({'cart': motion}, check, 2 * half, np.array([half]), 0.0)
+
+    def failure(self) -> Infeasible:
+        return Infeasible('the strokes do not end at the origin')
+
+
+class DoubleIntegrator:
+    state_names = ('position', 'velocity')
+    state_units = ('m', 'm/s')
+    control_names = ('force',)
+    control_units = ('m/s^2',)
+
+    def derivative(self, state: Array, control: Array) -> Array:
+        return np.stack([state[..., 1], control[..., 0]], axis=-1)
+
+
+@dataclass(frozen=True)
+class HomingCart(Problem, Validated):
+    """The same from a place that is no parameter of the start: nothing can be measured."""
+
+    name: ClassVar[str] = 'homing_cart'
+
+    side: str = parameter('right', 'side to start from', choices=('left', 'right'))
+    solver: SolverParameters = group(SolverParameters)
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> TwoStrokes:
+        position = 1.0 if self.side == 'right' else -1.0
+        return TwoStrokes(Cart(start=CartStart(position=position)), budget)
 
 
 class Planners:
@@ -54,14 +170,8 @@ class Planners:
 
 
 @pytest.fixture
-def planners(ros: Stepped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Planners]:
-    """Register the problems by metadata, as pip leaves it."""
-    metadata = tmp_path / 'third_party-1.0.dist-info'
-    metadata.mkdir()
-    (metadata / 'METADATA').write_text('Metadata-Version: 2.1\nName: third-party\nVersion: 1.0\n')
-    (metadata / 'entry_points.txt').write_text(ENTRY_POINTS)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(third_party_problems, 'time', ros.time.as_module())
+def planners(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Iterator[Planners]:
+    monkeypatch.setattr(sys.modules[__name__], 'time', ros.time.as_module())
     made = Planners(ros)
     yield made
     for node in made.started:
@@ -71,7 +181,7 @@ def planners(ros: Stepped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
 def test_while_one_request_is_solved_everything_else_is_served(
     ros: Stepped, planners: Planners
 ) -> None:
-    planners.start('slow', {'problem': 'slow_swing_up', 'thinking': 2.0, **STRONG})
+    planners.start('slow', {'problem': f'{__name__}:SlowSwingUp', 'thinking': 2.0, **STRONG})
     first = ros.request('/slow/plan', Trigger)
     assert ros.says('/slow/planner: planning', 'planning')
     done, answer = planners.plan('slow')
@@ -89,7 +199,7 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
     ros: Stepped, planners: Planners
 ) -> None:
     name = '/failing/planner: planning'
-    planner = planners.start('failing', {'problem': 'failing_swing_up', **STRONG})
+    planner = planners.start('failing', {'problem': f'{__name__}:FailingSwingUp', **STRONG})
     expected = {
         'crash': ('INTERNAL', 'ZeroDivisionError: a bug in the solver', b'\x02'),
         'verification': ('VERIFICATION_FAILED', 'the replay misses the goal', b'\x01'),
@@ -120,7 +230,7 @@ def test_failures_have_their_codes_and_show_in_the_diagnostics(
 
 
 def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Planners) -> None:
-    planners.start('cart', {'problem': 'cart', 'force': 4})
+    planners.start('cart', {'problem': f'{__name__}:Cart', 'force': 4})
     done, answer = planners.plan('cart')
     assert done
     assert answer['duration'] == pytest.approx(1.0)
@@ -145,7 +255,7 @@ def test_a_problem_of_another_kind_is_served_by_names(ros: Stepped, planners: Pl
 
 
 def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: Planners) -> None:
-    planners.start('homing', {'problem': 'homing_cart', 'start.source': 'measured'})
+    planners.start('homing', {'problem': f'{__name__}:HomingCart', 'start.source': 'measured'})
     done, answer = planners.plan('homing')
     assert done, answer
 
@@ -153,77 +263,12 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
 @pytest.mark.parametrize(
     ('problem', 'says'),
     [
-        (
-            'pendulum_swingup',
-            "parameter 'problem' = 'pendulum_swingup' is not allowed: must be one of "
-            'pendulum_swing_up, robot_formation, cart, failing_swing_up, homing_cart, '
-            'missing_module, not_a_problem, slow_swing_up, or a stated problem such as '
-            'my_module:MyProblem (did you mean pendulum_swing_up?)',
-        ),
+        ('pendulum_swingup', 'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
         ('3', "parameter 'problem' = 3 is not allowed: must be a string"),
-        ('missing_module', "ModuleNotFoundError: No module named 'no_such_module'"),
-        ('not_a_problem', 'is not a subclass of tdm_planner.problems.Problem'),
+        (f'{__name__}:CartStart', 'is not a subclass of tdm_planner.problems.Problem'),
     ],
 )
 def test_without_its_problem_there_is_no_node(planners: Planners, problem: str, says: str) -> None:
     with pytest.raises(InvalidProblem) as error:
         planners.start('fatal', {'problem': problem})
     assert says in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ('space', 'wrong', 'reasons', 'correct'),
-    [
-        (
-            'wrong',
-            {'limits.torque': 0, 'limits.torqe': 0.09, 'method': 'magic'},
-            ["'limits.torque' = 0 is not allowed", "'method' = 'magic' is not allowed"],
-            {**STRONG, 'method': 'switching'},
-        ),
-        # Values that contradict each other.
-        (
-            'contradiction',
-            {'plant.inertia.disk': 1e250},
-            [],
-            {**STRONG, 'plant.inertia.disk': 2.334e-4},
-        ),
-    ],
-)
-def test_wrong_values_at_the_start_are_said_until_they_are_corrected(
-    ros: Stepped,
-    planners: Planners,
-    space: str,
-    wrong: dict[str, Any],
-    reasons: list[str],
-    correct: dict[str, Any],
-) -> None:
-    planner = planners.start(space, wrong)
-    done, answer = planners.plan(space)
-    assert not done
-    assert answer['code'] == 'INVALID_PROBLEM'
-    assert all(f'parameter {reason}' in answer['reason'] for reason in reasons)
-    unknown = "parameter 'limits.torqe' is unknown: did you mean limits.torque"
-    assert (unknown in planner.output) == ('limits.torqe' in wrong)
-    assert set(ros.set_parameter_mapping(f'/{space}/planner', correct)) == {''}
-    assert planners.plan(space)[0]
-
-
-def test_replanning_while_a_plan_is_active(ros: Stepped, planners: Planners) -> None:
-    """For a pendulum that hangs on, whatever is planned; nobody is heard to track it."""
-    parameters = {'replan.rate': 5, 'replan.delay': 0.4, 'start.delay': 0.2, **STRONG}
-    planners.start('replan', parameters)
-    publisher = ros.publisher('/replan/joint_states', JointState)
-    plans = ros.subscribe('/replan/trajectory', JointTrajectory, LATCHED)
-    hanging = JointState(name=['pendulum', 'disk'], position=[math.pi, 0.1], velocity=[0.0, 0.0])
-
-    def publish() -> None:
-        publisher.publish(hanging)
-
-    assert not ros.publish_until(publish, lambda: bool(plans), 0.5, every=0.05)
-    assert planners.plan('replan')[0]
-    assert ros.publish_until(publish, lambda: len(plans) >= 3, every=0.05)
-    assert plans[-1].points[0].positions[1] != 0.0
-    assert ros.set_parameters('/replan/planner', replan__rate=0) == ['']
-    ros.settle()
-    count = len(plans)
-    assert not ros.publish_until(publish, lambda: len(plans) > count, 1.0, every=0.1)

@@ -98,13 +98,13 @@ class Rig:
 
 
 # The first plan begins .6 s after its request; the last request waits for it to begin.
-@pytest.mark.parametrize('pauses', [(0.2,), (0.5,), (0.1, 0.2, 0.2)], ids=str)
-def test_the_last_of_several_requests_is_followed(ros: Stepped, pauses: tuple[float, ...]) -> None:
-    namespace = 'second_' + '_'.join(str(round(100 * pause)) for pause in pauses)
+@pytest.mark.parametrize('pause', [0.2, 0.5])
+def test_the_last_of_several_requests_is_followed(ros: Stepped, pause: float) -> None:
+    namespace = f'second_{round(100 * pause)}'
     rig = Rig(ros, namespace, {'start.delay': 0.6, 'start.max_age': 5.0})
-    for pause in (*pauses, 0.0):
-        rig.plan()
-        ros.spin_for(pause)
+    rig.plan()
+    ros.spin_for(pause)
+    rig.plan()
     assert rig.stands_up(), rig.tracker.output
     assert 'stopped' not in rig.tracker.output
     assert 'refused' not in rig.tracker.output

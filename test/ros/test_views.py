@@ -19,9 +19,6 @@ import re
 from typing import Any, NamedTuple
 
 import pytest
-from tdm_planner.views.foxglove import robots_foxglove
-from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
-from tdm_planner.views.topics import absolute
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
@@ -185,67 +182,3 @@ def test_what_is_plotted_is_what_the_label_says(running: Any, plant: str) -> Non
             assert received[-1].name[index] == wanted[key]
             checked += 1
     assert checked >= 5
-
-
-@pytest.mark.parametrize(
-    ('plant', 'frame', 'view', 'parts'),
-    [
-        ('pendulum', 'world', '/Orbit', ['/pendulum']),
-        ('robots', 'arena', '/TopDownOrtho', [f'/robots/{name}' for name in ROBOTS]),
-    ],
-)
-def test_views_show_plan_and_plants_in_their_frame(
-    plant: str, frame: str, view: str, parts: list[str]
-) -> None:
-    manager = rviz(plant)['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == frame
-    assert manager['Views']['Current']['Class'].endswith(view)
-    (scene,) = panels(plant, '3D')
-    assert scene['followTf'] == frame
-    wanted = {f'/{plant}/markers', *(f'{part}/plant_markers' for part in parts)}
-    assert wanted <= {topic for topic, shown in scene['topics'].items() if shown['visible']}
-    assert wanted <= {use.topic for use in rviz_uses(plant)}
-    goals = [use.topic for use in rviz_uses(plant) if use.publishes]
-    assert goals == ([f'{part}/goal_pose' for part in parts] if plant == 'robots' else [])
-
-
-@pytest.mark.parametrize('plant', PLANTS)
-def test_rviz_gets_plain_yaml_with_classes_of_its_own(plant: str) -> None:
-    text = (CONFIG / f'{plant}.rviz').read_text(encoding='utf-8')
-    assert not [t for t in yaml.scan(text) if isinstance(t, yaml.AliasToken | yaml.TagToken)]
-    document = rviz(plant)
-    assert set(document) == {'Panels', 'Visualization Manager', 'Window Geometry'}
-    manager = document['Visualization Manager']
-    for item in entries([*document['Panels'], *manager['Displays'], *manager['Tools']]):
-        assert re.fullmatch(r'rviz_(common|default_plugins)/[A-Z][A-Za-z ]+', item['Class'])
-    names = [item['Name'] for item in manager['Displays']]
-    assert len(set(names)) == len(names)
-
-
-@pytest.mark.parametrize('plant', PLANTS)
-def test_foxglove_places_every_panel_once(plant: str) -> None:
-    def placed(node: Any) -> Iterator[str]:
-        if isinstance(node, str):
-            yield node
-            return
-        assert node['direction'] in ('row', 'column')
-        assert 0 < node['splitPercentage'] < 100
-        yield from placed(node['first'])
-        yield from placed(node['second'])
-
-    document = foxglove(plant)
-    assert sorted(placed(document['layout'])) == sorted(document['configById'])
-
-
-def test_views_for_other_robots_and_namespaces() -> None:
-    names = ('alice', 'bob')
-    document = yaml.safe_load(robots_rviz(names, '/hall/a/', length=8.0, width=2.0))
-    tools = document['Visualization Manager']['Tools']
-    topics = [tool['Topic']['Value'] for tool in tools if 'Topic' in tool]
-    assert topics == ['/hall/a/alice/goal_pose', '/hall/a/bob/goal_pose']
-    view = document['Visualization Manager']['Views']['Current']
-    assert (view['X'], view['Y']) == (4.0, 1.0)
-    assert '/bob/goal_pose' in robots_rviz(names, '')
-    assert 'Value: /plant_markers\n' in pendulum_rviz('')
-    assert '"/hall/bob/plant_markers"' in robots_foxglove(names, 'hall')
-    assert absolute('', 'a/', '/b') == '/a/b'

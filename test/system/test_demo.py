@@ -88,11 +88,6 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
     assert np.abs((last + np.pi) % (2 * np.pi) - np.pi).max() < 0.05
 
 
-def test_a_rig_that_people_own_is_swung_up_and_held(ros: Ros, tmp_path: Path):
-    rig = parameters(tmp_path, 'rigs/srv02_rotpen')
-    successful(demo(ros, tmp_path, 'pendulum', '--speed=0.9', *rig))
-
-
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
     successful(demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots')))
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))

@@ -30,10 +30,8 @@ def test_nodes_are_killed_and_the_pendulum_comes_back(ros: Ros) -> None:
     [
         ('starting planner', 'SIGINT'),
         ('starting tracker', 'double Ctrl-C at once'),
-        ('starting pendulum_plant', 'SIGTERM'),
         ('solving planner', 'double Ctrl-C'),
         ('following tracker', 'SIGTERM'),
-        ('driven plant', 'double Ctrl-C at once'),
     ],
 )
 def test_a_node_is_ended_by_signals(ros: Ros, scene: str, way: str) -> None:

@@ -13,15 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import csv
-import json
 from pathlib import Path
 
-from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plan_files import check_path, load_plan, save_plan, to_json
+from tdm_planner.plan_files import check_path, load_plan, save_plan
 from tdm_planner.problems.base import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
@@ -58,13 +56,6 @@ def test_json_csv_and_npz_keep_every_bit(tmp_path: Path) -> None:
     with np.load(tmp_path / 'plan.npz') as arrays:
         np.testing.assert_array_equal(arrays['times'], original.times)
         np.testing.assert_array_equal(arrays['theta'], original.states[:, 0])
-
-
-@given(st.lists(st.tuples(FINITE, FINITE), min_size=3, max_size=3))
-@settings(max_examples=50)
-def test_any_finite_state_survives_json(values: list[tuple[float, float]]) -> None:
-    plan = json.loads(to_json(solution({'pendulum': trajectory(values)}).to_dict()))
-    np.testing.assert_array_equal(Trajectory.from_dict(plan).states, np.array(values))
 
 
 def test_several_vehicles(tmp_path: Path) -> None:

@@ -11,27 +11,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
+from double_integrator import DoubleIntegrator
 import numpy as np
 import pytest
-from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import LIMIT, SWITCH
-from tdm_planner.parameters import group, Validated
 from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
 from tdm_planner.problems import (
-    DirectProblem,
     PendulumSwingUp,
     Problem,
     RobotFormation,
     Solution,
-    SolverParameters,
 )
 from tdm_planner.verification import Constraint
 
 Planned = tuple[Any, Solution]
+CART = DoubleIntegrator()  # stated as a formulation, with margins of its own
 
 
 class Foreign(Problem):
@@ -41,34 +39,6 @@ class Foreign(Problem):
 
     def search(self, budget: Any, rng: Any, previous: Any) -> Any:
         raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class Cart(DirectProblem, Validated):
-    """Stated as a formulation, with margins of its own."""
-
-    name: ClassVar[str] = 'cart'
-    state_names, state_units = ('x', 'v'), ('m', 'm/s')
-    control_names, control_units = ('u',), ('m/s^2',)
-    solver: SolverParameters = group(SolverParameters)
-
-    def outputs(self) -> Any:
-        return {'x': Output((1.0, 0.0), (0.0, 0.0), free=1)}
-
-    def duration(self) -> Any:
-        return Duration(2.0, fixed=True)
-
-    def invert(self, y: Any, z: Any) -> Any:
-        return y['x'][:2], y['x'][2:]
-
-    def derivative(self, x: Any, u: Any) -> Any:
-        return x[1], u[0]
-
-    def margins(self, t: Any, x: Any, u: Any) -> Any:
-        return {'push': 2.0 - u[0], 'pull': 2.0 + u[0]}
-
-    def running_cost(self, t: Any, x: Any, u: Any) -> Any:
-        return u[0] ** 2
 
 
 @pytest.fixture(scope='module')
@@ -96,7 +66,7 @@ def levels(axis: Any, colour: str, way: str = 'y') -> list[float]:
 def test_margins_are_those_of_the_check(
     swing_up: Planned, formation: Planned, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for problem, solution in (swing_up, formation, (Cart(), Cart().solve(deadline=10.0))):
+    for problem, solution in (swing_up, formation, (CART, CART.solve(deadline=10.0))):
         for name, trajectory in solution.trajectories.items():
             check = (solution.verifications or {name: solution.verification})[name]
             margins = {m.name: m.values for m in plan_margins(problem, trajectory)}
@@ -104,7 +74,7 @@ def test_margins_are_those_of_the_check(
             for margin, values in margins.items():
                 assert values.min() == pytest.approx(check.worst[margin], abs=2e-3), margin
     assert list(margins) == ['push', 'pull']
-    np.testing.assert_allclose(margins['push'] + margins['pull'], 4.0)
+    np.testing.assert_allclose(margins['push'] + margins['pull'], 2.0)
     # of a problem with a search of its own
     plan = swing_up[1].trajectory
     assert plan_margins(Foreign(), plan) == ()
@@ -131,22 +101,6 @@ def test_a_swing_up_has_every_quantity_with_limits_and_switches(swing_up: Planne
     assert jumps.size
     for axis in figure.axes:
         assert levels(axis, SWITCH, 'x') == pytest.approx(jumps.tolist())
-
-
-def test_a_formation_has_every_quantity_of_every_robot(formation: Planned) -> None:
-    problem, solution = formation
-    figure = plot_plans(problem, solution.trajectories)
-    plan = next(iter(solution.trajectories.values()))
-    constraints = ('thrust', 'thruster_rate', 'torque', 'walls')
-    named = {title.partition(' [')[0] for title in axes(figure)}
-    assert named >= {*plan.state_names, *plan.control_names}
-    assert named >= {f'margin of\n{name}' for name in constraints}
-    thrust = axes(figure)['thrust [N]']
-    assert len(thrust.get_lines()) == len(solution.trajectories) + 2
-    assert levels(thrust, LIMIT) == [0.0, problem.limits.thrust]
-    x = next(axis for axis in figure.axes[2:] if axis.get_ylabel() == 'x [m]')
-    half = problem.arena.minimum_separation / 2
-    assert levels(x, LIMIT) == [half, problem.arena.length - half]
 
 
 def test_every_kind_of_file_and_plant(

@@ -7,22 +7,27 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a maintainer looks at before a release: manifest, changelog, versions, links."""
+"""What a maintainer looks at before a release: manifest, changelog, versions, benchmark."""
 
 from __future__ import annotations
 
 import ast
 from pathlib import Path
 import re
+import shutil
 import sys
 from xml.etree import ElementTree
 
+from benchmark import __main__ as command
+from benchmark import figures as records_of_runs
+from benchmark import page, runner
+from benchmark.progress import MARK
+from benchmark.sections import SECTIONS
 import pytest
 from ros_harness import SOURCE
 import tdm_planner
 from tdm_planner.cli import EXTRAS
 from tdm_planner.starting import REQUIRED
-from tools import links
 
 # What a package that is imported is called by rosdep, where not simply its name.
 ROSDEP_KEYS = {
@@ -117,17 +122,42 @@ def test_every_requirement_is_pinned_and_the_oldest_are_those_of_ubuntu():
         assert noble[package_name(name)].startswith(oldest[name]), name
 
 
-def test_links_of_the_pages_are_followed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def shell(script: str) -> tuple[str, tuple[str, ...], list[str]]:
+    said: list[str] = []
+    failure, log = runner._watched(['sh', '-c', script], 600.0, said.append)
+    return failure, log, said
+
+
+@pytest.mark.parametrize(
+    ('code', 'says'),
+    [
+        ('', ''),
+        ('echo "ValueError: a wrong number"; echo; exit 1', 'ValueError: a wrong number'),
+        ('kill -ABRT $$', 'it was ended by SIGABRT'),
+    ],
+)
+def test_how_a_section_ended(code: str, says: str) -> None:
+    failure, log, said = shell(f'echo "{MARK}at work"; echo something else; {code}')
+    assert (failure, said) == (says, ['at work'])
+    assert 'something else' in log
+
+
+def test_a_failure_is_on_the_page_and_in_the_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / 'a.html').write_text('<a href="b.html#x">b</a> <a href="b.html#y">y</a>')
-    (tmp_path / 'b.html').write_text('<p id="x"> <img src="c.png"> <a href="https://x">x</a>')
-    monkeypatch.setattr(sys, 'argv', ['links', str(tmp_path)])
-    assert links.main() == 1
-    *dead, last = capsys.readouterr().out.splitlines()
-    assert dead == ['a.html: b.html#y leads nowhere', 'b.html: c.png leads nowhere']
-    assert last == f'{tmp_path}: 2 pages, 2 dead links'
-    monkeypatch.setattr(sys, 'argv', ['links'])
-    with pytest.raises(SystemExit, match='2'):
-        links.main()
-    assert 'required: folder' in capsys.readouterr().err
+    broken = runner.Outcome({}, 'today', 1.0, None, 'it broke', ('a line of its log',))
+    monkeypatch.setattr(command, 'run', lambda *_: broken)
+    assert command.main(['--quick', '--output', str(tmp_path)]) == 1
+    text = (tmp_path / 'benchmarks.md').read_text()
+    assert text.count('**failed** - it broke') == len(SECTIONS)
+
+
+def test_the_page_is_that_of_the_figures(tmp_path: Path) -> None:
+    """Written anew from the figures beside it, it is the same."""
+    pytest.importorskip('casadi')
+    shutil.copytree(page.DOCS / 'images', tmp_path / 'images')
+    page.write(records_of_runs.read(page.DOCS), tmp_path)
+    for name in ('benchmarks.md', 'images/benchmark_success.png'):
+        assert (tmp_path / name).stat().st_size > 1000
+    written = (tmp_path / 'benchmarks.md').read_text()
+    assert written == (page.DOCS / 'benchmarks.md').read_text()

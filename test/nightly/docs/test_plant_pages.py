@@ -10,20 +10,13 @@
 """The worked plants, each against what is known of its optimum."""
 
 from dataclasses import replace
-import sys
 
 import numpy as np
 import pytest
-from ros_harness import SOURCE
 from tdm_planner.problems import DirectSolverParameters
 
 DIRECT = DirectSolverParameters(deadline=120.0, refine=False)
 REFINED = DirectSolverParameters(deadline=120.0)
-
-
-@pytest.fixture(autouse=True)
-def _pages(monkeypatch):
-    monkeypatch.setattr(sys, 'path', [str(SOURCE / 'docs' / 'plants'), *sys.path])
 
 
 def check_plan(solution):

@@ -7,13 +7,15 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a recorder takes up, its figures, and how it ends, with messages over DDS."""
+"""How a recording ends, and nodes whose executor is interrupted."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import os
 from pathlib import Path
-from threading import Event
+import subprocess
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,11 +23,12 @@ from bag_contents import fill, numbers, read_with_mcap
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_harness import Ros
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_sim import recorder
 from tdm_sim.bag_writer import BagWriter
-from tdm_sim.recorder import IncompleteRecording, Progress, record, Recorder
+from tdm_sim.recorder import IncompleteRecording, record
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Publish = Callable[[Iterable[str]], None]
@@ -61,56 +64,6 @@ def publish(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> Publish:
     return prepare
 
 
-@pytest.mark.parametrize(
-    ('wanted', 'namespace', 'expected'),
-    [
-        (('mine/plan',), None, ['/mine/plan']),
-        ((), 'mine', ['/mine/one/state', '/mine/plan', '/tf']),
-    ],
-    ids=['topics', 'namespace'],
-)
-def test_what_is_asked_for_and_nothing_of_others(
-    ros: Stepped, tmp_path: Path, wanted: tuple[str, ...], namespace: str | None, expected: Any
-) -> None:
-    topics = ('/mine/one/state', '/mine/plan', '/other/plan', '/minecraft/plan', '/tf')
-    publishers = [ros.node.create_publisher(String, topic, LATCHED) for topic in topics]
-    for publisher in publishers:
-        publisher.publish(String(data='x'))
-    with BagWriter(tmp_path / 'bag') as writer:
-
-        def make(context: Any, cli_args: Any) -> Recorder:
-            return Recorder(writer, wanted, namespace, context=context)
-
-        here = ros.add(make, [])
-        assert ros.spin_until(lambda: all(writer.counts.get(topic) for topic in expected))
-        here.end()
-    for publisher in publishers:
-        ros.node.destroy_publisher(publisher)
-    shared = {'/rosout', '/clock', '/diagnostics', '/tf_static'}
-    assert sorted(set(read_with_mcap(tmp_path / 'bag')) - shared) == expected
-
-
-def test_figures_of_a_recording_that_is_stopped(publish: Publish, tmp_path: Path) -> None:
-    bag, seen, stop = tmp_path / 'bag', list[Progress](), Event()
-
-    def look(progress: Progress) -> None:
-        seen.append(progress)
-        if progress.messages >= 100:
-            stop.set()
-
-    publish('x' * 1000 for _ in range(100_000))
-    done = record(bag, ['/texts'], stop=stop, on_progress=look)
-    assert max(progress.rate for progress in seen) > 0.0
-    assert done.elapsed >= seen[-1].elapsed > 0.0
-    assert done.dropped == 0
-    assert dict(done.counts) == {'/texts': done.messages}
-    assert 100 <= seen[-1].messages <= done.messages
-    assert len(read_with_mcap(bag)['/texts']) == done.messages
-    assert done.size == sum((bag / name).stat().st_size for name in ('bag.mcap', 'metadata.yaml'))
-    assert done.messages * 1000 < done.size
-    assert done.rate == pytest.approx(done.messages / done.elapsed)
-
-
 def test_ends_by_itself_after_its_duration(publish: Publish, tmp_path: Path) -> None:
     publish(())
     done = record(tmp_path / 'bag', ['/silence'], duration=0.2)
@@ -131,3 +84,53 @@ def test_a_recording_that_fills_the_disk_ends_with_a_reason_and_a_whole_bag(
     assert found == list(range(found[0], found[0] + len(found)))
     assert f'with {len(found)} messages' in str(caught.value)
     assert caught.value.progress.messages == len(found)
+
+
+@pytest.mark.parametrize(
+    ('ending', 'code'),
+    [
+        ('os.kill(os.getpid(), signal.SIGINT)', 0),
+        ('os.kill(os.getpid(), signal.SIGTERM)', 0),
+        ("rclpy.shutdown(); raise RuntimeError('the context is gone')", 0),
+        ("raise RuntimeError('something broke')", 1),
+    ],
+)
+def test_an_end_while_the_executor_takes_up_a_new_publisher(
+    ros: Ros, ending: str, code: int
+) -> None:
+    """An executor interrupted there is left with half of its callbacks, and aborts when freed."""
+    program = f"""
+import os, rclpy, signal, sys
+from rclpy.event_handler import EventHandler
+from rclpy.node import Node
+from std_msgs.msg import String
+from tdm_planner.nodes.runtime import run
+
+class Late(Node):
+    def __init__(self):
+        super().__init__('late')
+        self.create_timer(0.2, self.publish)
+
+    def publish(self):
+        taken_up, original = [], EventHandler.get_num_entities
+        def get_num_entities(handler):
+            taken_up.append(handler)
+            if len(taken_up) == 2:
+                {ending}
+            return original(handler)
+        EventHandler.get_num_entities = get_num_entities
+        for name in 'abc':
+            self.create_publisher(String, name, 1)
+
+sys.exit(run(Late))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env={**os.environ, **ros.environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == code, done.stderr
+    assert 'Traceback' not in done.stderr
+    assert ('fatal: RuntimeError: something broke' in done.stderr) == (code == 1)

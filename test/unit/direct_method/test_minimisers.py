@@ -148,12 +148,6 @@ def rosenbrock(**constraints):
     )
 
 
-def test_unconstrained_minimum():
-    found = minimise(rosenbrock(), np.array([-1.2, 1.0]), TIGHT)
-    assert found.converged
-    np.testing.assert_allclose(found.point.xi, [1, 1], atol=1e-5)
-
-
 def test_bounds_are_kept_at_every_evaluation():
     program = rosenbrock()
     program.upper = np.full(2, 0.5)

@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from numpy.polynomial import Polynomial
-import pytest
-from tdm_planner.direct_method import Output, PowerProducts, SineSeries, symmetric_powers
+from tdm_planner.direct_method import Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.bases import PolynomialBasis
 from tdm_planner.direct_method.output_basis import output_basis
 from tdm_planner.direct_method.virtual_arc import arc_derivatives, time_derivatives
@@ -41,15 +40,6 @@ def test_every_polynomial_meets_one_condition_and_its_derivatives_are_derivative
         slope = (basis.values(s + step, order - 1) - basis.values(s - step, order - 1)) / 2 / step
         scale = 1 + np.abs(basis.values(np.linspace(0, 1, 9), order + 2)).max()
         np.testing.assert_allclose(basis.values(s, order), slope, atol=1e-5 * scale)
-
-
-SHAPES = [SineSeries(5), symmetric_powers(4), PowerProducts([(1, 1), (1, 3), (4, 2)])]
-
-
-@pytest.mark.parametrize('shapes', [*SHAPES, SHAPES[0] + SHAPES[2]])
-def test_shapes_vanish_at_both_ends_exactly(shapes):
-    assert (shapes.values([0.0, 1.0]) == 0).all()
-    assert shapes.values(np.zeros((2, 3))).shape == (2, 3, shapes.size)
 
 
 @given(st.lists(st.tuples(st.integers(1, 5), st.integers(1, 5)), min_size=1, unique=True))

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Shapes as solids in space, and what the camera sees of them."""
+"""Shapes as solids in space, what the camera sees of them, and grips that stand for parameters."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from tdm_sim.live.geometry import (
     GHOST,
     Look,
     picture,
-    UPWARDS,
     view_on,
 )
+from tdm_sim.live.grips import grips_of, pulled
 
 component = st.floats(-2.0, 2.0)
 vector = st.tuples(component, component, component)
@@ -42,11 +42,6 @@ def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
     assume(np.linalg.norm(direction) > 1e-3)
     _, _, along = axes_of(from_vertical(direction))
     assert along == pytest.approx(direction / np.linalg.norm(direction), abs=1e-7)
-
-
-def test_the_rotations_that_turn_nothing_and_upside_down() -> None:
-    assert from_vertical(np.zeros(3)) == pytest.approx(UPWARDS)
-    assert axes_of(from_vertical(np.array([0.0, 0.0, -3.0])))[2] == pytest.approx([0, 0, -1])
 
 
 @given(vector, st.floats(-3.0, 3.0))
@@ -102,9 +97,51 @@ def test_built_in_plants_are_seen_whole(kind: type) -> None:
     assert places[:, 2].min() >= seen.floor - 1e-9
 
 
-def test_paths_are_lines_and_nothing_is_seen_too() -> None:
-    way = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0]])
-    found = picture([], 0.1, [(way, (1, 2, 3))])
-    assert found.lines.shape == (2, 2, 3)
-    assert found.line_colours[0, 0].tolist() == [1, 2, 3]
-    assert view_on([]).size > 0.0
+angle = st.floats(-6.0, 6.0)
+
+
+@given(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0))
+def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float) -> None:
+    problem = RobotFormation()
+    grip = grips_of(problem)[1]
+    wanted = grip.values_at((np.array([x, y, 0.0]), about((0, 0, 1), yaw)), {})
+    moved = RobotFormation.from_parameters(wanted)
+    place, turn = grips_of(moved)[1].pose({})
+    assert place == pytest.approx([x, y, 0.0])
+    assert axes_of(turn)[0] == pytest.approx([math.cos(yaw), math.sin(yaw), 0.0], abs=1e-9)
+    assert list(wanted) == ['formation.robot2']
+
+
+@given(angle, angle)
+def test_the_pendulum_s_rings_stand_for_its_angles(theta: float, psi: float) -> None:
+    values = {'initial.theta': theta, 'initial.psi': psi}
+    for grip in grips_of(PendulumSwingUp()):
+        assert (grip.node, grip.moves) == ('plant', 'turn')
+        (found,) = grip.values_at(grip.pose(values), values).items()
+        assert found[1] == pytest.approx(values[found[0]], abs=1e-7)
+
+
+def test_the_ring_of_the_pendulum_points_along_the_rod() -> None:
+    problem = PendulumSwingUp()
+    view, values = view_of(problem), {'initial.theta': 0.7, 'initial.psi': -0.4}
+    states = {'theta': np.float64(0.7), 'psi': np.float64(-0.4)}
+    _, rod = view.drawing(states, {})
+    pivot, tip = (np.array(point, dtype=float) for point in rod.points)
+    place, turn = grips_of(problem)[1].pose(values)
+    assert place == pytest.approx(pivot)
+    assert axes_of(turn)[0] == pytest.approx((tip - pivot) / np.linalg.norm(tip - pivot))
+
+
+def test_a_turn_goes_on_from_the_turn_before() -> None:
+    grip = grips_of(PendulumSwingUp())[0]
+    (psi,) = grip.values_at((np.zeros(3), about((0, 0, 1), -3.1)), {'initial.psi': 3.1}).values()
+    assert psi == pytest.approx(2 * math.pi - 3.1)
+
+
+def test_a_push_goes_where_the_body_was_pulled() -> None:
+    robots = pulled(RobotFormation(), {}, np.zeros(7), (1, 1, 0), (1, 3, 0.5))
+    assert robots == {'disturbance.direction': pytest.approx(math.pi / 2)}
+    values = {'disturbance.impulse': 2e-4}
+    for end, sign in (((0, 1, 0), 1.0), ((0, -1, 0), -1.0)):
+        found = pulled(PendulumSwingUp(), values, np.zeros(4), (0, 0, 0), end)
+        assert found == {'disturbance.impulse': sign * 2e-4}

@@ -23,12 +23,9 @@ import pytest
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.nodes.markers import (
     colour_of,
-    lifetime_at,
     LONGEST_PATH,
-    Pen,
     Picture,
     plan_markers,
-    to_points,
     Way,
 )
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -45,29 +42,6 @@ number = st.floats(-20.0, 20.0)
 def rgb(name: str) -> tuple[float, float, float]:
     colour = colour_of(name)
     return colour.r, colour.g, colour.b
-
-
-def test_a_name_has_one_colour_and_numbered_names_different_ones() -> None:
-    assert rgb('robot2') == rgb('robot2')
-    assert len({rgb(f'robot{k}') for k in range(1, 8)}) == 7
-    assert len({rgb(name) for name in ('alice', 'bob', 'carol')}) > 1
-    assert colour_of('robot' + '9' * 40).a == 1.0
-
-
-def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
-    pen = Pen('map', Time(sec=3), lifetime=1.5)
-    line = pen.line('way', 4, to_points(np.eye(3)), GREY, 0.1)
-    ball = pen.solid('ball', 0, Marker.SPHERE, GREY, (1.0, 2.0, 3.0), (4.0, 5.0))
-    first = MarkerArray(markers=[line, ball, pen.text('note', 0, 'hello', (0.0, 1.0, 2.0), 0.2)])
-    check_markers(first, 'map', 1.5)
-    assert all(marker.header.stamp.sec == 3 for marker in first.markers)
-    assert (ball.pose.position.x, ball.pose.position.y, ball.pose.position.z) == (4.0, 5.0, 0.0)
-    scene = Scene(first, MarkerArray(markers=[pen.delete('way', 4)]))
-    assert scene.names == {('ball', 0), ('note', 0)}
-    scene.apply(MarkerArray(markers=[pen.delete_all(), line]))
-    assert scene.names == {('way', 4)}
-    for rate in (0.1, 1.0, 25.0, 100.0):
-        assert 2 / rate < lifetime_at(rate) <= max(0.5, 5 / rate)
 
 
 def place(point: Any) -> list[float]:
@@ -111,14 +85,6 @@ def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
         [place(p) for p in scene['body', 1].points], [pivot, tip], atol=1e-9
     )
     np.testing.assert_allclose(place(scene['body', 0].points[1]), pivot, atol=1e-9)
-
-
-@pytest.mark.parametrize(('limit', 'reach'), [(0.5, 0.5), (3.5, math.pi), (1e12, math.pi)])
-def test_the_disk_has_its_limit_around_it(limit: float, reach: float) -> None:
-    around = PendulumDrawing(PLANT, 0.02, limit).surroundings()
-    drawn = plan_markers('world', around, [Way(PENDULUM, np.zeros((1, 4)))])
-    ends = [math.atan2(p.y, p.x) for p in Scene(drawn)['limit', 1].points[::59]]
-    np.testing.assert_allclose(np.abs(ends), reach, atol=1e-9)
 
 
 def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:

@@ -9,14 +9,9 @@
 
 """The floating robot's equations and their compiled replay against independent integration."""
 
-import math
-
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import FloatingRobot
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
@@ -24,19 +19,9 @@ from tdm_planner.verification import replay
 ROBOT = FloatingRobot(mass=8.0, inertia=0.05, wheel_inertia=0.002)
 
 
-NUMBER = st.floats(-3.0, 3.0)
-
-
 def trajectory(times, controls, start, interpolation='linear'):
     states = np.tile(np.asarray(start, dtype=float), (len(times), 1))
-    return Trajectory(
-        times=times,
-        states=states,
-        controls=controls,
-        state_names=ROBOT.state_names,
-        control_names=ROBOT.control_names,
-        interpolation=interpolation,
-    )
+    return Trajectory.of(ROBOT, times, states, controls, interpolation)
 
 
 def random_controls(seed, n=30, duration=6.0):
@@ -65,18 +50,6 @@ def integrated(plan, at):
     return np.array(states)
 
 
-@given(
-    state=st.lists(NUMBER, min_size=7, max_size=7),
-    control=st.lists(NUMBER, min_size=3, max_size=3),
-)
-@settings(max_examples=30)
-def test_is_vectorised(state, control):
-    states, controls = np.tile(state, (2, 3, 1)), np.array(control)
-    rates = ROBOT.derivative(states, controls)
-    assert rates.shape == (2, 3, 7)
-    assert rates[1, 2] == pytest.approx(ROBOT.derivative(np.array(state), controls), abs=1e-15)
-
-
 @pytest.mark.parametrize('interpolation', ['linear', 'zero_order_hold'])
 @pytest.mark.parametrize('turning', [0.0, 1.0, 20.0])
 def test_replay_agrees_with_an_independent_integrator(interpolation, turning):
@@ -98,27 +71,3 @@ def test_verification_replays_splines_by_integration():
         np.linspace(0.0, 2.0, 2001), plan.sample(np.linspace(0.0, 2.0, 2001)).control, np.zeros(7)
     )
     assert states == pytest.approx(ROBOT.replay(fine, times), abs=1e-6)
-
-
-@given(omega=st.lists(NUMBER, min_size=2, max_size=5), initial=NUMBER, initial_omega=NUMBER)
-@settings(max_examples=30)
-def test_wheel_conserves_angular_momentum(omega, initial, initial_omega):
-    speed = ROBOT.wheel_speed(np.array(omega), initial, initial_omega)
-    momentum = ROBOT.angular_momentum(np.array(omega), speed)
-    before = ROBOT.angular_momentum(np.array(initial_omega), np.array(initial))
-    assert momentum == pytest.approx(np.full(len(omega), float(before)), abs=1e-12)
-
-
-def test_torque_on_the_robot_is_the_motors_on_the_wheel():
-    """The wheel's absolute acceleration is that of the opposite torque."""
-    torque, h = 0.01, 1e-3
-    omega = np.array([0.0, h * torque / ROBOT.inertia])
-    absolute = omega + ROBOT.wheel_speed(omega)
-    assert np.diff(absolute)[0] / h == pytest.approx(-torque / ROBOT.wheel_inertia)
-
-
-@pytest.mark.parametrize('name', ['mass', 'inertia', 'wheel_inertia'])
-@pytest.mark.parametrize('value', [0.0, -1.0, math.nan, 'heavy'])
-def test_refuses_constants_that_are_not_positive(name, value):
-    with pytest.raises(InvalidProblem, match=name):
-        FloatingRobot(**{name: value})

@@ -7,13 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The rotary pendulum's equations, and what is compiled of them, against other computations."""
+"""The rotary pendulum's equations, what is compiled of them, and its URDF, against others."""
 
 from __future__ import annotations
 
-from itertools import pairwise
 import math
 import threading
+from types import ModuleType
+from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -21,7 +22,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import build
 from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
@@ -35,11 +35,10 @@ from tdm_planner.plants.pendulum_kernels import (
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
 from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
-from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_seeds import laws
 from tdm_planner.tracking.motion import wrapped
-from tdm_planner.verification import replay
+from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
 PLANT = RotaryPendulum()
 
@@ -61,80 +60,11 @@ STATES = st.tuples(
 ).map(np.array)
 
 
-def test_the_picture_moves_as_the_equations_of_motion_say():
-    """The centre of mass's velocity gives the kinetic energy that `energy` computes."""
-    rng = np.random.default_rng(0)
-    h = 1e-6
-    for theta, psi, theta_dot, psi_dot in rng.normal(size=(20, 4)):
-        times = np.array([-h, h])
-        ends = pendulum_points(PLANT, theta + theta_dot * times, psi + psi_dot * times)
-        centre = np.mean(ends, axis=0)
-        velocity = (centre[1] - centre[0]) / (2 * h)
-        state = np.array([theta, psi, theta_dot, psi_dot])
-        rotation = 0.5 * (
-            PLANT.inertia.disk * psi_dot**2
-            + PLANT.inertia.z * theta_dot**2
-            + PLANT.inertia.x * (math.sin(theta) * psi_dot) ** 2
-            + PLANT.inertia.y * (math.cos(theta) * psi_dot) ** 2
-        )
-        height = PLANT.com_distance * math.cos(theta)
-        energy = 0.5 * PLANT.mass * velocity @ velocity + rotation
-        energy += PLANT.mass * PLANT.gravity * height
-        assert PLANT.energy(state) == pytest.approx(energy, rel=1e-7)
-
-
 def test_one_tip_is_where_the_vectorised_ones_are():
     shape = RigShape.of(RotaryPendulum(arm_length=0.3))
     angles = np.random.default_rng(1).normal(scale=3.0, size=(50, 2))
     _, tips = pendulum_points(RotaryPendulum(arm_length=0.3), angles[:, 0], angles[:, 1])
     np.testing.assert_allclose([shape.tip(*pair) for pair in angles], tips, atol=1e-12)
-
-
-MODEL = """
-    <mujoco>
-      <option gravity="0 0 -{p.gravity}" integrator="RK4" timestep="1e-4"/>
-      <worldbody>
-        <body>
-          <joint name="psi" axis="0 0 1"/>
-          <inertial pos="0 0 0" mass="1" diaginertia="{i.disk} {i.disk} {i.disk}"/>
-          <body pos="{p.arm_length} 0 0">
-            <joint name="theta" axis="-1 0 0"/>
-            <inertial pos="0 0 {p.com_distance}" mass="{p.mass}" diaginertia="{i.z} {i.x} {i.y}"/>
-          </body>
-        </body>
-      </worldbody>
-      <actuator><motor joint="psi"/></actuator>
-    </mujoco>"""
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_agrees_with_mujoco(seed):
-    """A disk about the vertical, the pendulum hinged to its rim; x is radial."""
-    mujoco = pytest.importorskip('mujoco')
-    rng = np.random.default_rng(seed)
-    inertia = PendulumInertia(
-        disk=rng.uniform(1e-4, 1e-3), x=6e-5 * rng.uniform(0.9, 1.1), y=1e-5, z=6e-5
-    )
-    mass, *lengths = rng.uniform([0.01, 0.05, 0.05], [0.2, 0.2, 0.2])
-    plant = RotaryPendulum(mass, *lengths, inertia=inertia)
-    state = rng.uniform(-1, 1, 4) * [np.pi, 2.0, 8.0, 8.0]
-    torque = rng.uniform(-0.05, 0.05, 1)
-    model = mujoco.MjModel.from_xml_string(MODEL.format(p=plant, i=inertia))
-    data = mujoco.MjData(model)
-    # In the model's joints psi comes first.
-    data.qpos[:], data.qvel[:], data.ctrl[0] = state[[1, 0]], state[[3, 2]], torque[0]
-    for _ in range(5_000):
-        mujoco.mj_step(model, data)
-    expected = np.array([*data.qpos[::-1], *data.qvel[::-1]])
-    found = solve_ivp(
-        lambda t, x: plant.derivative(x, torque),
-        (0.0, 0.5),
-        state,
-        'DOP853',
-        rtol=1e-12,
-        atol=1e-12,
-    ).y[:, -1]
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
 
 
 @given(STATES, TORQUES)
@@ -149,18 +79,6 @@ def test_jacobians_match_finite_differences(state, torque):
         np.testing.assert_allclose(by_state[:, column], difference, rtol=1e-6, atol=1e-4)
     difference = PLANT.derivative(state, torque + 0.5) - PLANT.derivative(state, torque - 0.5)
     np.testing.assert_allclose(by_control[:, 0], difference, rtol=1e-9, atol=1e-6)
-
-
-def test_many_states_at_once_as_one_by_one():
-    states = np.random.default_rng(0).normal(size=(2, 3, 4))
-    controls = np.linspace(-0.1, 0.1, 6).reshape(2, 3, 1)
-    together = PLANT.derivative(states, controls), *PLANT.jacobians(states, controls)
-    assert [found.shape for found in together] == [(2, 3, 4), (2, 3, 4, 4), (2, 3, 4, 1)]
-    for index in np.ndindex(2, 3):
-        one = states[index], controls[index]
-        alone = PLANT.derivative(*one), *PLANT.jacobians(*one)
-        for all_of_them, single in zip(together, alone, strict=True):
-            np.testing.assert_allclose(all_of_them[index], single, rtol=1e-12)
 
 
 def test_upright_and_hanging():
@@ -375,25 +293,6 @@ def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
         assert found > limit
 
 
-@pytest.mark.parametrize(('torque', 'method'), [(0.02, 'switching'), (0.09, 'smooth')])
-def test_the_replay_agrees_with_scipy(torque: float, method: str) -> None:
-    problem = build(PendulumSwingUp, {'limits.torque': torque, 'method': method})
-    trajectory = problem.solve(deadline=60.0).trajectory
-    times, found = trajectory.times, replay(PLANT, trajectory, trajectory.times)
-    control, state = trajectory.controls_at, trajectory.states[0]
-    for index, (first, last) in enumerate(pairwise(times)):
-        np.testing.assert_allclose(found[index], state, atol=1e-7)
-        held = control(first) if method == 'switching' else None
-        state = solve_ivp(
-            lambda t, x, u=held: PLANT.derivative(x, control(t) if u is None else u),
-            (first, last),
-            state,
-            method='DOP853',
-            rtol=1e-12,
-            atol=1e-13,
-        ).y[:, -1]
-
-
 def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
     rng = np.random.default_rng(0)
     references = rng.normal(size=(20, 4))
@@ -407,3 +306,70 @@ def test_the_feedback_table_is_what_a_tracker_does_tick_by_tick() -> None:
         torque = np.clip(torques[k] - gains[k] @ error, -0.03, 0.03)
         state = integrate(PLANT, state, np.array([torque]), 5e-3)
         np.testing.assert_allclose(states[k + 1], state, atol=1e-6)
+
+
+PLANTS = {
+    'default': RotaryPendulum(),
+    'other': RotaryPendulum(
+        mass=0.3,
+        com_distance=0.2,
+        arm_length=0.15,
+        # Unequal across the rod, to tell the axes apart.
+        inertia=PendulumInertia(disk=0.02, x=5e-3, y=1e-3, z=4.5e-3),
+    ),
+}
+
+
+@pytest.fixture(params=PLANTS)
+def plant(request: pytest.FixtureRequest) -> RotaryPendulum:
+    return PLANTS[request.param]
+
+
+@pytest.fixture
+def mujoco() -> ModuleType:
+    return pytest.importorskip('mujoco')
+
+
+def test_ros_reads_links_and_joints(plant: RotaryPendulum) -> None:
+    parser = pytest.importorskip('urdf_parser_py.urdf')
+    robot = parser.URDF.from_xml_string(pendulum_urdf(plant))
+    robot.check_valid()
+    assert robot.get_root() == 'world'
+    assert robot.get_chain('world', 'rod', links=False) == ['base', 'disk', 'pendulum']
+    for name in ('pendulum', 'disk'):  # the names in joint_states
+        assert robot.joint_map[name].type == 'continuous'
+    assert robot.link_map['rod'].inertial.mass == plant.mass
+    for link in robot.links:
+        for visual in link.visuals:
+            assert visual.geometry.radius > 0
+            assert visual.geometry.length > 0
+            assert visual.material.name in {material.name for material in robot.materials}
+
+
+def load(mujoco: Any, plant: RotaryPendulum) -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(pendulum_urdf(plant))
+    model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    assert [model.joint(k).name for k in range(model.njnt)] == ['disk', 'pendulum']
+    return model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_tip_is_where_markers_have_it_and_it_moves_as_the_plant_does(
+    mujoco: Any, plant: RotaryPendulum, seed: int
+) -> None:
+    model, data = load(mujoco, plant)
+    state = np.random.default_rng(seed).normal(scale=3.0, size=4)
+    theta, psi, theta_dot, psi_dot = state
+    torque = 0.1 * plant.coefficients.gravity
+    data.qpos[:], data.qvel[:] = (psi, theta), (psi_dot, theta_dot)
+    data.qfrc_applied[:] = torque, 0.0
+    mujoco.mj_forward(model, data)
+    rod = data.body('rod')
+    along = rod.xmat.reshape(3, 3) @ [0.0, 0.0, 2 * plant.com_distance]
+    pivot, tip = pendulum_points(plant, theta, psi)
+    np.testing.assert_allclose(rod.xpos, pivot, atol=1e-12)
+    np.testing.assert_allclose(rod.xpos + along, tip, atol=1e-12)
+    rates = plant.derivative(state, np.array([torque]))
+    np.testing.assert_allclose(data.qacc, [rates[3], rates[2]], rtol=1e-9)
+    assert data.energy.sum() == pytest.approx(float(plant.energy(state)), rel=1e-9)

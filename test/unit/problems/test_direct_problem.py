@@ -18,7 +18,6 @@ import warnings
 import numpy as np
 import pytest
 from tdm_planner.direct_method import (
-    Budget,
     Duration,
     Integrated,
     Output,
@@ -157,25 +156,16 @@ def test_no_plan_is_explained():
     [
         ({'running_cost': DirectProblem.running_cost}, 'states no performance index'),
         ({'state_units': ('m',)}, '2 state_names but 1 state_units'),
-        *(({'state_units': units}, 'must be a tuple of units') for units in ('ms', None, (1, 2))),
-        *(({'control_units': units}, 'must be a tuple of units') for units in ('m', None, (1,))),
+        *(({'state_units': units}, 'must be a tuple of units') for units in ('ms', (1, 2))),
+        *(({'control_units': units}, 'must be a tuple of units') for units in (None,)),
         *(
             ({'terminal_tolerance': given}, 'must be 2 positive numbers')
-            for given in (
-                1e-3,
-                'ab',
-                (1.0,),
-                ((1,), (1, 2)),
-                (1.0,) * 3,
-                (-1.0, 1.0),
-                (0, 1),
-                (np.nan, 1),
-            )
+            for given in (1e-3, ((1,), (1, 2)), (1.0,) * 3, (0, 1), (np.nan, 1))
         ),
         *(
             ({what: count}, f'{what} = {count!r} is not allowed: must be an integer from')
             for what in ('nodes', 'starts')
-            for count in (0, -1, 41.5, '41', None, True, 10**9)
+            for count in (0, 41.5, '41', True, 10**9)
         ),
         ({'integrated': lambda self: {'v': Integrated(5.0)}}, 'but integrated gives 5'),
         (
@@ -302,18 +292,3 @@ def test_a_function_without_a_value_is_named_when_no_candidate_does():
     with pytest.raises(VerificationFailed) as caught:
         solve({**QUICKEST, 'derivative': derivative})
     assert "derivative gives the rate of 'v' = nan" in str(caught.value)
-
-
-def test_a_candidate_whose_refinement_was_cut_short_says_so():
-    problem = type('Changed', (Cart,), {'terminal_tolerance': (1e-15, 1e-15)})(solver=DIRECT)
-    budget = Budget(20.0)
-    search = problem.search(budget, np.random.default_rng(0), None)
-    candidate = next(iter(search.candidates()))
-    search.rejected = 'x ends far from the goal'
-    plans = search.plans(candidate)
-    assert not next(plans).verification.ok
-    budget.seconds = 0.0
-    search._minima.program.integrated['x'] = Integrated(1.0)  # so that more nodes might help
-    assert next(plans, None) is None
-    assert search.rejected.endswith('it was not refined further: the time was up')
-    assert isinstance(search.failure(), DeadlineExceeded)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import math
 
 import casadi as ca
+from double_integrator import DoubleIntegrator
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Budget, Duration, Integrated, Output
@@ -74,25 +75,16 @@ def test_one_state_is_a_problem_too():
 
 
 @dataclass(frozen=True)
-class Frugal(DirectProblem, Validated):
-    """A double integrator from rest to rest with the least fuel: thrust, coast, brake."""
+class Frugal(DoubleIntegrator):
+    """From rest to rest with the least fuel: thrust, coast, brake."""
 
-    state_names, state_units = ('x', 'v'), ('m', 'm/s')
-    control_names, control_units = ('u',), ('m/s^2',)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
+    margins, final_cost = DirectProblem.margins, DirectProblem.final_cost
 
     def outputs(self):
         return {'x': Output((0.0, 0.0), (1.0, 0.0), 6)}
 
     def duration(self):
         return Duration(3.0, fixed=True)
-
-    def invert(self, y, z):
-        x, v, a = y['x']
-        return (x, v), (a,)
-
-    def derivative(self, x, u):
-        return x[1], u[0]
 
     def control_limits(self):
         return {'u': (-1.0, 1.0)}

@@ -24,7 +24,7 @@ from tdm_planner.direct_method.virtual_arc import (
     time_derivatives,
 )
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.reference_motion import end_derivatives, MotionForm, ReferenceMotion
+from tdm_planner.problems.reference_motion import MotionForm, ReferenceMotion
 from tdm_planner.problems.thrust_direction import ThrustDirection
 from tdm_planner.problems.warm_start import kept_motions, LATE, turning_time
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
@@ -107,16 +107,6 @@ def test_time_along_the_arc_is_inverted():
         times = bernstein_integral(rates.size - 1, s) @ rates
         last = bernstein_integral(rates.size - 1, 1.0) @ rates
         assert times == pytest.approx(np.clip(t - coast, 0.0, last), abs=1e-9)
-
-
-@pytest.mark.parametrize('order', [7, 9, 11])
-@pytest.mark.parametrize('vary', [True, False])
-def test_free_shapes_are_orthonormal_in_their_curvature(order, vary):
-    polynomials = end_derivatives(order, vary)
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    curvature = polynomials.basis.values((nodes + 1) / 2, 2) @ polynomials.free
-    gram = curvature.T @ (weights[:, None] / 2 * curvature)
-    assert gram == pytest.approx(np.eye(len(gram)), abs=1e-8)
 
 
 TIMES = np.linspace(0.0, 20.0, 401)

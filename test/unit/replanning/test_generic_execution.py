@@ -13,10 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-import sys
 from typing import Any, ClassVar
 
+from double_integrator import CartStart, DoubleIntegrator
 import numpy as np
 import pytest
 from tdm_planner.parameters import parameter
@@ -24,9 +23,6 @@ from tdm_planner.problems import DirectSolverParameters
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, GenericExecution, Mode, Observation, Replanner
 from tdm_planner.replanning.generic_execution import VEHICLE
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / 'docs/plants'))
-from double_integrator import CartStart, DoubleIntegrator  # noqa: E402, I100, RUF100
 
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.3)
 

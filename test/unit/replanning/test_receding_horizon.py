@@ -20,7 +20,6 @@ from benchmark.receding import RecedingHorizon
 from closed_loop import (
     crossing,
     FORMATION,
-    moved,
     pendulum,
     pendulum_tracker,
     robot,
@@ -32,7 +31,6 @@ from closed_loop import (
 import numpy as np
 import pytest
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.pendulum_swing_up import PendulumStart
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
@@ -146,21 +144,6 @@ def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
     run(loop, mended.end + 1.0)
     assert tracker.phase is Phase.HOLDING
     assert float(plant.state[0]) == pytest.approx(math.tau * (1 - turns), abs=0.05)
-
-
-@pytest.mark.parametrize('share', [0.15, 0.6])
-def test_a_smooth_torque_goes_on_without_a_jump(share: float) -> None:
-    plan = smooth_swing_up()
-    assert isinstance(plan.problem, PendulumSwingUp)
-    at = share * plan.solution.duration
-    now = plan.solution.trajectory.sample(at)
-    torque, away = float(now.control[0]), moved(now.state, 0.005, -0.005, 0.05, 0.05)
-    start = replace(PendulumStart(*away.tolist()), torque=torque)
-    asked = replace(plan.problem, start=start)
-    new = asked.solve(deadline=60.0, warm_start=plan.remainder(at))
-    assert new.verification.ok
-    first = float(new.trajectory.control('torque')[0])
-    assert first == pytest.approx(torque, abs=0.03 * asked.limits.torque)
 
 
 def test_a_smooth_torque_is_handed_over_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:

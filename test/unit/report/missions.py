@@ -25,6 +25,7 @@ from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
+from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plant_views import PendulumView, RobotView
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -55,10 +56,6 @@ ARENA_PARAMETERS = {
     'limits.torque': 0.02,
     'limits.thruster_rate': 2.0,
 }
-ANGLES, RATES = ('theta', 'psi'), ('theta_dot', 'psi_dot')
-ANGLE_UNITS = ('rad', 'rad', 'rad/s', 'rad/s')
-ROBOT_STATES = ('x', 'y', 'u', 'v', 'yaw', 'omega', 'alpha')
-ROBOT_CONTROLS = ('thrust', 'thruster_rate', 'torque')
 EVIL = (
     '</script><script>window.hacked=1</script>',
     '<img src=x onerror="window.hacked=2">',
@@ -112,23 +109,15 @@ def robot_parameters(count: int) -> dict[str, Any]:
 
 def pendulum_plan() -> Trajectory:
     times = np.linspace(0.0, DURATION, 41)
-    return Trajectory(
-        times=times,
-        states=pendulum_states(times),
-        controls=np.where(times < 0.8, 0.014, -0.014)[:, None],
-        state_names=(*ANGLES, *RATES),
-        control_names=('torque',),
-        interpolation='zero_order_hold',
-        state_units=ANGLE_UNITS,
-        control_units=('N m',),
-    )
+    controls = np.where(times < 0.8, 0.014, -0.014)[:, None]
+    return Trajectory.of(PENDULUM, times, pendulum_states(times), controls)
 
 
 def robot_plan(number: int) -> Trajectory:
     times = np.linspace(0.0, DURATION, 41)
     controls = np.tile([0.5, 0.125, 0.001], (times.size, 1))
     states = robot_states(times, number)
-    return Trajectory(times, states, controls, ROBOT_STATES, ROBOT_CONTROLS, 'linear')
+    return Trajectory(times, states, controls, ROBOT.state_names, ROBOT.control_names, 'linear')
 
 
 def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
@@ -142,10 +131,10 @@ def pendulum_mission(measured: bool = True, **changes: Any) -> Mission:
         errors = np.tile(offset, (at.size, 1))
         applied = Signals(at, plan.sample(moving).control, ('torque',), ('N m',))
         found = {
-            'states': Signals(at, states, plan.state_names, ANGLE_UNITS),
+            'states': Signals(at, states, plan.state_names, PENDULUM.state_units),
             'commands': applied,
             'applied': applied,
-            'tracking_error': Signals(at, errors, plan.state_names, ANGLE_UNITS),
+            'tracking_error': Signals(at, errors, plan.state_names, PENDULUM.state_units),
         }
     plain = Mission(
         'Swing-up',
@@ -180,8 +169,8 @@ def robots_mission(
             at = np.arange(0.0, DURATION + after, 1.0 / rate)
             moving = np.clip(at, 0.0, DURATION)
             values = robot_states(moving, number) + 0.01 * np.eye(7)[0]
-            states = Signals(at, values, ROBOT_STATES, ('m', 'm', *[''] * 5))
-            applied = Signals(at, plan.sample(moving).control, ROBOT_CONTROLS, ('N', '', ''))
+            states = Signals(at, values, ROBOT.state_names, ('m', 'm', *[''] * 5))
+            applied = Signals(at, plan.sample(moving).control, ROBOT.control_names, ('N', '', ''))
             found = {'states': states, 'applied': applied, 'tracking_error': states}
         vehicles.append(Vehicle(name, view, (FollowedPlan(plan, 0.0),), **found))
     plain = Mission('Formation', 'robot_formation', tuple(vehicles), parameters=ARENA_PARAMETERS)

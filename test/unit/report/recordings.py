@@ -11,28 +11,37 @@
 Recordings of missions.
 
 `recorded` makes the messages of a mission, such as those of missions.py (`pendulum_recording`,
-`robot_recording`), to leave out (`without`), add or change some, and to `write` a bag;
-`check_vehicles` compares what is read of it. `made` builds any message of rosbags' classes from
-nested mappings: what is not given is zero or empty. An `Item` is a message to record under a topic
-at an instant [ns]; the first plan's motion starts at `START`.
+`robot_recording`), by what the nodes make theirs with, to leave out (`without`), add or change
+some, and to `write` a bag; `check_vehicles` compares what is read of it. An `Item` is a message to
+record under a topic at an instant [ns]; the first plan's motion starts at `START`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache
+from collections.abc import Iterable, Iterator, Sequence
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from missions import DURATION, formation_mission, pendulum_mission
 import numpy as np
 import pytest
-from tdm_planner.plant_kind import Joint, QUANTITIES
+from rcl_interfaces.msg import Log
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tdm_planner.nodes import messages
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.plant_kind import Joint, QUANTITIES, ROBOT
 from tdm_sim.report.mission import Mission, Signals
 
 START = 1_700_000_000_250_000_000  # ns
 SECOND = 10**9
+STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 class Item(NamedTuple):
@@ -44,97 +53,32 @@ class Item(NamedTuple):
     data: bytes | None = None
 
 
-@cache
-def store() -> Any:
-    typesys = pytest.importorskip('rosbags.typesys')
-    return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+def joint_state(at: int, names: Sequence[str], **values: Any) -> JointState:
+    message = JointState(name=list(names), **values)
+    message.header.stamp = to_stamp(at)
+    return message
 
 
-def made(kind: str, **fields: Any) -> Any:
-    """Return a message ('package/Name'), of nested mappings."""
-    kind = kind.replace('/', '/msg/')
-    _, members = store().fielddefs[kind]
-    assert set(fields) <= {name for name, _ in members}
-    return store().types[kind](**{name: _filled(of, fields.get(name)) for name, of in members})
-
-
-def _filled(of: tuple[Any, Any], value: Any) -> Any:
-    form, detail = of
-    if form.name == 'NAME':
-        if value is not None and not isinstance(value, Mapping):
-            return value  # a message
-        return made(detail.replace('/msg/', '/'), **(value or {}))
-    if form.name == 'BASE':
-        return ('' if detail[0] == 'string' else 0) if value is None else value
-    element, length = detail
-    if element[0].name == 'BASE' and element[1][0] != 'string':
-        given = np.zeros(length if form.name == 'ARRAY' else 0) if value is None else value
-        return np.array(given, dtype=element[1][0])
-    return [_filled(element, item) for item in (() if value is None else value)]
-
-
-def stamp(at: int) -> dict[str, int]:
-    """Time or duration of so many nanoseconds."""
-    return {'sec': at // SECOND, 'nanosec': at % SECOND}
-
-
-def header(at: int, frame: str = '') -> Any:
-    return made('std_msgs/Header', stamp=stamp(at), frame_id=frame)
-
-
-def string(data: str) -> Any:
-    return made('std_msgs/String', data=data)
-
-
-def joint_state(at: int, names: Sequence[str], **values: Any) -> Any:
-    return made('sensor_msgs/JointState', header=header(at), name=list(names), **values)
-
-
-def goal(start: int, status: int) -> Any:
+def goal(start: int, code: int) -> GoalStatusArray:
     """Return what a tracker tells of the plan that starts at the instant [ns]."""
-    told = {'goal_info': {'stamp': stamp(start)}, 'status': status}
-    return made('action_msgs/GoalStatusArray', status_list=[told])
+    told = GoalStatus(status=code)
+    told.goal_info.stamp = to_stamp(start)
+    return GoalStatusArray(status_list=[told])
 
 
-def rotation(yaw: float) -> dict[str, float]:
-    return {'z': float(np.sin(yaw / 2)), 'w': float(np.cos(yaw / 2))}
-
-
-def odometry(at: int, name: str, state: Any, frame: str = 'arena') -> Any:
+def odometry(at: int, name: str, state: Sequence[float], frame: str = 'arena') -> Any:
     """State x, y, u, v, yaw, omega in the arena's frame, as an odometry says it."""
-    x, y, u, v, yaw, omega = (float(value) for value in state[:6])
-    c, s = np.cos(yaw), np.sin(yaw)
-    velocity = {'x': float(c * u + s * v), 'y': float(-s * u + c * v)}
-    return made(
-        'nav_msgs/Odometry',
-        header=header(at, frame),
-        child_frame_id=name,
-        pose={'pose': {'position': {'x': x, 'y': y}, 'orientation': rotation(yaw)}},
-        twist={'twist': {'linear': velocity, 'angular': {'z': omega}}},
-    )
+    values = dict(zip(ROBOT.state_names, state, strict=False))
+    exact = dict.fromkeys(values, 0.0)
+    message = messages.odometry(ROBOT, values, exact, to_stamp(at), name)
+    message.header.frame_id = frame
+    return message
 
 
-def joint_plan(at: int, joints: Sequence[Joint], times: Any, columns: Mapping[str, Any]) -> Any:
-    """Return a plan by the samples of states and controls."""
-    rows = _rows(joints, columns)
-    points = [
-        {
-            'positions': rows['position'][k],
-            'velocities': rows['velocity'][k],
-            'effort': rows['effort'][k],
-            'time_from_start': stamp(round(time * SECOND)),
-        }
-        for k, time in enumerate(times)
-    ]
-    names = [joint.name for joint in joints]
-    kind = 'trajectory_msgs/JointTrajectory'
-    return made(kind, header=header(at), joint_names=names, points=points)
-
-
-def summary(at: int, problem: str, parameters: Any, **more: Any) -> Any:
+def summary(at: int, problem: str, parameters: Any, **more: Any) -> String:
     document = {
         'plan_id': 1,
-        'stamp': stamp(at),
+        'stamp': {'sec': at // SECOND, 'nanosec': at % SECOND},
         'problem': problem,
         'duration': DURATION,
         'cost': 1.25,
@@ -147,23 +91,25 @@ def summary(at: int, problem: str, parameters: Any, **more: Any) -> Any:
         'vehicles': {},
         'parameters': parameters,
     }
-    return string(json.dumps(document | more))
+    return String(data=json.dumps(document | more))
 
 
-def status(at: int, node: str, level: int, message: str, **values: Any) -> Any:
+def status(at: int, node: str, level: int, message: str, **values: Any) -> DiagnosticArray:
     """Diagnostics of a node; of the names of values the underscores are spaces."""
-    told = {
-        'level': level,
-        'name': f'{node}: x',
-        'message': message,
-        'hardware_id': node,
-        'values': [{'key': k.replace('_', ' '), 'value': str(v)} for k, v in values.items()],
-    }
-    return made('diagnostic_msgs/DiagnosticArray', header=header(at), status=[told])
+    told = DiagnosticStatus(
+        level=bytes([level]),
+        name=f'{node}: x',
+        message=message,
+        hardware_id=node,
+        values=[KeyValue(key=k.replace('_', ' '), value=str(v)) for k, v in values.items()],
+    )
+    array = DiagnosticArray(status=[told])
+    array.header.stamp = to_stamp(at)
+    return array
 
 
-def log(at: int, level: int, node: str, text: str) -> Any:
-    return made('rcl_interfaces/Log', stamp=stamp(at), level=level, name=node, msg=text, line=1)
+def log(at: int, level: int, node: str, text: str) -> Log:
+    return Log(stamp=to_stamp(at), level=level, name=node, msg=text, line=1)
 
 
 def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
@@ -176,9 +122,7 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         vehicles[vehicle.name] = {
             'interpolation': plan.interpolation, 'units': plan.units, 'joints': table,
         }  # fmt: skip
-        columns = dict(zip(plan.state_names, plan.states.T, strict=True))
-        columns |= zip(plan.control_names, plan.controls.T, strict=True)
-        motion = joint_plan(START, kind.joints, plan.times, columns)
+        motion = messages.plan_message(kind, plan, to_stamp(START))
         found.append(Item(f'{space}/trajectory', START - SECOND, motion))
         within = [joint for joint in kind.joints if joint.name not in kind.odometry]
         for name, joints, histories in (
@@ -188,9 +132,9 @@ def recorded(mission: Mission, namespace: str, **told: Any) -> list[Item]:
         ):
             found += _joint_states(f'{space}/{name}', joints, histories)
         if kind.odometry and vehicle.states is not None:
-            for at, state in zip(vehicle.states.times, vehicle.states.values, strict=True):
-                stamp = after(at)
-                found.append(Item(f'{space}/odom', stamp, odometry(stamp, vehicle.name, state)))
+            for at, values in _moments(vehicle.states):
+                state = odometry(at, vehicle.name, list(values.values()))
+                found.append(Item(f'{space}/odom', at, state))
     parameters = dict(mission.parameters)
     said = summary(START, mission.problem, parameters, vehicles=vehicles, **told)
     return [*found, Item(f'{namespace}/plan_summary', START - SECOND, said)]
@@ -200,24 +144,21 @@ def _joint_states(
     topic: str, joints: Sequence[Joint], histories: Iterable[Signals | None]
 ) -> Iterator[Item]:
     """Yield the histories of those joints that they are of, on common instants."""
+    for at, values in _moments(*histories):
+        known = [j for j in joints if {j.position, j.velocity, j.effort} & set(values)]
+        message = messages.joint_states(known, values)
+        message.header.stamp = to_stamp(at)
+        yield Item(topic, at, message)
+
+
+def _moments(*histories: Signals | None) -> Iterator[tuple[int, dict[str, float]]]:
+    """Yield instants [ns] with the values by name of histories on common instants."""
     known = [signals for signals in histories if signals is not None]
-    columns = {name: signals.column(name) for signals in known for name in signals.names}
-    joints = [j for j in joints if {j.position, j.velocity, j.effort} & set(columns)]
-    if joints:
-        rows = _rows(joints, columns)
-        for k, at in enumerate(known[0].times):
-            values = {quantity: rows[quantity][k] for quantity in QUANTITIES}
-            message = joint_state(after(at), [joint.name for joint in joints], **values)
-            yield Item(topic, after(at), message)
-
-
-def _rows(joints: Sequence[Joint], columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Return positions, velocities and efforts of joints, (n, joints); zero where not given."""
-    nothing = np.zeros(len(next(iter(columns.values()))))
-    return {
-        quantity: np.stack([columns.get(getattr(j, quantity), nothing) for j in joints], axis=1)
-        for quantity in QUANTITIES
-    }
+    names = [name for signals in known for name in signals.names]
+    if known:
+        rows = np.concatenate([signals.values for signals in known], axis=1).tolist()
+        for at, row in zip(known[0].times, rows, strict=True):
+            yield after(at), dict(zip(names, row, strict=True))
 
 
 def pendulum_recording(namespace: str = '/pendulum') -> list[Item]:
@@ -254,20 +195,17 @@ def without(items: Iterable[Item], *endings: str) -> list[Item]:
 
 def write(path: Path, items: Iterable[Item], storage: str = 'mcap', compression: str = '') -> Path:
     """Write a rosbag2; `compression` is '', message, file or storage (within MCAP)."""
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
     if compression:
         writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
     with writer:
         connections: dict[str, Any] = {}
         for topic, at, message, data in sorted(items, key=lambda item: item.stamp):
-            kind = message.__msgtype__
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store())
-            if data is None:
-                data = store().serialize_cdr(message, kind)
-            writer.write(connections[topic], at, data)
+                package, kind = type(message).__module__.split('.')[0], type(message).__name__
+                name = f'{package}/msg/{kind}'
+                connections[topic] = writer.add_connection(topic, name, typestore=STORE)
+            writer.write(connections[topic], at, data or serialize_message(message))
     return path
 
 
@@ -300,7 +238,9 @@ def check_vehicles(mission: Mission, expected: Mission) -> None:
         assert plan.trajectory.interpolation == planned.trajectory.interpolation
         np.testing.assert_allclose(plan.trajectory.times, planned.trajectory.times, atol=1e-9)
         np.testing.assert_array_equal(plan.trajectory.states, planned.trajectory.states)
-        np.testing.assert_array_equal(plan.trajectory.controls, planned.trajectory.controls)
+        # the last controls are held for no time
+        controls = plan.trajectory.controls[:-1], planned.trajectory.controls[:-1]
+        np.testing.assert_array_equal(*controls)
         for part in ('states', 'applied', 'commands', 'tracking_error'):
             one, other = getattr(found, part), getattr(wanted, part)
             assert (one is None) == (other is None), part

@@ -27,7 +27,6 @@ from recordings import (
     Item,
     joint_state,
     log,
-    made,
     odometry,
     pendulum_recording,
     recorded,
@@ -35,12 +34,12 @@ from recordings import (
     SECOND,
     START,
     status,
-    string,
     summary,
     told,
     without,
     write,
 )
+from std_msgs.msg import String
 from tdm_planner.plant_kind import named_kind
 from tdm_planner.plant_views import PlantView
 from tdm_planner.trajectory import Trajectory
@@ -48,6 +47,7 @@ from tdm_sim.report.bag_files import UnreadableRecording
 from tdm_sim.report.comparison import compare
 from tdm_sim.report.mission import FollowedPlan, Mission, Severity, Signals, Vehicle
 from tdm_sim.report.reader import read_mission
+from trajectory_msgs.msg import JointTrajectory
 
 Read = Callable[[Iterable[Item]], Mission]
 
@@ -147,10 +147,10 @@ def test_hostile_contents_are_data(read: Read) -> None:
             *pendulum_recording(),
             said(0.1, 100, text),
             Item('/pendulum/plan_summary', at, evil),
-            Item('/pendulum/plan_summary', at + 1, string('[' * 100_000)),
+            Item('/pendulum/plan_summary', at + 1, String(data='[' * 100_000)),
             Item('/pendulum/joint_states', at, joints, short + b'\xff' * 60),
             Item('/pendulum/joint_states', 1, joints),
-            Item('/pendulum/trajectory', at, made('trajectory_msgs/JointTrajectory'), short),
+            Item('/pendulum/trajectory', at, JointTrajectory(), short),
         ]
     )
     assert len(mission.vehicles[0].plans) == 1

@@ -23,12 +23,10 @@ from missions import Parts, pendulum_mission, robots_mission, unpacked
 import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
-from tdm_sim.report.charts import json_for_html
 from tdm_sim.report.comparison import Comparison, Entry
 from tdm_sim.report.mission import Event, Mission, Severity
 from tdm_sim.report.page import motion_span, playing_speed, report_page, write_report
-from tdm_sim.report.tables import events_table, number, parameters_table, summary_table
-from tdm_sim.report.verdict import Verdict
+from tdm_sim.report.tables import events_table, number, summary_table
 
 LARGEST = 8_000_000
 MINUS = '\N{MINUS SIGN}'
@@ -82,15 +80,6 @@ def test_the_time_shown_first_is_the_motions() -> None:
         assert '<h1>t</h1>' in report_page(mission)
 
 
-@pytest.mark.parametrize('text', ['</script>', '<!--', ']]>', '&lt;', '\u2028', '"\\'])
-def test_json_can_stand_in_html(text: str) -> None:
-    written = json_for_html({text: [text]})
-    assert json.loads(written) == {text: [text]}
-    assert not set('<>&\u2028') & set(written)
-    with pytest.raises(ValueError, match='JSON'):
-        json_for_html({'x': float('nan')})
-
-
 @pytest.mark.parametrize(
     ('value', 'text'),
     [
@@ -135,34 +124,3 @@ def test_events_are_dimmed_before_the_motion_and_counted_beyond_a_page() -> None
     assert 'event 299<' in table
     assert 'event 300<' not in table
     assert 'and 700 more' in table
-
-
-@pytest.mark.parametrize(
-    ('verdict', 'kind', 'text'),
-    [
-        (Verdict(()), ' good', 'Goal reached and held'),
-        (Verdict(('fell <b>',)), ' bad', 'Goal missed</p><ul class="reasons"><li>fell &lt;b'),
-        (Verdict((), 'it ends at 5.2 s'), '', 'Not known: it ends at 5.2 s</p>'),
-    ],
-)
-def test_the_verdict_is_said_first(verdict: Verdict, kind: str, text: str) -> None:
-    table = summary_table(pendulum_mission(), Comparison((), verdict=verdict))
-    assert table.startswith(f'<p class="verdict{kind}">{text}')
-
-
-def test_a_plan_alone_has_no_column_for_what_was_achieved() -> None:
-    entries = (
-        Entry('duration', 'time to the goal', 's', 2.0),
-        Entry('planner', 'time to solve', 's', 0.5, 0.125),
-    )
-    found = rows(summary_table(pendulum_mission(measured=False), Comparison(entries)))
-    assert found[0] == ['', 'planned']
-    assert ['time to the goal [s]', '2'] in found
-    assert ['time to solve [s]', '0.125'] in found
-
-
-def test_parameters_are_escaped_and_sorted() -> None:
-    table = parameters_table({'b': [1.0, 2], 'a<': None, 'c': True})
-    assert table.index('a&lt;') < table.index('<code>b') < table.index('<code>c')
-    assert '>1, 2<' in table
-    assert '>unset<' in table

@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from double_integrator import DoubleIntegrator
 import numpy as np
 from recordings import recorded, write
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.parameters import group, parameter, POSITIVE, Validated
+from tdm_planner.parameters import parameter, POSITIVE
 from tdm_planner.plant_views import StatedView
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.report.animation import scene
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
@@ -32,15 +33,13 @@ LENGTH = 2.0  # s
 
 
 @dataclass(frozen=True)
-class Sled(DirectProblem, Validated):
+class Sled(DoubleIntegrator):
     """A sled that goes 1 m, to rest or past the mark."""
 
     name: ClassVar[str] = 'sled'
-    state_names, state_units = ('x', 'v'), ('m', 'm/s')
-    control_names, control_units = ('a',), ('m/s^2',)
+    limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
 
-    most: float = parameter(2.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
+    margins, final_cost = DirectProblem.margins, DirectProblem.final_cost
 
     def outputs(self) -> Any:
         return {'x': Output(start=(0.0, 0.0), end=(1.0, 0.0))}
@@ -48,15 +47,8 @@ class Sled(DirectProblem, Validated):
     def duration(self) -> Duration:
         return Duration(guess=LENGTH)
 
-    def invert(self, y: Any, z: Any) -> Any:
-        x, v, a = y['x']
-        return (x, v), (a,)
-
-    def derivative(self, x: Any, u: Any) -> Any:
-        return x[1], u[0]
-
     def control_limits(self) -> Any:
-        return {'a': (-self.most, self.most)}
+        return {'u': (-self.limit, self.limit)}
 
     def joints(self) -> Any:
         return {'runner': ('x', 'v')}
@@ -83,7 +75,7 @@ def plan(end: float) -> Trajectory:
     b, a = 3 / LENGTH**2 - end / LENGTH, end / LENGTH**2 - 2 / LENGTH**3
     states = np.stack([b * t**2 + a * t**3, 2 * b * t + 3 * a * t**2], axis=1)
     controls, units = (2 * b + 6 * a * t)[:, None], ('m', 'm/s')
-    return Trajectory(t, states, controls, ('x', 'v'), ('a',), 'linear', units, ('m/s^2',))
+    return Trajectory(t, states, controls, ('x', 'v'), ('u',), 'linear', units, ('m/s^2',))
 
 
 def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float) -> Mission:
@@ -92,13 +84,13 @@ def mission(problem: DirectProblem, end: float, until: float = 9.0, **off: float
     at = np.arange(0.0, until, 0.01)
     states, controls = motion.sample(np.minimum(at, LENGTH))
     states = states + np.array([off.get('x', 0.0), off.get('v', 0.0)])
-    controls = (at[:, None] < LENGTH) * controls + off.get('a', 0.0)
+    controls = (at[:, None] < LENGTH) * controls + off.get('u', 0.0)
     vehicle = Vehicle(
         'sled',
         StatedView(problem),
         (FollowedPlan(motion, 0.0),),
         states=Signals(at, states, ('x', 'v'), ('m', 'm/s')),
-        commands=Signals(at, controls, ('a',), ('m/s^2',)),
+        commands=Signals(at, controls, ('u',), ('m/s^2',)),
     )
     return Mission('Sled', problem.name, (vehicle,))
 
@@ -128,13 +120,13 @@ def test_of_a_motion_that_is_not_held_its_end_counts_where_it_is_stated() -> Non
 
 
 def test_limits_leave_the_feedback_some_room() -> None:
-    assert judged(Sled(), 0.0, a=0.55).reached  # 2.5 % above 2 m/s^2
-    (reason,) = judged(Sled(), 0.0, a=0.7).reasons
-    assert "violated the limit 'a, highest' by 0.0" in reason
+    assert judged(Sled(), 0.0, u=0.55).reached  # 2.5 % above 2 m/s^2
+    (reason,) = judged(Sled(), 0.0, u=0.7).reasons
+    assert "violated the limit 'u, highest' by 0.0" in reason
 
 
 def test_a_recording_of_it_is_judged_where_the_class_is_given(tmp_path: Path) -> None:
-    sled = replace(mission(Sled(), 0.0), parameters={'most': 2.0})
+    sled = replace(mission(Sled(), 0.0), parameters={'limit': 2.0})
     bag = write(tmp_path / 'bag', recorded(sled, '/sled'))
     found = verdict(bag, problem=Sled)
     assert found is not None

