@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 # Below this share of A J the mass matrix's determinant is lost in rounding.
 _SMALLEST_DETERMINANT = 1e-9
+_MOST_ACROSS = 100.0  # times the inertia upright that steps account for
 
 
 class Coefficients(NamedTuple):
@@ -216,8 +217,9 @@ class RotaryPendulum(Validated, StatedPlant):
         """
         k = self.coefficients
         scale = self.determinant + k.arm**2
-        across = max(k.disk_sine - k.disk_cosine, 0.0) / (k.disk + k.disk_cosine)
-        return max(1.0, 0.5 * math.sqrt(max(1.0, across) * scale / self.determinant))
+        across = (k.disk_sine - k.disk_cosine) / (k.disk + k.disk_cosine)
+        across = min(max(across, 1.0), _MOST_ACROSS)
+        return max(1.0, 0.5 * math.sqrt(across * scale / self.determinant))
 
     def disk_acceleration(self, torque: float) -> float:
         """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""

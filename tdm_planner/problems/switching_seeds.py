@@ -41,7 +41,8 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 Late = Callable[[], bool]
 
 VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many of them between two looks at the clock
-_LONGEST, _LONGEST_WORK = 400.0, 10.0  # of 1/w0: what a pump may take; times drive
+# Of 1/w0, what a pump may take: times drive, but so much at least and at most.
+_LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
 _PUMP_STEP, _FINEST = 0.09, 5.0  # of 1/w0, of its integration; by how much finer at most
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
@@ -200,7 +201,7 @@ def _swings(
     arcs, distances = np.zeros(VARIANTS, np.intp), np.full(VARIANTS, np.inf)
     weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
-    longest = _times_drive(task, _LONGEST_WORK, _LONGEST)
+    longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
     step = _PUMP_STEP / w0 / min(task.plant.quickness, _FINEST)
     common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest, step)
     for first in range(0, VARIANTS, _AT_ONCE):

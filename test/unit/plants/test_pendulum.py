@@ -98,8 +98,8 @@ def test_values_that_are_not_physical_are_refused():
     for axis in ('disk', 'x', 'y', 'z'):
         with pytest.raises(InvalidProblem, match=axis):
             PendulumInertia(**{axis: 0.0})
-    tiny = PendulumInertia(disk=1e-300, x=1e-300, y=1e-300, z=1e-300)
-    for singular in ({'inertia': tiny}, {'mass': 1e-300}):
+    tiny = PendulumInertia(disk=1e-12, x=1e-12, y=1e-12, z=1e-12)
+    for singular in ({'inertia': tiny, 'mass': 1.0}, {'mass': 1e9}):
         with pytest.raises(InvalidProblem, match='plant'):
             RotaryPendulum(**singular)
 

@@ -16,7 +16,6 @@ import pytest
 import table
 from tdm_planner.problem_check import check_problem
 
-
 PAGES = pytest.mark.parametrize(('module', 'name'), table.GALLERY.items())
 
 

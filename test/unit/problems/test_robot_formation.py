@@ -27,6 +27,7 @@ from tdm_planner.problems.formation_size import resized
 from tdm_planner.problems.formation_task import least_time
 from tdm_planner.problems.formation_verification import assessed, gas_used
 from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
 
@@ -306,29 +307,35 @@ def test_least_time_is_that_of_the_bang_bang_motion():
 def test_penalty_is_equation_29_mended():
     """Everything is violated: walls, limits of all kinds, and the distance of neighbours."""
     task, rng = formation().task, np.random.default_rng(7)
-    states, controls = rng.normal(size=(500, 7 * task.n)), rng.normal(size=(500, 3 * task.n))
+    times = np.arange(500.0)
+    states, controls = rng.normal(size=(500, task.n, 7)), rng.normal(size=(500, task.n, 3))
     k = np.array([0.1, 0.2, 0.3, 0.4])
 
     def square(margin):
         return float(np.maximum(-margin, 0.0).max() ** 2)
 
-    delta, half = 0.0, task.separation / 2
-    places = states.reshape(len(states), task.n, 7)[:, :, :2]
+    delta, worst = 0.0, []
     largest = [
         task.plant.mass * task.thrust, task.thruster_rate, task.plant.inertia * task.torque
     ]  # fmt: skip
-    shares = controls.reshape(len(states), task.n, 3) / largest
     for i in range(task.n):
-        f, turn, t = shares[:, i].T
-        for side, place in zip(task.sides, places[:, i].T, strict=True):
-            delta += k[0] * (square(place - half) + square(side - half - place))
+        place = states[:, i, :2]
+        f, turn, t = (controls[:, i] / largest).T
+        delta += k[0] * square(
+            np.minimum(place, task.sides - place).min(axis=1) - task.separation / 2
+        )
         delta += k[1] * square(np.minimum(1 - f, f))
         delta += k[2] * (square(1 - np.abs(t)) + square(1 - np.abs(turn)))
         for other in range(i):
-            apart = places[:, i] - places[:, other]
+            apart = place - states[:, other, :2]
             delta += k[3] * square(np.hypot(*apart.T) - task.separation)
+        constraints = formation_verification.robot_constraints(task)
+        worst.append(check(constraints, times, states[:, i], controls[:, i])[0])
+    whole = states.reshape(500, -1), controls.reshape(500, -1)
+    separations = formation_verification.separation_constraints(task)
+    pairs = check(separations, times, *whole)[0]
     assert delta > 0.1
-    assert formation_verification.penalty(task, states, controls, k) == pytest.approx(delta)
+    assert formation_verification.penalty(task, worst, pairs, k) == pytest.approx(delta)
 
 
 def test_fewer_robots_are_the_first_ones():

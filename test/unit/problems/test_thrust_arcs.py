@@ -15,7 +15,6 @@ import itertools
 from benchmark.scenarios import crossing
 import numpy as np
 import pytest
-from tdm_planner.exceptions import DeadlineExceeded
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation_parameters import RobotStart
 from tdm_planner.problems.thrust_arcs_kernels import attitude, place, turning
@@ -180,13 +179,6 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     arrivals = [(again.trajectories[name].duration, plan.duration) for name, plan in rest.items()]
     assert all(new == pytest.approx(old, abs=0.5) for new, old in arrivals)
-
-
-def test_a_motion_without_numbers_is_met_with_a_reason():
-    extreme = {'robot1.start.omega': 2.0, 'robot1.start.alpha': None, 'limits.torque': 5e-324}
-    formation = RobotFormation.from_parameters({'arena.length': 1e3, **extreme})
-    with pytest.raises(DeadlineExceeded, match=r"the thruster of 'robot1' needs .* was violated"):
-        formation.solve(deadline=0.0)
 
 
 def test_pairs_keep_their_distance_between_samples(plans):

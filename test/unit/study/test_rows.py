@@ -172,7 +172,7 @@ def test_values_have_the_type_of_the_parameter() -> None:
     ('text', 'words'),
     [
         ('limits.torqe=0.1', 'limits.torque'),
-        ('limits.torque=-1:1:3', r'must be a number in \(0'),
+        ('limits.torque=-1:1:3', r'must be a number in \[1e-12'),
         ('goal.turns=0:1:3', '0.5'),
         ('start.source=measured', 'belongs to a node'),
         ('method=smooth,quick', 'one of switching'),
