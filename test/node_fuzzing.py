@@ -245,7 +245,7 @@ class SixNodes:
             assert not result.successful
 
     def ignore_stamps_that_no_clock_shows(self) -> None:
-        """A summary that is no planner's once ended every planner that heard it."""
+        """Publish summaries that no planner makes: one once ended every planner that heard it."""
         publisher = self.ros.publisher('/pendulum/plan_summary', String, LATCHED)
         for second in ('9' * 4000, '-1', '1e300', str(2**31)):
             publisher.publish(String(data=f'{{"stamp": {{"sec": {second}, "nanosec": 0}}}}'))
