@@ -182,7 +182,7 @@ def test_trajectories_are_refused_with_a_reason(
     spoil(spoilt)
     plans.publish(spoilt)
     ros.settle()
-    assert 'trajectory refused: ' in idle.status.message
+    assert 'trajectory rejected: ' in idle.status.message
     assert reason in idle.status.message
     assert idle.tracker.node.tracker.current is None
 
@@ -192,11 +192,11 @@ def test_bytes_that_are_no_trajectory_are_refused(
     ros: Stepped, idle: Bench, plans: Any, data: bytes
 ) -> None:
     """Whatever a faulty node sends, the tracker stays."""
-    count = idle.tracker.output.count('trajectory refused: ')
+    count = idle.tracker.output.count('trajectory rejected: ')
     plans.publish(data)
     ros.spin_for(0.1)
-    assert idle.tracker.output.count('trajectory refused: ') == count + 1
-    assert idle.says('trajectory refused: ')
+    assert idle.tracker.output.count('trajectory rejected: ') == count + 1
+    assert idle.says('trajectory rejected: ')
 
 
 def test_parameters_are_refused_with_a_sentence(ros: Stepped, idle: Bench) -> None:
@@ -225,7 +225,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
     ros.settle()
     assert idle.status.message.startswith('waiting')
-    assert 'refused' not in idle.status.message
+    assert 'rejected' not in idle.status.message
 
 
 @pytest.fixture
@@ -440,7 +440,7 @@ def test_plans_of_robots_are_refused_with_a_reason(
     scout: Scout, spoil: Callable[[Any], Any], reason: str
 ) -> None:
     scout.offer(spoil)
-    assert scout.says('trajectory refused: ', reason)
+    assert scout.says('trajectory rejected: ', reason)
 
 
 @pytest.mark.usefixtures('laborious')

@@ -77,7 +77,7 @@ def test_after_its_end_the_plan_stays_at_the_goal(plan):
     np.testing.assert_allclose(early, plan.trajectory.states[0], atol=1e-12)
 
 
-def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
+def test_until_a_plan_begins_the_one_before_is_active(plan):
     def begins(start):
         return TimedTrajectory(plan.trajectory, start)
 

@@ -22,13 +22,13 @@ import numpy as np
 import pytest
 from tdm_planner.nodes.markers import (
     colour_of,
+    DrawnPath,
     lifetime_at,
     LONGEST_PATH,
-    Pen,
+    MarkerFactory,
     Picture,
     plan_markers,
     to_points,
-    Way,
 )
 from tdm_planner.plant_drawings import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.plants.floating_robot import FloatingRobot
@@ -55,7 +55,7 @@ def test_a_name_has_one_colour_and_numbered_names_different_ones() -> None:
 
 
 def test_what_the_pen_draws_is_valid_and_deletes_by_name() -> None:
-    pen = Pen('map', Time(sec=3), lifetime=1.5)
+    pen = MarkerFactory('map', Time(sec=3), lifetime=1.5)
     line = pen.line('way', 4, to_points(np.eye(3)), GREY, 0.1)
     ball = pen.solid('ball', 0, Marker.SPHERE, GREY, (1.0, 2.0, 3.0), (4.0, 5.0))
     first = MarkerArray(markers=[line, ball, pen.text('note', 0, 'hello', (0.0, 1.0, 2.0), 0.2)])
@@ -116,7 +116,7 @@ def test_a_rod_is_where_the_state_has_it(theta, psi) -> None:
 @pytest.mark.parametrize(('limit', 'reach'), [(0.5, 0.5), (3.5, math.pi), (1e12, math.pi)])
 def test_the_disk_has_its_limit_around_it(limit: float, reach: float) -> None:
     around = PendulumDrawing(PLANT, 0.02, limit).surroundings()
-    drawn = plan_markers('world', around, [Way(PENDULUM, np.zeros((1, 4)))])
+    drawn = plan_markers('world', around, [DrawnPath(PENDULUM, np.zeros((1, 4)))])
     ends = [math.atan2(p.y, p.x) for p in Scene(drawn)['limit', 1].points[::59]]
     np.testing.assert_allclose(np.abs(ends), reach, atol=1e-9)
 
@@ -162,7 +162,7 @@ ZONES = [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]]
 
 
 def formation(names: str, zones: list[list[float]]) -> MarkerArray:
-    ways = [Way(ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
+    ways = [DrawnPath(ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
     return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
 
 
