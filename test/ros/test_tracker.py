@@ -218,7 +218,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
     other.publish(message(ros, plan, 0.39))
     ros.settle()
-    told = "it starts 0.1 s before the active one; of 2 planners' plans the one that starts last"
+    told = "it starts 0.1 s before the active one; of 2 planners' plans the tracker follows"
     assert told in idle.status.message
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
