@@ -11,7 +11,7 @@
 Closed-loop experiments: the trackers' own code against plants that are not their models.
 
 Every physical constant and actuator gain is off by up to the mismatch, measurements are noisy; no
-plan is made anew on the way. The flights are those of `tdm study`.
+replan. The flights are those of `tdm study`.
 
 A pendulum counts as held when |theta - 2 pi n| < 0.05 rad and |psi| < psi_max throughout the last
 5 s, which begin 2 s after the planned end. Robots count as arrived when every one is within 2 cm

@@ -101,9 +101,9 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
             )
             for name, motion in plan.solution.trajectories.items()
         }
-        foreseen = execution.foresee(plan, seen, elapsed)
+        predicted = execution.foresee(plan, seen, elapsed)
         assert isinstance(plan.problem, RobotFormation)
-        problem = execution.problem_from(plan.problem, foreseen)
+        problem = execution.problem_from(plan.problem, predicted)
         return Case(problem, plan.remainder(elapsed) if warm else None)
 
     return case

@@ -11,7 +11,7 @@
 Trackers, simulated plants and the replanner stepped together, without ROS, planning late.
 
 The same code as the nodes': a plan made from the states measured at t reaches the trackers later
-and takes over at t + replan.delay; of the plants nothing is known but what their sensors say.
+and starts at t + replan.delay; plants are known by their sensors only.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RecedingHorizon:
     Vehicles by name, stepped by `interval` s; `problem` is what is asked at present.
 
     `plans` are those that became active, `reviews` what the replanner made of it (at most once
-    an interval of 1 / replan.rate), `refusals` what the trackers did not accept. Without a
+    an interval of 1 / replan.rate), `rejections` what the trackers did not accept. Without a
     replanner the first plan is all there is.
     """
 
@@ -55,13 +55,13 @@ class RecedingHorizon:
     replanner: Replanner | None = None
     plans: list[ActivePlan] = field(default_factory=list)
     reviews: list[Review] = field(default_factory=list)
-    refusals: list[str] = field(default_factory=list)
+    rejections: list[str] = field(default_factory=list)
     time: float = 0.0
     _coming: tuple[float, ActivePlan] | None = None
     _next_review: float = 0.0
 
     def begin(self, plan: ActivePlan) -> None:
-        """Have a plan carried out that starts now."""
+        """Execute a plan that starts now."""
         for vehicle in self.vehicles.values():
             vehicle.tracker.observe(vehicle.plant.measure(), self.time - self.interval)
         self._activate(plan, self.time - self.interval)
@@ -112,8 +112,8 @@ class RecedingHorizon:
         for name, vehicle in self.vehicles.items():
             try:
                 vehicle.tracker.accept(plan.solution.trajectories[name], plan.start, now)
-            except TrajectoryRefused as refusal:
-                self.refusals.append(str(refusal))
+            except TrajectoryRefused as rejection:
+                self.rejections.append(str(rejection))
         self.plans.append(plan)
         if self.replanner is not None:
             self.replanner.adopt(plan)

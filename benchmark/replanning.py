@@ -11,12 +11,12 @@
 Replanning while the plant moves: model errors, noise, a push mid-way, a goal that moves.
 
 The replanner and the trackers are those of the nodes, reviews at 5 Hz; a plan made from the
-states measured at t takes over at t + replan.delay. Physical constants and actuator gains are off
+states measured at t starts at t + replan.delay. Physical constants and actuator gains are off
 by up to 5 %, measurements are noisy.
 
 The pendulum (limits.torque .02 N m: it must pump) is pushed, half-way through the first plan, by
 30 % of the largest angular momentum about its pivot of the planned swing, either way. It is caught
-at once when from the first time that the regulator about upright takes over it is never lost
+at once when from the first time that the regulator about upright acts it is never lost
 again; it counts as held when |theta - 2 pi n| < .05 rad from 10 s after the start until 15 s after
 it.
 
@@ -111,7 +111,7 @@ def swing_up(
 
 def _planned(loop: RecedingHorizon) -> dict[str, Any]:
     times = [review.solve_time for review in loop.reviews if review.solve_time > 0.0]
-    return {'plans': len(loop.plans), 'refused': len(loop.refusals), 'times': times}
+    return {'plans': len(loop.plans), 'refused': len(loop.rejections), 'times': times}
 
 
 def pendulum(push: float, seeds: int) -> dict[str, Any]:
@@ -219,7 +219,7 @@ def run(seeds: int = 40) -> dict[str, Any]:
 
 def table(figures: dict[str, Any]) -> str:
     """Return the figures as lines of text."""
-    planning = f'{"plans mean, most":>18}{"refused":>9}{"review ms med, max":>20}'
+    planning = f'{"plans mean, most":>18}{"rejected":>9}{"review ms med, max":>20}'
     lines = [
         f'{"pendulum":34}{"at once":>9}{"in 10 s":>9}{"slowest":>9}{"|psi| kept":>12}' + planning
     ]

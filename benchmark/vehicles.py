@@ -55,7 +55,7 @@ def pendulum_loop(
     seed: int,
     replanner: Replanner,
 ) -> RecedingHorizon:
-    """Return a pendulum about to carry out a plan, commanded every `interval` s."""
+    """Return a pendulum about to execute a plan, commanded every `interval` s."""
     parameters = tracker_parameters(problem, interval)
     limit = np.array([problem.limits.torque])
     setup = PlantSetup(
@@ -91,7 +91,7 @@ def formation_loop(
     seed: int,
     replanner: Replanner,
 ) -> RecedingHorizon:
-    """Return robots about to carry out their plans, commanded every `interval` s."""
+    """Return robots about to execute their plans, commanded every `interval` s."""
     limits = problem.limits
     upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
     values = {

@@ -13,10 +13,10 @@ Planner and tracker of the rotary pendulum, and a simulated plant unless a real 
 ros2 launch tdm_planner pendulum.launch.py rviz:=true
 ros2 service call /pendulum/plan std_srvs/srv/Trigger
 
-Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the active plan where
-the plant is on it, and holds otherwise. The planner is not, which would forget the parameters that
-were set meanwhile; nor is the simulated plant, which would jump back to its initial state: when
-one of them dies, the launch ends. With a real plant the tracker goes on to hold it.
+Ctrl-C ends all of it. A tracker that dies is restarted: it resumes the active plan if the plant is
+on it, and holds otherwise. Planner and simulated plant are not restarted, because they would lose
+their parameters and their state: when one of them dies, the launch ends. With a real plant the
+tracker goes on to hold it.
 """
 
 from typing import Any
@@ -34,7 +34,7 @@ from tdm_planner.views.rviz import pendulum_rviz
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Describe the processes, for the arguments of this launch; foreign ones come first."""
+    """Describe the processes, for the arguments of this launch; other packages' first."""
     launch = Launch(context)
     described: list[Any] = []
     if launch.on('description'):

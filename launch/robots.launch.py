@@ -17,10 +17,10 @@ The robots are those that the parameter file's section `planner` names in `robot
 ones stand at its `<robot>.start` to begin with. ``number_of_robots:=2`` takes the first two of
 them, a larger number adds more, with places of their own.
 
-Ctrl-C ends all of it. A tracker that dies is started anew: it takes up the active plan where
-the robot is on it, and holds otherwise. The planner is not, which would forget the parameters that
-were set meanwhile; nor are simulated plants, which would jump back to their initial states: when
-one of them dies, the launch ends. With real robots the trackers go on to hold them.
+Ctrl-C ends all of it. A tracker that dies is restarted: it resumes the active plan if the robot is
+on it, and holds otherwise. Planner and simulated plants are not restarted, because they would lose
+their parameters and their state: when one of them dies, the launch ends. With real robots the
+trackers go on to hold them.
 """
 
 from typing import Any
@@ -38,7 +38,7 @@ from tdm_planner.views.rviz import robots_rviz
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Describe the processes, for the arguments of this launch; foreign ones come first."""
+    """Describe the processes, for the arguments of this launch; other packages' first."""
     launch = Launch(context)
     nodes = robot_nodes(launch.document, launch.namespace, how_many(launch['number_of_robots']))
     described: list[Any] = []

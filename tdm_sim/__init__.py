@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Simulated plants for tests, experiments and demonstrations, and the recorder of their topics."""
+"""Simulated plants, demos, recordings, reports and studies."""
 
 import tdm_planner  # noqa: F401  first: see tdm_planner.starting
 from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push

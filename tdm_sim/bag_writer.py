@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A rosbag2 being written, by way of the Python package `rosbags`."""
+"""Writes a rosbag2 by means of the Python package `rosbags`."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class BagWriter:
     A context: the bag's folder is made on entering, and closed as a valid bag on leaving.
 
     `storage` is one of `STORAGES`. All calls must come from one thread. When a message cannot be
-    written, as on a full disk, `failure` says why from then on, further messages are left out, and
-    what was written before stays readable.
+    written, as on a full disk, `failure` says why. Further messages are then dropped, and earlier
+    ones stay readable.
 
     Raises
     ------
@@ -158,7 +158,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Write index and metadata, whatever happened: what was received stays readable."""
+        """Write index and metadata, also after an error: the messages stay readable."""
         self._reserve.release()
         try:
             self._close()

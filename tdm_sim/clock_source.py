@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Simulated time, faster or slower than real time: a node drives `/clock`, and itself with it."""
+"""Simulated time, faster or slower than real time: a node publishes `/clock` and follows it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PATIENCE = 2.0  # s of real time after which a silent follower is not waited fo
 
 
 class _Follower:
-    """A topic whose stamps show how far another node has come."""
+    """A topic whose stamps show the simulated time of another node."""
 
     def __init__(self, node: Node, topic: str) -> None:
         self.stamp = self.interval = 0  # ns
@@ -47,7 +47,7 @@ class _Follower:
         self.stamp, self.heard_at = stamp, time.monotonic()
 
     def lags(self, now: int, step: int) -> bool:
-        """Whether it is to be waited for at the simulated instant `now` [ns]."""
+        """Whether the clock must wait for it at the simulated instant `now` [ns]."""
         if time.monotonic() - self.heard_at > _PATIENCE:
             return False
         return now - self.stamp >= _LAG * max(step, min(self.interval, _LAG * step))
@@ -57,15 +57,15 @@ class ClockSource:
     """
     Publishes `/clock` in steps of `step` [s]; the node's own clock shows the same time.
 
-    Simulated time begins with the computer's and runs `speed` times as fast. It goes on in whole
-    steps, so that timers of its period fire in every one of them, and never in leaps. Where this
-    process, or one that publishes on a topic of `followers`, does not keep up, it runs slower than
-    asked: a busy computer makes a motion longer to wait for, and does not change it.
+    Simulated time begins with the computer's and runs `speed` times as fast. It advances in whole
+    steps and never leaps, so that timers of that period fire in every step. If this process or a
+    publisher of a topic of `followers` does not keep up, time runs slower: a busy computer delays
+    a motion, and does not change it.
     """
 
     def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
         if ros_clock(node).ros_time_is_active:
-            # The node is the one that tells the time: what it would hear is its own.
+            # The node publishes /clock itself and must not subscribe to it.
             off = Parameter('use_sim_time', value=False)
             Node.set_parameters_atomically(node, [off])
         self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, _QUEUE)
@@ -81,7 +81,7 @@ class ClockSource:
         self._tell()
 
     def advance(self) -> None:
-        """Bring the time up to the present, as far as all have come along, and tell it."""
+        """Advance the time to the present, but not ahead of the followers, and publish it."""
         now = time.monotonic()
         elapsed, self._last = now - self._last, now
         self._due = min(

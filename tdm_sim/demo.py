@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The demo: real nodes in processes of their own, a plan by service, a recording, a verdict."""
+"""The demo: nodes as processes, a plan by service, a recording, a verdict."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluatio
 
 
 class DemoFailed(TdmError):
-    """The demo could not be carried out; says which part did not come up or answer."""
+    """The demo failed; the message names the part that did not start or answer."""
 
     code = 'DEMO_FAILED'
 
@@ -108,14 +108,14 @@ def run_demo(
 
 
 def _prepare_folder(folder: Path) -> None:
-    """Clear what an earlier demo left; refuse a folder that holds anything else."""
+    """Clear the files of an earlier demo; reject a folder that holds anything else."""
     if folder.exists() and not folder.is_dir():
         raise UnusableFile(f"'{folder}' is a file, not a folder for the demo")
     folder.mkdir(parents=True, exist_ok=True)
-    foreign = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
-    if foreign:
+    others = sorted(p.name for p in folder.iterdir() if p.name not in _OWN_FILES)
+    if others:
         raise UnusableFile(
-            f"the folder '{folder}' holds '{foreign[0]}', which no demo has written: "
+            f"the folder '{folder}' holds '{others[0]}', which no demo has written: "
             'name another one with -o'
         )
     for name in _OWN_FILES:
@@ -127,7 +127,7 @@ def _prepare_folder(folder: Path) -> None:
 
 
 def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
-    """Carry out the demo; returns which nodes did not end as they should."""
+    """Run the demo; returns the nodes that did not end cleanly."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = Context()
     rclpy.init(context=context)
@@ -182,7 +182,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
 
 
 def _ask(client: Any, wait: Callable[[Callable[[], bool], float], bool]) -> dict[str, Any]:
-    """Request a plan; again where the planner has not heard of every plant yet."""
+    """Request a plan, again while the planner has not received every plant's state."""
     end = time.monotonic() + _START_LIMIT
     while True:
         future = client.call_async(Trigger.Request())

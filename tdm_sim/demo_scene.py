@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What a demo is made of: its nodes, what it hears of them, and when it is over."""
+"""The scene of a demo: its nodes, their connections, and when the demo is over."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ class Part(NamedTuple):
 
 class Connections:
     """
-    Which nodes have found each other, as they say themselves: figures of `/diagnostics` by name.
+    Which nodes are connected, from their own figures on `/diagnostics`.
 
-    That one process sees two others does not mean that they see each other: the middleware may
-    bring some pairs together seconds after the rest. What one node receives, only that node knows.
+    A process that sees two others does not know whether these see each other: the middleware may
+    connect some pairs seconds after the rest.
     """
 
     def __init__(self) -> None:
@@ -169,7 +169,7 @@ class Scene:
         return commands
 
     def listen(self, node: Node) -> None:
-        """Subscribe to what the nodes say of themselves, the plan, and every plant's motion."""
+        """Subscribe to the diagnostics, the plan, and every plant's motion."""
         self.connections.listen(node)
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
         for plant in self.plants:
@@ -210,9 +210,9 @@ class Scene:
 
     def missing(self, client: Client) -> list[str]:
         """
-        Name what is not up, or has not found the others; `client` is of the planner's service.
+        Name the nodes that are not up or not connected; `client` is of the planner's service.
 
-        Whoever asks earlier has a plan that some node receives when its motion is over.
+        A plan requested earlier might reach a node after its motion is over.
         """
         found = []
         for part in self.parts:
@@ -227,7 +227,7 @@ class Scene:
 
     @property
     def planned(self) -> bool:
-        """Whether the plan has been heard of."""
+        """Whether the plan has been received."""
         return bool(self._plan)
 
     @property
@@ -326,11 +326,11 @@ def speed_settings(
     namespace: str | None = None,
 ) -> dict[str, Any]:
     """
-    Return what a node is told beside the parameter file, for a demo `speed` times real time.
+    Return a node's parameters beside the parameter file, for a demo at `speed` times real time.
 
-    One plant drives `/clock`, all others follow it. Solving takes real time, and so does sending a
-    message: where simulated time runs faster, what must cover them is longer in simulated time.
-    The rates are lowered so that the computer has no more to do in a second than it can.
+    One plant drives `/clock`, all others follow it. Solving and messages take real time: at a
+    higher speed, delays and timeouts that cover them are longer in simulated time. Rates are
+    lowered to what the computer can serve.
 
     `rates` is how many times more often than at real time the nodes may be called in a second;
     `followers` are the topics whose publishers the clock waits for. Of the parameter file those

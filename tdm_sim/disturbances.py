@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What disturbs a simulated plant: measurement noise, lost commands, pushes."""
+"""Disturbances of a simulated plant: measurement noise, lost commands, pushes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Disturbances:
     """The random part of a simulated plant, reproducible: one seed, one sequence of draws."""
 
     def __init__(self, seed: int = 0) -> None:
-        # Independent streams: how often one is drawn from must not change the other.
+        # Independent streams: draws from one must not change the other.
         self._noise, self._loss, self._direction = (
             np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
         )

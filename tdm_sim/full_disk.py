@@ -8,11 +8,11 @@
 # language governing permissions and limitations under the License.
 
 """
-What makes a bag survive a full disk, or a recorder that is killed.
+Keeps a bag readable when the disk is full or the recorder is killed.
 
 `rosbags` writes MCAP in blocks of a megabyte and SQLite in a single transaction. Here blocks are
-completed and transactions committed every second, or sooner if they get large; and space is kept
-in reserve for what must be written at the end.
+completed and transactions committed every second, or sooner if they are large. Disk space is
+reserved for what must be written at the end.
 """
 
 from __future__ import annotations
@@ -32,41 +32,41 @@ StorageError = (OSError, sqlite3.Error)
 
 
 class Reserve:
-    """Space kept free: a file of `RESERVE` bytes, given up when the disk is full."""
+    """Reserved space: a file of `RESERVE` bytes, removed when the disk is full."""
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / '.reserve'
 
     def take(self) -> None:
-        """Occupy the space; raises OSError if there is not so much."""
+        """Reserve the space; raises OSError if there is too little."""
         with self._file.open('xb') as file:
             os.posix_fallocate(file.fileno(), 0, RESERVE)
 
     def release(self) -> None:
-        """Give the space up."""
+        """Free the space."""
         with suppress(OSError):
             self._file.unlink()
 
 
 class Keeper(Protocol):
-    """Keeps what has been written readable."""
+    """Keeps written messages readable."""
 
     def written(self, topic: int, stamp: int, data: bytes) -> None:
         """Note that a message has been written."""
 
     def complete(self) -> None:
-        """Make what has been written last to what survives a kill."""
+        """Complete what has been written last, so that it survives a kill."""
 
     def rescue(self, counts: dict[int, int]) -> None:
         """
-        Bring the storage in order after a failed write, with the reserve given up.
+        Repair the storage after a failed write, with the reserve freed.
 
-        `counts`, messages by topic, are made those of the storage.
+        `counts`, messages by topic, are set to those of the storage.
         """
 
 
 def make_keeper(storage: Any) -> Keeper:
-    """Return what looks after a storage of `rosbags`."""
+    """Return the keeper for a storage of `rosbags`."""
     if hasattr(storage, 'bio'):
         return _McapKeeper(storage)
     return _SqliteKeeper(storage)

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A plant whose physical constants are not those its controller believes in."""
+"""A plant whose physical constants differ from those of its controller's model."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
 
 def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
     """
-    Return what each of `count` actuators really delivers per unit commanded, (count,).
+    Return the gain of each of `count` actuators, delivered per commanded, (count,).
 
     Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
     """

@@ -65,7 +65,7 @@ class PendulumNoise(Validated):
 
 @dataclass(frozen=True)
 class PendulumDisturbance(Validated):
-    """What happens to the pendulum from outside."""
+    """Disturbances of the pendulum."""
 
     impulse: float = parameter(
         1.5e-4,
@@ -119,7 +119,7 @@ class PendulumModel(PlantModel):
         )
 
     def drawn(self, parameters: PendulumPlantParameters) -> PendulumDrawing:
-        """Return the rig as the parameters have it."""
+        """Return the rig with these parameters."""
         return PendulumDrawing(parameters.plant, parameters.limits.torque)
 
     def description(self, parameters: PendulumPlantParameters) -> str:
@@ -138,7 +138,7 @@ class PendulumModel(PlantModel):
         )
 
     def observe(self, state: Array) -> None:
-        """Take note of the disk's angle."""
+        """Record the disk's angle."""
         self._largest_disk_angle = max(self._largest_disk_angle, abs(state[1]))
 
     def conditions(

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the simulation node must know of a plant beside its joints."""
+"""The interface between the plant node and a plant: parameters, drawing, pushes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SimulationParameters(Validated):
-    """What every simulated plant can be told; subclasses add the plant's own."""
+    """Parameters of every simulated plant; subclasses add the plant's own."""
 
     rate: float = parameter(
         200.0,
@@ -78,11 +78,11 @@ class SimulationParameters(Validated):
 
 @dataclass(frozen=True)
 class MarkerParameters(Validated):
-    """How the plant is drawn, while somebody looks."""
+    """How the plant is drawn while a viewer subscribes."""
 
     rate: float = parameter(
         25.0,
-        'rate of the markers while somebody listens; 0 switches them off',
+        'rate of the markers while a viewer subscribes; 0 switches them off',
         unit='Hz',
         allowed=Range(0.0, 100.0),
     )
@@ -127,7 +127,7 @@ class PlantModel(ABC):
         return ''
 
     def observe(self, state: Array) -> None:
-        """Take note of a true state (nx,)."""
+        """Record a true state (nx,)."""
         del state
 
     def conditions(self, parameters: Any) -> tuple[list[str], Mapping[str, Any]]:

@@ -8,10 +8,10 @@
 # language governing permissions and limitations under the License.
 
 """
-What the simulated plants have in common as nodes: real time, commands, services, diagnostics.
+The node of every simulated plant: real time, commands, services, diagnostics.
 
-A plant is integrated up to the present by time stamps whenever something happens (timer, command,
-service), so that late timers delay messages but never slow down or speed up the motion.
+Every event (timer, command, service) integrates the plant up to the present. Late timers so delay
+messages, and never change the speed of the motion.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from tdm_planner.nodes.clocks import (
     seconds_by,
     watch_set_back,
 )
-from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report, SolePublisher
+from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
 from tdm_planner.nodes.messages import joint_states, odometry
 from tdm_planner.nodes.qos import LATCHED, NEWEST
@@ -53,7 +53,7 @@ from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 
-LONGEST_CATCH_UP = 0.1  # s; what a process stalled for longer leaves out, so that it can recover
+LONGEST_CATCH_UP = 0.1  # s that a stalled process integrates at once; it skips the rest
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
 QUEUE = 10  # messages
 
@@ -69,7 +69,7 @@ class PlantNode(ParameterNode):
     Raises
     ------
     InvalidProblem
-        If the parameters given at the start do not make a plant together.
+        If the parameters given at the start contradict each other.
 
     """
 
@@ -94,8 +94,8 @@ class PlantNode(ParameterNode):
         self._clock_source = self._make_clock_source()
         self._time = MotionClock(self)
         self._last = self._time.now()
-        self._left_out = 0.0
-        self._published = self._accepted = self._refused = self._pushes = 0
+        self._skipped = 0.0
+        self._published = self._accepted = self._ignored = self._pushes = 0
         self._warned_timeouts = 0
         self._drawn = 0  # instant [ns]
         given: Any = self.parameters
@@ -121,11 +121,11 @@ class PlantNode(ParameterNode):
         given = self.parameters
         return ClockSource(self, 1.0 / given.rate, given.real_time_factor, given.clock_followers)
 
-    def _watch_for_other_clocks(self) -> SolePublisher:
-        return SolePublisher(
+    def _watch_for_other_clocks(self) -> PublisherCount:
+        return PublisherCount(
             self,
             CLOCK_TOPIC,
-            'the time of those who follow it leaps; let only one of them drive it',
+            'simulated time leaps; let only one of them publish it',
             self._diagnostics.update,
             'nodes',
         )
@@ -140,11 +140,11 @@ class PlantNode(ParameterNode):
         return self.create_timer(period, self._on_timer, clock=clock)
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Refuse values that do not make a plant together."""
+        """Reject values that contradict each other."""
         self.model.make_setup(build(self.model.parameters, values))
 
     def values_changed(self, names: frozenset[str]) -> None:
-        """Let changed parameters act from now on."""
+        """Apply changed parameters."""
         self.advance()
         self.parameters = build(self.model.parameters, self.parameter_values)
         given = self.parameters
@@ -173,7 +173,7 @@ class PlantNode(ParameterNode):
         stamp: Time = self.get_clock().now()
         elapsed, self._last = now - self._last, now
         if elapsed > LONGEST_CATCH_UP:
-            self._left_out += elapsed - LONGEST_CATCH_UP
+            self._skipped += elapsed - LONGEST_CATCH_UP
             elapsed = LONGEST_CATCH_UP
         if elapsed > 0.0:
             # With a clock of its own the motion runs as fast as that clock.
@@ -229,7 +229,7 @@ class PlantNode(ParameterNode):
         try:
             self.simulation.command(read_command(self.model.kind, message))
         except InvalidProblem as error:
-            self._refused += 1
+            self._ignored += 1
             self.get_logger().warning(
                 f'joint_command ignored: {error}', throttle_duration_sec=WARNING_PERIOD
             )
@@ -237,7 +237,7 @@ class PlantNode(ParameterNode):
         self._accepted += 1
 
     def release(self) -> None:
-        """Let a plant that is held go, from now on."""
+        """Release a plant that is held."""
         self.advance()
         self.simulation.release()
 
@@ -260,14 +260,14 @@ class PlantNode(ParameterNode):
         return response
 
     def _on_clock_jump(self, _: Any) -> None:
-        # The motion goes on from the simulated clock's new time as if nothing had happened.
+        # The motion goes on from the simulated clock's new time.
         self._last = self._time.now()
 
     def _report(self) -> Report:
         warnings, figures = self.model.conditions(self.parameters)
         errors = list(self.invalid_overrides.values())
-        if self._left_out > 0.0:
-            warnings = [*warnings, f'{self._left_out:.3g} s left out: the process was stalled']
+        if self._skipped > 0.0:
+            warnings = [*warnings, f'{self._skipped:.3g} s skipped: the process was stalled']
         slow = self._rate.problem()
         if slow:
             warnings = [*warnings, f'states at {slow}']
@@ -286,11 +286,11 @@ class PlantNode(ParameterNode):
             message,
             {
                 'simulated time [s]': self.simulation.time,
-                'time left out [s]': self._left_out,
+                'time skipped [s]': self._skipped,
                 'rate [Hz]': self._rate.measured(),
                 'states published': self._published,
                 'commands accepted': self._accepted,
-                'commands refused': self._refused,
+                'commands ignored': self._ignored,
                 'command time-outs': self.simulation.timeouts,
                 'pushes': self._pushes,
                 **({'held': self.simulation.held} if self.simulation.setup.held else {}),

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Nodes as processes of their own: started, watched, and ended together."""
+"""Nodes as processes: started, watched and ended together."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GRACE = 8.0  # seconds a process gets to end on SIGINT before it is killed
 
 
 class ProcessFailed(TdmError):
-    """A process ended that should not have, or would not end when told."""
+    """A process ended unexpectedly, or did not end when interrupted."""
 
     code = 'PROCESS_FAILED'
 
@@ -49,7 +49,7 @@ class NodeProcesses:
     ) -> None:
         """Run ``python -m MODULE ARGUMENTS`` under a name; `within` is put before the command."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        # Interrupted between its start and its entry here, a process would never be ended.
+        # A signal between start and registration would leave the process running.
         with self._log(name).open('wb') as output, uninterrupted():
             self._processes[name] = subprocess.Popen(
                 [*within, sys.executable, '-m', module, *arguments],

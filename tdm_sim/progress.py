@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""How far a command has come: a live line on a terminal, plain lines when piped, or nothing."""
+"""Progress of a command: a live line on a terminal, plain lines when piped, or nothing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Progress:
 
 
 class LiveProgress(Progress):
-    """Lines that stay, and below them a live one with the time the part at work has taken."""
+    """Lines that stay, and below them a live one with the time of the present part."""
 
     live = True
 
@@ -101,5 +101,5 @@ class LiveProgress(Progress):
 
 
 def make_progress(quiet: bool = False) -> Progress:
-    """Return what suits where the command prints to."""
+    """Return the kind of progress that suits the command's output."""
     return LiveProgress() if not quiet and sys.stdout.isatty() else Progress(quiet)

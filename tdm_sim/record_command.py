@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-Which topics are recorded, and the command by which launch files do so.
+Which topics are recorded, and the command for launch files.
 
-That of ROS 2 where it is installed, else our own.
+That is `ros2 bag record` where it is installed, else `tdm record`.
 """
 
 from __future__ import annotations

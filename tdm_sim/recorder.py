@@ -46,7 +46,7 @@ PLAIN_PERIOD = 10.0  # s between plain lines, where there is no terminal
 @dataclass(frozen=True)
 class Progress:
     """
-    How far a recording is.
+    Progress of a recording.
 
     Seconds since its start, messages written by topic, messages that the middleware says were
     lost on the way here, bytes on disk, messages a second of late.
@@ -160,7 +160,7 @@ def record(
     Record topics to the new folder `output` until SIGINT or SIGTERM.
 
     Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
-    and what nodes share (`TopicChoice`); topics that appear later are taken up. Ends earlier after
+    and what nodes share (`TopicChoice`); topics that appear later are recorded. Ends earlier after
     `duration` s or when `stop` is set. `on_start` is called once the folder is made, `on_progress`
     about twice a second. Returns the final figures. A recording that fails leaves what it has.
 

@@ -83,7 +83,7 @@ class RobotNoise(Validated):
 
 @dataclass(frozen=True)
 class RobotDisturbance(Validated):
-    """What happens to the robot from outside."""
+    """Disturbances of the robot."""
 
     impulse: float = parameter(
         0.3, 'impulse of one push at the centre of mass', unit='N s', allowed=SIGNED
@@ -101,7 +101,7 @@ class RobotDisturbance(Validated):
 
 @dataclass(frozen=True)
 class RobotArena(Validated):
-    """Walls of the arena [0, length] x [0, width], and what is drawn of its rules."""
+    """Walls of the arena [0, length] x [0, width], and the separation that is drawn."""
 
     walls: bool = parameter(False, 'whether the robot bounces off the walls')
     length: float = parameter(4.0, 'length along x', unit='m', allowed=POSITIVE)
@@ -119,7 +119,7 @@ class RobotArena(Validated):
 
 @dataclass(frozen=True)
 class RobotMarkers(MarkerParameters):
-    """How the robot is drawn, while somebody looks."""
+    """How the robot is drawn while a viewer subscribes."""
 
     trail: float = parameter(
         60.0, 'time for which the travelled trail is shown', unit='s', allowed=Range(0.0, 600.0)
@@ -161,7 +161,7 @@ class RobotModel(PlantModel):
         self._collisions = 0
 
     def drawn(self, parameters: RobotPlantParameters) -> RobotDrawing:
-        """Return the robot as the parameters have it."""
+        """Return the robot with these parameters."""
         arena = parameters.arena
         return RobotDrawing(arena.minimum_separation, parameters.limits.thrust, arena.robot_radius)
 

@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-A simulated plant without ROS: true state, actuators that saturate, sensors that are noisy.
+A simulated plant without ROS: true state, saturating actuators, noisy sensors.
 
-The plant nodes run this in real time; closed-loop experiments step it as fast as they like.
+Plant nodes run it in real time; closed-loop experiments step it as fast as possible.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class PlantSetup:
     """
-    What a simulated plant is made of; arrays (nx,) or (nu,) in the plant's order and SI units.
+    Set-up of a simulated plant; arrays (nx,) or (nu,) in the plant's order and SI units.
 
     `initial` is the state after `reset`. Commands are clipped to [`lower`, `upper`] and act
     multiplied by `gains` (default 1). Without a command for `command_timeout` s the controls are

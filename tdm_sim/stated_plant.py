@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.nodes.known_plants import stated_problem, with_parameters_of
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.tracked_plants import stated_problem, with_parameters_of
 from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import (
     group,
@@ -62,7 +62,7 @@ PROBLEM = ParameterSpec(
 
 @dataclass(frozen=True)
 class StatedDisturbance(Validated):
-    """What happens to the plant from outside."""
+    """Disturbances of the plant."""
 
     impulse: float = parameter(
         0.1, 'jump of the last state by one push, as a share of its unit', allowed=SIGNED
@@ -102,7 +102,7 @@ class StatedModel(PlantModel):
         node.create_subscription(GoalStatusArray, TOPIC, self._on_tracker_status, LATCHED)
 
     def _on_tracker_status(self, message: GoalStatusArray) -> None:
-        """Let the plant go where a plan has begun, even one that begins with controls of zero."""
+        """Release the plant when a plan has begun, even one that begins with controls of zero."""
         if any(goal.status == GoalStatus.STATUS_EXECUTING for goal in message.status_list):
             self._node.release()
 
@@ -155,7 +155,7 @@ _BUILT_IN: Mapping[str, Callable[[PlantNode], PlantModel]] = MappingProxyType(
 
 
 def _model_of(node: PlantNode) -> PlantModel:
-    """Return the plant of the problem that the node is told."""
+    """Return the plant of the problem that the node's parameter names."""
     name = str(node.parameter_values[PROBLEM.name])
     if name in _BUILT_IN:
         return _BUILT_IN[name](node)

@@ -71,7 +71,7 @@ class Walls:
             nearest = min(max(position, self.radius), side - self.radius)
             if (position - nearest) * speed > 0.0:
                 state = state.copy()
-                # What has gone beyond the wall within the step comes back mirrored.
+                # Mirror the part of the motion that went through the wall.
                 state[axis] = 2.0 * nearest - position
                 state[2 + axis] = -speed
                 self.on_collision(name, abs(speed))

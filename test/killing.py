@@ -84,7 +84,7 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     held = rig.held_since(rig.kill('planner'))
 
     def told() -> list[float]:
-        names = 'trajectories accepted', 'trajectories refused'
+        names = 'trajectories accepted', 'trajectories rejected'
         return [rig.figure('tracker', name) for name in names]
 
     before, plan = told(), rig.followed[-1]

@@ -86,7 +86,7 @@ def endpoints(name: str) -> tuple[Endpoint, ...]:
 
 @contextmanager
 def running(set_up: NodeSetUp) -> Iterator[Any]:
-    """Make a node; nobody else can see it, and it logs nothing."""
+    """Make a node that no other process can see, and that logs nothing."""
     arguments = ['--ros-args', '-r', f'__ns:={set_up.namespace}']
     for parameter, value in set_up.parameters.items():
         arguments += ['-p', f'{parameter}:={value}']

@@ -23,12 +23,12 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('planner', 'plan'): 'plans from the newest measured state, or from `start.*`',
     ('planner', 'plan_with'): 'the same with parameters for this request alone',
     ('planner', 'joint_states'): 'state of the pendulum: joints `pendulum`, `disk`',
-    ('planner', 'tracker_status'): 'which plan the tracker follows, or what it does instead',
-    ('planner', '<robot>/tracker_status'): "the same of a robot's tracker",
+    ('planner', 'tracker_status'): 'the status of every plan',
+    ('planner', '<robot>/tracker_status'): "the status of every plan of a robot's tracker",
     ('planner', '<robot>/joint_states'): 'joints `thruster`, `reaction_wheel` of a robot',
     ('planner', '<robot>/odom'): 'pose and velocity of a robot in the frame `arena`',
-    ('planner', 'active_trajectory'): 'what the tracker follows, for a planner restarted',
-    ('planner', '<robot>/active_trajectory'): "what a robot's tracker follows",
+    ('planner', 'active_trajectory'): 'the active plan of the tracker, for a restarted planner',
+    ('planner', '<robot>/active_trajectory'): "the active plan of a robot's tracker",
     ('planner', '<robot>/goal_pose'): (
         "moves the robot's place in the formation and asks for a plan"
     ),
@@ -50,7 +50,7 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('tracker', 'trajectory'): 'the plan to follow',
     ('tracker', 'joint_states'): 'measured joints',
     ('tracker', 'odom'): 'measured pose and velocity of a robot',
-    ('tracker', 'plan'): 'asks for a new plan, where `replan.on_deviation`',
+    ('tracker', 'plan'): 'requests a new plan, with `replan.on_deviation`',
     ('tracker', 'joint_command'): (
         "effort of `disk` [N m]; or thrust [N], its direction's rate [rad/s] and wheel torque "
         '[N m]'
@@ -58,25 +58,25 @@ TOPICS: Mapping[tuple[str, str], str] = {
     ('tracker', 'tracking_error'): 'measured less planned',
     ('tracker', 'tracker_status'): 'the status of every plan, `goal_info.stamp` its start',
     ('tracker', 'active_trajectory'): (
-        'the plan accepted last, as it came; without points when it is given up'
+        'the plan accepted last, as it came; without points when it is dropped'
     ),
-    ('tracker', '/diagnostics'): 'what it is doing, errors, ages',
+    ('tracker', '/diagnostics'): 'phase, errors, ages',
     ('pendulum_plant', 'joint_command'): 'the torque of `disk` [N m]',
     ('pendulum_plant', 'joint_states'): 'joints `pendulum`, `disk`: angle, rate, torque',
-    ('pendulum_plant', 'plant_markers'): 'the rig in motion, while somebody looks',
+    ('pendulum_plant', 'plant_markers'): 'the rig in motion, while a viewer subscribes',
     ('pendulum_plant', 'robot_description'): 'URDF of the pendulum',
     ('pendulum_plant', '/clock'): 'simulated time, with `publish_clock`',
     ('pendulum_plant', 'reset'): 'back to the initial state',
     ('pendulum_plant', 'push'): 'one impulse of `disturbance.impulse`',
-    ('pendulum_plant', '/diagnostics'): 'time-outs, refused commands, violated limits',
+    ('pendulum_plant', '/diagnostics'): 'time-outs, ignored commands, violated limits',
     ('robot_plant', 'joint_command'): 'thrust, its direction and rate, wheel torque',
     ('robot_plant', 'joint_states'): 'joints `thruster`, `reaction_wheel`',
     ('robot_plant', 'odom'): 'pose and velocity in the frame `arena`',
-    ('robot_plant', 'plant_markers'): 'the robot in motion, while somebody looks',
+    ('robot_plant', 'plant_markers'): 'the robot in motion, while a viewer subscribes',
     ('robot_plant', '/clock'): 'simulated time, with `publish_clock`',
     ('robot_plant', 'reset'): 'back to the initial state',
     ('robot_plant', 'push'): 'one impulse of `disturbance.impulse`',
-    ('robot_plant', '/diagnostics'): 'time-outs, refused commands, violated limits',
+    ('robot_plant', '/diagnostics'): 'time-outs, ignored commands, violated limits',
 }
 
 # By dotted key; `*` stands for names that depend on the problem.

@@ -31,19 +31,19 @@ from tools.parameter_texts import parameter_table, yaml_value
 
 Specifications = Mapping[str, ParameterSpec]
 
-PUBLIC_MODULES = (
-    'tdm_planner',
-    'tdm_planner.problems',
-    'tdm_planner.direct_method',
-    'tdm_planner.plants',
-    'tdm_planner.tracking',
-    'tdm_planner.trajectory',
-    'tdm_planner.verification',
-    'tdm_planner.parameters',
-    'tdm_planner.plan_files',
-    'tdm_planner.client',
-    'tdm_sim',
-)
+PUBLIC_MODULES = {  # and the page that lists their names, in docs/api
+    'tdm_planner': 'index',
+    'tdm_planner.problems': 'problems',
+    'tdm_planner.direct_method': 'direct_method',
+    'tdm_planner.plants': 'plants',
+    'tdm_planner.tracking': 'tracking',
+    'tdm_planner.trajectory': 'results',
+    'tdm_planner.verification': 'results',
+    'tdm_planner.parameters': 'parameters',
+    'tdm_planner.plan_files': 'results',
+    'tdm_planner.client': 'results',
+    'tdm_sim': 'simulation',
+}
 
 
 def parameters_by_node() -> dict[str, Specifications]:
@@ -102,19 +102,17 @@ def robot_parameter_table(specs: Specifications) -> str:
 
 
 def parameter_names(nodes: Mapping[str, Specifications]) -> str:
-    """
-    Return every parameter of all nodes: name, unit, and which nodes have it.
-
-    A parameter whose unit differs from node to node has a row for each of them.
-    """
-    where: dict[str, dict[str, list[str]]] = {}
+    """Return every parameter of all nodes: those of a group in one row, for each set of nodes."""
+    where: dict[str, list[str]] = {}
     for node, specs in nodes.items():
-        for name, spec in merged_robots(specs).items():
-            unit = (spec[0] if isinstance(spec, list) else spec).unit
-            where.setdefault(name, {}).setdefault(unit, []).append(node)
-    rows = ['| parameter | unit | nodes |', '| --- | --- | --- |']
-    for name, units in sorted(where.items()):
-        rows += [f'| `{name}` | {unit} | {", ".join(those)} |' for unit, those in units.items()]
+        for name in merged_robots(specs):
+            where.setdefault(name, []).append(node)
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, those in sorted(where.items()):
+        group = name.rpartition('.')[0]
+        groups.setdefault((group, ', '.join(those)), []).append(f'`{name}`')
+    rows = ['| parameters | nodes |', '| --- | --- |']
+    rows += [f'| {", ".join(names)} | {those} |' for (_, those), names in groups.items()]
     return '\n'.join(rows) + '\n'
 
 
@@ -125,17 +123,21 @@ def key_table(keys: Iterable[str]) -> str:
     return '\n'.join(rows) + '\n'
 
 
-def python_names() -> str:
-    """Return a table of the names of every public module."""
-    parts = []
-    for module_name in PUBLIC_MODULES:
-        module = importlib.import_module(module_name)
-        rows = ['| name | what it is |', '| --- | --- |']
-        for name in public_names(module):
-            value = getattr(module, name)
-            rows.append(f'| `{name}` | {first_sentence(value)} |')
-        parts.append(f'### {module_name}\n{first_sentence(module)}\n\n' + '\n'.join(rows) + '\n')
-    return '\n'.join(parts)
+def python_modules() -> str:
+    """Return a table of the public modules, linked to the pages that list their names."""
+    rows = ['| module | what it is |', '| --- | --- |']
+    for name, page in PUBLIC_MODULES.items():
+        sentence = first_sentence(importlib.import_module(name))
+        rows.append(f'| [{name}](api/{page}.md) | {sentence} |')
+    return '\n'.join(rows) + '\n'
+
+
+def python_names(module_name: str) -> str:
+    """Return a table of the names of a public module."""
+    module = importlib.import_module(module_name)
+    rows = ['| name | what it is |', '| --- | --- |']
+    rows += [f'| `{n}` | {first_sentence(getattr(module, n))} |' for n in public_names(module)]
+    return '\n'.join(rows) + '\n'
 
 
 def public_names(module: Any) -> list[str]:

@@ -37,6 +37,7 @@ from tools.node_tables import (
     launch_arguments,
     parameter_names,
     parameters_by_node,
+    python_modules,
     python_names,
     robot_parameter_table,
     topic_table,
@@ -95,6 +96,8 @@ def fragment(name: str) -> str:
         return robot_parameter_table(parameters_by_node()[which])
     if kind == 'launch':
         return launch_arguments(ROOT / 'launch' / which)
+    if kind == 'python' and which:
+        return python_names(which)
     if kind == 'json':
         return key_table(json_keys()[which])
     made: dict[str, Callable[[], str]] = {
@@ -103,7 +106,7 @@ def fragment(name: str) -> str:
         'all-topics': all_topics,
         'all-parameters': lambda: parameter_names(parameters_by_node()),
         'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
-        'python': python_names,
+        'python': python_modules,
     }
     return made[name]()
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from xml.sax.saxutils import escape
 
-from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
 from tools.endpoints import NodeSetUp, running, SET_UPS, used_by
 

@@ -34,7 +34,7 @@ IPOPT: dict[str, Any] = {
     'linear_solver': 'mumps',
     'mu_strategy': 'adaptive',
 }
-# A first guess that is nearly optimal: stay near it, start with a small barrier.
+# An initial guess that is nearly optimal: stay near it, start with a small barrier.
 WARM: dict[str, Any] = {
     'mu_strategy': 'monotone',
     'mu_init': 1e-4,

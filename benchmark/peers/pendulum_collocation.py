@@ -28,7 +28,7 @@ casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbo
 Array = NDArray[np.float64]
 
 _LONGEST = 200.0  # in 1 / w0
-_INSIDE = 0.9  # of the limit: torques of a first guess stay off their bounds
+_INSIDE = 0.9  # of the limit: torques of an initial guess stay off their bounds
 
 
 def dynamics(plant: RotaryPendulum, torque: float) -> Any:

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What stands between a problem and ROS: its state topics, its messages, its picture."""
+"""Connects a problem to ROS: its state topics, its plan messages, its markers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.goal_tool import GoalTool, PlanRequest
-from tdm_planner.nodes.markers import plan_markers, Way
+from tdm_planner.nodes.markers import DrawnPath, plan_markers
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
 from tdm_planner.nodes.planned_plants import planned_plant, Values
 from tdm_planner.nodes.tracker_watch import TrackerWatch
@@ -43,8 +43,8 @@ class Adapter:
     """
     Gathers the measured states of a problem's plants, and publishes plans for them.
 
-    Made once by the planner node, with the values of its parameters. Instants are those of `clock`
-    [s]. Methods are called in the executor's thread, but for those that say otherwise.
+    The planner node makes it once, with the values of its parameters. Instants are those of
+    `clock` [s]. Call methods in the executor's thread, except where they say otherwise.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Adapter:
             for name in self._plant.names(values)
         }
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
-        self._others: dict[str, Any] = {}  # publishers of plans of vehicles that are not known
+        self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
         self._goal_tools: list[GoalTool] = []
         self._drawn = False
         self.values_changed(values)
@@ -73,9 +73,9 @@ class Adapter:
         for vehicle in self.vehicles.values():
             vehicle.values_changed(values)
         with suppress(InvalidProblem):
-            prospect = None if self._drawn else self._plant.prospect(values)
-            if prospect is not None:
-                self._markers.publish(plan_markers(self._plant.kind.frame, *prospect))
+            preview = None if self._drawn else self._plant.preview(values)
+            if preview is not None:
+                self._markers.publish(plan_markers(self._plant.kind.frame, *preview))
 
     def accept_requests(self, request: PlanRequest) -> None:
         """Let goal tools move the places of vehicles that are parameters."""
@@ -113,7 +113,7 @@ class Adapter:
         return self._starts(self._of_all(lambda v: v.predicted(values, now, start)))
 
     def rests(self, now: float) -> bool:
-        """Whether `measured_start` says the same for every start: a late one can be put off."""
+        """Whether the plant is at rest, so that a late start can be delayed."""
         plans = [vehicle.followed(now) for vehicle in self.vehicles.values()]
         return self._plant.stays and all(plan is None or plan.end <= now for plan in plans)
 
@@ -161,7 +161,7 @@ class Adapter:
         """
         Instant at which the newest published plan begins; None where it has begun at `now`.
 
-        Until then `measured_start` reckons with the one before. Called in the worker's thread.
+        Until then `measured_start` predicts along the plan before. Called in the worker's thread.
         """
         first = next(iter(self.vehicles.values()))  # all begin at once
         return first.plans.next_start(now)
@@ -174,10 +174,12 @@ class Adapter:
         self._drawn = True
         view = view_of(plan.problem, next(iter(trajectories.values())))
         named = self._plant.several
-        ways = [Way(view, t.states, name if named else '') for name, t in trajectories.items()]
+        paths = [
+            DrawnPath(view, t.states, name if named else '') for name, t in trajectories.items()
+        ]
         try:
-            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), ways))
-        except InvalidProblem as error:  # a picture is not worth the plan
+            self._markers.publish(plan_markers(view.kind.frame, view.surroundings(), paths))
+        except InvalidProblem as error:  # markers must not cost the plan
             self._node.get_logger().warning(str(error))
 
     def _publish_motion(
@@ -202,7 +204,7 @@ class Adapter:
             vehicle.plans.add(replace(plan.motion(name), trajectory=trajectory), self._clock.now())
 
     def forget_plans(self) -> None:
-        """Forget the plans: simulated time began anew, and the trackers have given them up."""
+        """Forget the plans: simulated time was set back, and the trackers have dropped them."""
         for vehicle in self.vehicles.values():
             vehicle.plans.clear()
             if vehicle.tracker is not None:
@@ -234,7 +236,7 @@ class Adapter:
     # Trackers.
 
     def execution(self, problem: Any) -> Execution:
-        """Return what the trackers make of plans. In the worker's thread."""
+        """Return the model of how the trackers execute plans. In the worker's thread."""
         return self._plant.execution(problem, self.tracker_parameters, self._values)
 
     @property
@@ -252,11 +254,11 @@ class Adapter:
 
     @property
     def inactive(self) -> list[str]:
-        """Vehicles whose trackers are there, or were, but execute nothing."""
+        """Return the vehicles whose trackers are inactive, or were heard once and are gone."""
         return [name for name, watch in self.trackers.items() if watch.inactive]
 
     def warnings(self) -> list[str]:
-        """Return a sentence for every one of several plants or trackers that is not connected."""
+        """Return a sentence for every plant or tracker of several that is not connected."""
         found = []
         for vehicle in self.vehicles.values():
             if not vehicle.prefix:

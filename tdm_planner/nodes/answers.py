@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What is told of a plan or a failure: answers to requests, the summary, the diagnostics."""
+"""How a plan or a failure is reported: service responses, `plan_summary`, diagnostics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SECOND = 1_000_000_000  # ns
 
 
 class MovedGoal(NamedTuple):
-    """Parameters that a goal tool changes, which are set if there is a plan with them."""
+    """Parameters that a goal tool changes; they are set if there is a plan with them."""
 
     changes: Mapping[str, Any]
     purpose: str
@@ -40,9 +40,10 @@ class MovedGoal(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Request:
     """
-    What somebody waits for an answer to: a request of `plan` or `plan_with`, or a moved goal.
+    A request to be answered: of `plan` or `plan_with`, or a moved goal.
 
-    `own` are the parameters of this request alone. Nobody waits for a review's or recovered plan.
+    `own` are the parameters of this request alone. Plans of reviews and recovered plans have no
+    `message`, and no client waits for them.
     """
 
     message: Any = None
@@ -61,7 +62,7 @@ class Request:
         return self.message is not None and not isinstance(self.message, MovedGoal)
 
     def answer(self, outcome: str | Failure) -> None:
-        """Answer in the way in which was asked: with figures, or with why there is no plan."""
+        """Send the response that fits the request: figures of the plan, or code and reason."""
         success = not isinstance(outcome, Failure)
         if isinstance(self.message, MovedGoal):
             self.send('' if isinstance(outcome, str) else f'{outcome.code}: {outcome.reason}')
@@ -76,9 +77,9 @@ class Request:
 
 def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:
     """
-    Return the answer of the `plan` service to a request that was met, one line of JSON.
+    Return the response of the `plan` service with a plan, one line of JSON.
 
-    `warnings`, where there are any, are added: sentences about what is not connected.
+    `warnings` are sentences about what is not connected; without any, the key is absent.
     """
     solution = plan.solution
     added = {'warnings': list(warnings)} if warnings else {}
@@ -99,10 +100,10 @@ def plan_summary(plan: ActivePlan, plan_id: int, stamp: int) -> str:
     """
     Return everything about a plan but its samples, one line of JSON, for recordings.
 
-    The figures of the service's answer; `stamp` [ns], the start of the motion; the cost's parts;
-    the check, with the instants of the worst margins; per vehicle, what trajectory messages do not
-    say (which states and controls their joints have among it); the problem's parameters by dotted
-    name. A number that is not finite is null.
+    It holds the figures of the response; `stamp` [ns], the start of the motion; the terms of the
+    cost; the verification, with the instants of the worst margins; per vehicle, what trajectory
+    messages lack, such as the states and controls of their joints; the problem's parameters by
+    dotted name. A number that is not finite is null.
     """
     solution = plan.solution
     document = {

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Time as a plant in motion knows it, and whether a node keeps up with it."""
+"""A steady clock for plants in motion, and a check whether a node holds its rate."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def pacing_clock(node: Node) -> Clock:
 
 
 def watch_set_back(node: Node, callback: Callable[[TimeJump], None], on_change: bool) -> Any:
-    """Have a node told when its clock is set back, or becomes simulated; keep the result."""
+    """Call back when a node's clock is set back, or becomes simulated; keep the result."""
     backwards = JumpThreshold(
         min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=on_change
     )
@@ -52,16 +52,16 @@ def watch_set_back(node: Node, callback: Callable[[TimeJump], None], on_change: 
 
 class MotionClock:
     """
-    Seconds since the node began, by a clock that nobody sets.
+    Seconds since the node began, by a clock that is never set.
 
-    A computer's time of day is set, by hand or by a time daemon, while the plant neither stands
-    still nor leaps. Stamps are therefore turned into instants of a steady clock, by the difference
-    between both clocks as it is now; a step of the time of day is told to `on_step` [s].
+    The time of day may be set, by hand or by a time daemon, while a plant moves. Stamps are
+    therefore converted to instants of a steady clock, by the present difference of both clocks. A
+    step of the time of day is reported to `on_step` [s].
 
-    With `use_sim_time` the simulated clock is the plant's own, with its pauses and its speed:
-    instants are then its seconds since it was first known.
+    With `use_sim_time` the simulated clock is the plant's own, with its pauses and its speed.
+    Instants are then its seconds since the first message on `/clock`.
 
-    May be asked in any thread.
+    Safe in any thread.
     """
 
     def __init__(self, node: Node, on_step: Callable[[float], None] | None = None) -> None:
@@ -114,7 +114,7 @@ class MotionClock:
 
 
 def seconds_by(clock: Clock) -> Callable[[], float]:
-    """Return what tells the seconds of a ROS clock."""
+    """Return a function that returns the seconds of a ROS clock."""
     return lambda: float(clock.now().nanoseconds) * NANOSECOND
 
 
@@ -141,7 +141,7 @@ class RateWatch:
 
     def problem(self) -> str:
         """Return a sentence where the rate is not held, '' otherwise."""
-        # At rates of a few Hz a tick more or less is no matter.
+        # At a few Hz, one tick more or less must not count.
         measured = self.measured()
         if self._clock() - self._began < _WINDOW or measured + 1.0 / _WINDOW >= _SHARE * self.rate:
             return ''

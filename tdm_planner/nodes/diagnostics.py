@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A node's state on `/diagnostics`, and who else publishes what only one node should."""
+"""A node's state on `/diagnostics`, and a warning where a topic has several publishers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Report:
-    """What a node says of itself: a level, one sentence, and figures by name."""
+    """A node's report: a level, one sentence, and figures by name."""
 
     level: Level
     message: str
@@ -55,7 +55,7 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        # Simulated time may stand still, and that is worth telling.
+        # A steady timer: simulated time may stand still, and that must be reported, too.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self.publish, clock=clock)
 
@@ -92,13 +92,13 @@ def _text(value: Any) -> str:
     return f'{value:.6g}' if isinstance(value, float) else str(value)
 
 
-class SolePublisher:
+class PublisherCount:
     """
-    Counts who publishes `topic` (resolved); where there are several, `warning` says so.
+    Counts the publishers of `topic` (resolved); if there are several, `warning` says so.
 
-    `publishers` begins the sentence, `consequence` ends it; `changed` is called when the warning
-    comes or goes. A process that was killed counts until the middleware has given it up, with Fast
-    DDS some 20 s later.
+    `publishers` begins the sentence, `consequence` ends it. `changed` is called when the warning
+    appears or disappears. A process that was killed counts until the middleware drops it, with
+    Fast DDS some 20 s later.
     """
 
     def __init__(

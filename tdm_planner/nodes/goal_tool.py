@@ -19,16 +19,16 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.markers import Pen
+from tdm_planner.nodes.markers import MarkerFactory
 from tdm_planner.nodes.reading import yaw_of
 from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import ARENA_FRAME
 from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
 from visualization_msgs.msg import MarkerArray
 
-# Asks the planner node for a plan with some parameters changed, by name. They are set if there is
-# one. The second argument names the request in the log; the third is called with '' when the plan
-# is published, or with the reason why there is none; parameters and active plan then stay.
+# Requests a plan with changed parameters, by name; they are set if there is one. The second
+# argument names the request in the log. The third is called with '' when the plan is published,
+# else with the reason; parameters and active plan then stay.
 PlanRequest = Callable[[Mapping[str, Any], str, Callable[[str], None]], None]
 
 NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
@@ -61,9 +61,9 @@ class GoalTool:
     """
     Takes poses for one robot on `<robot>/goal_pose`, and asks for a plan with its place moved.
 
-    The place is the parameter `formation.<robot>`, which is set if there is a plan; otherwise
-    parameter and plan stay as they are, and the reason is logged and shown at the pose by
-    `show`, as text that disappears.
+    The place is the parameter `formation.<robot>`, which is set if there is a plan. Otherwise
+    parameter and plan stay, and the reason is logged and shown at the pose by `show` for some
+    seconds.
     """
 
     def __init__(
@@ -99,8 +99,8 @@ class GoalTool:
         )
 
     def _tell(self, pose: Sequence[float], reason: str) -> None:
-        """Show why there is no plan, or take away what was shown before."""
-        pen = Pen(ARENA_FRAME, lifetime=NOTICE_TIME)
+        """Show why there is no plan, or remove the text shown before."""
+        pen = MarkerFactory(ARENA_FRAME, lifetime=NOTICE_TIME)
         if reason:
             text = textwrap.fill(f'{self._robot}: {reason}', _LINE)
             marker = pen.text('rejected', 0, text, (pose[0], pose[1], 0.3), _LETTERS)

@@ -10,9 +10,9 @@
 """
 Plants and plans as markers for RViz and Foxglove, drawn with the shapes of `tdm_planner.drawing`.
 
-There are two kinds of MarkerArrays. What belongs to a plan is latched and complete: every message
-deletes what the one before it drew. What moves is published again and again under the same
-namespaces and numbers, and disappears by its lifetime when its publisher is gone.
+There are two kinds of MarkerArrays. A plan's is latched and complete: every message deletes the
+drawing of the one before. A moving plant's is published repeatedly with the same namespaces and
+numbers, and disappears by its lifetime when its publisher is gone.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def to_points(positions: Array) -> list[Point]:
 
 
 @dataclass(frozen=True)
-class Pen:
-    """Draws in one frame: every marker gets its frame, `stamp` and `lifetime` [s], 0 for ever."""
+class MarkerFactory:
+    """Makes markers in one frame, with its `stamp` and `lifetime` [s]; 0 is for ever."""
 
     frame: str
     stamp: Time = field(default_factory=Time)
@@ -155,20 +155,20 @@ class Pen:
         return marker
 
     def delete(self, namespace: str, number: int) -> Marker:
-        """Return what takes one marker away."""
+        """Return a message that removes one marker."""
         marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
         marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
         return marker
 
     def delete_all(self) -> Marker:
-        """Return what takes everything away that the topic has drawn."""
+        """Return a message that removes everything that the topic has drawn."""
         marker = Marker(action=Marker.DELETEALL)
         marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
         return marker
 
 
 class Trail:
-    """Where something has been lately: places not older than `age` s."""
+    """The recent positions of a point, not older than `age` s."""
 
     def __init__(self, age: float) -> None:
         self.age = age
@@ -229,7 +229,10 @@ class Picture:
         self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
     ) -> MarkerArray:
         """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-        pen, shapes = Pen(self._drawn.kind.frame, stamp, lifetime), self._shapes(state, control)
+        pen, shapes = (
+            MarkerFactory(self._drawn.kind.frame, stamp, lifetime),
+            self._shapes(state, control),
+        )
         width, name = self._width, self._name
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
@@ -252,22 +255,24 @@ class Picture:
         return shapes
 
 
-class Way(NamedTuple):
-    """States (n, nx) that a plant called `name` is to go through; one alone is its goal."""
+class DrawnPath(NamedTuple):
+    """Planned states (n, nx) of a plant called `name`; a single one is its goal."""
 
     drawn: Drawn
     states: Array
     name: str = ''
 
 
-def plan_markers(frame: str, surroundings: Sequence[Shape], ways: Sequence[Way]) -> MarkerArray:
+def plan_markers(
+    frame: str, surroundings: Sequence[Shape], ways: Sequence[DrawnPath]
+) -> MarkerArray:
     """
-    Draw a plan: what is around, the ways of what has trails, and every plant at its goal.
+    Draw a plan: the surroundings, the planned paths, and every plant at its goal.
 
-    What an earlier message drew is deleted first. Namespaces are those of `Picture`, and
-    `planned_path`; a hundred numbers belong to each plant, the first to the surroundings.
+    The drawing of an earlier message is deleted first. Namespaces are those of `Picture`, and
+    `planned_path`; each plant has a hundred numbers, the first hundred are the surroundings'.
     """
-    pen = Pen(frame)
+    pen = MarkerFactory(frame)
     shown = [pen.delete_all()]
     ends = [list(_in_motion(way, way.states[-1])) for way in ways]
     width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
@@ -288,7 +293,7 @@ def plan_markers(frame: str, surroundings: Sequence[Shape], ways: Sequence[Way])
     return MarkerArray(markers=shown)
 
 
-def _in_motion(way: Way, states: Array) -> Sequence[Shape]:
+def _in_motion(way: DrawnPath, states: Array) -> Sequence[Shape]:
     return way.drawn.drawing(dict(zip(way.drawn.kind.state_names, states.T, strict=False)), {})
 
 
@@ -310,7 +315,7 @@ def _size(shapes: Iterable[Shape]) -> float:
     return float(max(extents))
 
 
-def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
+def _marker(pen: MarkerFactory, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
     style, colour = shape.style, _COLOURS[shape.style]
     if name and not isinstance(shape, Line) and style in ('body', 'goal'):

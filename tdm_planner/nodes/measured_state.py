@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Received:
-    """A message, the states it holds by name, and the instant it tells of [ns]."""
+    """A message, the states it holds by name, and the instant of their measurement [ns]."""
 
     message: Any
     states: Mapping[str, float]
@@ -41,11 +41,11 @@ class Received:
 
 class NewestMeasurement:
     """
-    Keeps the newest message of a topic; a stamp of zero is taken for the time of arrival.
+    Keeps the newest message of a topic; a stamp of zero means the time of arrival.
 
-    `read` raises InvalidProblem for a message that does not hold the states; such messages are
-    ignored (others may publish on the topic), but named when there is no better one, and told to
-    `ignored`. Every other message is the `newest`, and `observer` is called.
+    `read` raises InvalidProblem for a message that does not hold the states. Such a message is
+    ignored: `ignored` is called with the reason, and `missing` quotes it until a valid message
+    arrives. Every other message becomes the `newest`, and `observer` is called.
     """
 
     def __init__(
@@ -123,9 +123,9 @@ class MeasuredState:
     """
     The newest state of a plant, from `odom` where it has one and from `joint_states`.
 
-    `prefix` is the plant's namespace ('' or 'robot1/'). `observer` is called with every state that
-    comes and its instant [ns], `ignored` with the reason for ignoring a message: one is that its
-    parts are more than `longest()` [s] apart.
+    `prefix` is the plant's namespace ('' or 'robot1/'). `observer` is called with every state and
+    its instant [ns], `ignored` with the reason why a message is ignored. A state is ignored, too,
+    if its parts are more than `longest()` [s] apart.
     """
 
     def __init__(

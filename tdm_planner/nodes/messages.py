@@ -84,9 +84,7 @@ def from_wire(data: bytes, kind: type) -> Any:
     try:
         return deserialize_message(data, kind)
     except RuntimeError:  # RMWError
-        raise InvalidProblem(
-            f'{len(data)} bytes came that are no {kind.__name__} message'
-        ) from None
+        raise InvalidProblem(f'cannot deserialise {len(data)} bytes as {kind.__name__}') from None
 
 
 def stamp_of(data: bytes) -> Time:

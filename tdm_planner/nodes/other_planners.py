@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-Other planners in the same namespace: those that run by mistake, and an earlier one that ended.
+Other planners in the same namespace: a second one started by mistake, or this one's predecessor.
 
-A planner that was killed and restarted gets the active plan back from the trackers that follow it.
+A planner that was killed and restarted recovers the active plan from the trackers that follow it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from std_msgs.msg import String
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.diagnostics import SolePublisher
-from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.diagnostics import PublisherCount
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.vehicle import Vehicle
@@ -35,8 +35,8 @@ from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 TOPIC = 'plan_summary'
-WINDOW = 10.0  # s from the start in which a plan that is followed is taken for an earlier own one
-GRACE = 1.0  # s in which the planner that has published it, if it lives, can be heard
+WINDOW = 10.0  # s after the node's start in which a followed plan counts as the predecessor's
+GRACE = 1.0  # s for a living planner's summary of that plan to arrive
 _REMEMBERED = 64  # plans
 _SECOND = 1_000_000_000  # ns
 _LATEST = 2**31 * _SECOND  # ns that no stamp reaches
@@ -44,22 +44,22 @@ _LATEST = 2**31 * _SECOND  # ns that no stamp reaches
 
 class OtherPlanners:
     """
-    Listens to every planner's `plan_summary`, and counts who publishes it.
+    Listens to every planner's `plan_summary`, and counts its publishers.
 
-    `took_over(start)` is called for every plan of another planner, with the instant [ns] at which
-    its motion starts; `changed` when `warning` comes or goes.
+    `on_plan(start)` is called for every plan of another planner, with the instant [ns] at which
+    its motion starts; `changed` when `warning` appears or disappears.
     """
 
     def __init__(
-        self, node: Node, took_over: Callable[[int], None], changed: Callable[[], None]
+        self, node: Node, on_plan: Callable[[int], None], changed: Callable[[], None]
     ) -> None:
-        self._took_over = took_over
+        self._on_plan = on_plan
         self._own: deque[int] = deque(maxlen=_REMEMBERED)
         self._others: deque[int] = deque(maxlen=_REMEMBERED)
-        self._count = SolePublisher(
+        self._count = PublisherCount(
             node,
             node.resolve_topic_name(TOPIC),
-            'trackers follow the plan that starts last; let only one of them run',
+            'trackers follow the plan that starts last; run only one of them',
             changed,
         )
         node.create_subscription(String, TOPIC, self._on_summary, LATCHED)
@@ -70,7 +70,7 @@ class OtherPlanners:
         return self._count.warning
 
     def publishes(self, start: int) -> None:
-        """Take note of an own plan before its summary is published."""
+        """Register an own plan before its summary is published."""
         self._own.append(start)
 
     def published(self, start: int) -> bool:
@@ -85,15 +85,15 @@ class OtherPlanners:
             return  # not a planner's
         if 0 <= start < _LATEST and start not in self._own:
             self._others.append(start)
-            self._took_over(start)
+            self._on_plan(start)
 
 
 class Recovery:
     """
-    Hands what the trackers follow when the node starts to `recover`, after `GRACE`.
+    Hands the plan that the trackers follow when the node starts to `recover`, after `GRACE`.
 
-    That is: trajectories by vehicle, and the instant [ns] at which they start; all of one, or they
-    are no parts of a plan.
+    `recover` gets the trajectories by vehicle and the instant [ns] of their common start. If
+    starts differ, the trajectories are not parts of one plan, and `recover` is not called.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Recovery:
             node.create_subscription(JointTrajectory, topic, take, LATCHED)
 
     def _on_message(self, vehicle: Vehicle, message: JointTrajectory) -> None:
-        """Take what one tracker says it follows; an empty message means that it follows none."""
+        """Store the plan that one tracker follows; an empty message means none."""
         trajectory, start = None, nanoseconds_of(message.header.stamp)
         with suppress(InvalidProblem):
             trajectory = read_plan(vehicle.kind, message)
@@ -125,7 +125,7 @@ class Recovery:
 
     def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
         if self._timer is None and time.monotonic() > self._until:
-            return  # what was found before, and waits for the node, is to be of the newest
+            return  # too late to be a predecessor's plan
         self._found = (trajectories, start) if trajectories else None
         if self._timer is None:
             self._timer = self._node.create_timer(GRACE, self._on_timer)

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The plans that a tracker is offered, looked at as far as its commands leave it time."""
+"""Limits the time that a tracker spends on incoming plans: its commands must keep their rate."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from typing import Any, NamedTuple
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.messages import nanoseconds_of, stamp_of
 
-# Of a flood of plans as many are looked at as leave the commands their rate; the newest waits, but
-# not longer than until shortly before its start.
+# A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
+# newest one waits, at most until shortly before its start.
 _SHARE = 0.01  # of the time
 _RESERVE = 0.15  # s; some ten plans
 _IMMINENT = 0.15  # s before its start
-_WORTH_IN_LEAD = 0.5  # s that may be overdrawn for plans whose start is to be prepared
-_WORTH_AT_START = 1.0  # s, for plans about to start
+_WORTH_IN_LEAD = 0.5  # s beyond the budget for a plan whose start must be prepared
+_WORTH_AT_START = 1.0  # s beyond the budget for a plan about to start
 
 
-class Ration:
+class TimeBudget:
     """
-    A share of the time that passes, beyond a `reserve` [s] which it also fills up again.
+    A time budget: a `reserve` [s] to begin with, refilled by a `share` of the time that passes.
 
-    Ask whether it `allows` work, and tell it what was `spent` [s]. `clock` returns seconds.
+    Ask whether it `allows` work, and report what was `spent` [s]. `clock` returns seconds.
     """
 
     def __init__(self, share: float, reserve: float, clock: Callable[[], float]) -> None:
@@ -52,15 +52,15 @@ class Ration:
         return 0.0 if self.allows else -self._left
 
     def spent(self, seconds: float) -> None:
-        """Take note of work that has been done; it may have taken more than was left."""
+        """Subtract the time of work; it may exceed what was left."""
         self._left -= seconds
 
 
-class Offer(NamedTuple):
+class ReceivedPlan(NamedTuple):
     """
-    A trajectory that has arrived, as it came.
+    A trajectory message in its serialised form.
 
-    To take one apart costs milliseconds, which a plan that is replaced at once is not worth.
+    Deserialising costs milliseconds; a plan that is superseded at once is not deserialised.
     """
 
     stamp: Any
@@ -69,10 +69,10 @@ class Offer(NamedTuple):
 
 class PlanIntake:
     """
-    Hands plans to `look_at`, none while the node is not `ready`.
+    Hands received plans to `look_at`, at most as many as the time budget allows.
 
-    The newest one waits until then, and while more have been offered than can be looked at beside
-    the commands. `lead` is the time [s] before a start for which something is to be done.
+    The newest plan waits while the budget is used up or the node is not `ready`. `lead` is the
+    time [s] before its start that a plan needs to be prepared.
     """
 
     def __init__(
@@ -80,11 +80,11 @@ class PlanIntake:
         clock: MotionClock,
         ready: Callable[[], bool],
         lead: Callable[[], float],
-        look_at: Callable[[Offer], None],
+        look_at: Callable[[ReceivedPlan], None],
     ) -> None:
         self._clock, self._ready, self._lead, self._look_at = clock, ready, lead, look_at
-        self._ration = Ration(_SHARE, _RESERVE, time.monotonic)
-        self._waiting: Offer | None = None
+        self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
+        self._waiting: ReceivedPlan | None = None
 
     def instant(self, stamp: Any) -> float:
         """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
@@ -93,15 +93,15 @@ class PlanIntake:
 
     def offer(self, data: bytes) -> None:
         """
-        Take a plan as it came.
+        Receive a plan in its serialised form.
 
         Raises
         ------
         InvalidProblem
-            If it does not even have a stamp.
+            If it has no time stamp.
 
         """
-        offer, waiting = Offer(stamp_of(data), data), self._waiting
+        offer, waiting = ReceivedPlan(stamp_of(data), data), self._waiting
         self._waiting = offer
         ready = self._ready() and self._clock.runs
         if (
@@ -109,8 +109,8 @@ class PlanIntake:
             and waiting is not None
             and self.instant(offer.stamp) < self.instant(waiting.stamp)
         ):
-            # Of several planners' plans the one before may be the one to keep.
-            if self._ration.allows:
+            # Two planners: the plan that starts last counts, which may be the earlier one.
+            if self._budget.allows:
                 self._take(waiting)
             else:
                 self._waiting = waiting
@@ -121,7 +121,7 @@ class PlanIntake:
         offer = self._waiting
         if offer is None or not self._ready() or not self._clock.runs:
             return
-        if self._ration.allows or self._ration.overdrawn < self._worth(offer):
+        if self._budget.allows or self._budget.overdrawn < self._worth(offer):
             self._waiting = None
             self._take(offer)
 
@@ -129,18 +129,18 @@ class PlanIntake:
         """Forget the plan that waits."""
         self._waiting = None
 
-    def _worth(self, offer: Offer) -> float:
-        """How much more time than there is may go into looking at a plan [s]."""
+    def _worth(self, offer: ReceivedPlan) -> float:
+        """Return by how much a plan may exceed the budget [s]."""
         if nanoseconds_of(offer.stamp) == 0:
-            return 0.0  # it means now, whenever that is: it can wait
+            return 0.0  # a start of now can wait
         wait = self.instant(offer.stamp) - self._clock.now()
         if abs(wait) < _IMMINENT:
             return _WORTH_AT_START
         return _WORTH_IN_LEAD if 0.0 < wait < self._lead() else 0.0
 
-    def _take(self, offer: Offer) -> None:
+    def _take(self, offer: ReceivedPlan) -> None:
         began = time.perf_counter()
         try:
             self._look_at(offer)
         finally:
-            self._ration.spent(time.perf_counter() - began)
+            self._budget.spent(time.perf_counter() - began)

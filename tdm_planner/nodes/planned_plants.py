@@ -8,10 +8,10 @@
 # language governing permissions and limitations under the License.
 
 """
-How the planner node deals with the plants of a problem: one class a plant, the first for any.
+The plants that the planner node knows: one class for each, the first for any stated problem.
 
-What is measured of it, how it moves until a plan begins, what its trackers make of plans, and what
-it looks like.
+A class says what is measured, how the plant moves until a plan begins, how its tracker executes
+plans, and how it is drawn.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing, Shape
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.known_plants import tracked_problem
-from tdm_planner.nodes.markers import Way
+from tdm_planner.nodes.markers import DrawnPath
+from tdm_planner.nodes.tracked_plants import tracked_problem
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
@@ -54,20 +54,20 @@ Values = Mapping[str, Any]
 _START = 'start.'
 _OF_THE_NODE = ('start.source', 'start.max_age', 'start.delay')
 _FASTEST = 30.0  # rates that a pendulum may have, in units of its natural frequency
-_FORESEEN = 2000.0  # rad of swinging at the natural frequency
+_PREDICTABLE = 2000.0  # rad of swinging at the natural frequency
 
 
 class PlannedPlant:
     """
-    The plant of any problem, of which no more is known than what every problem has.
+    The plant of any problem.
 
     Its state is measured with the joints of a stated problem, or with the numbers X of the
     parameters `start.X` for joints. A problem without such parameters has nothing to measure.
-    Until a plan begins, the tracker holds it where it can; how well deviations are taken away is
+    Until a plan begins, the tracker holds it where it can. How fast feedback removes deviations is
     not known.
 
-    `tracker` is the class of its tracker's parameters, None where that is not one of this
-    package; `trail` the time [s] that is shown of its way.
+    `tracker` is the class of its tracker's parameters, None if it is not of this package. `trail`
+    is the time [s] for which its trail is drawn.
     """
 
     kind: PlantKind
@@ -96,28 +96,28 @@ class PlannedPlant:
         del values
         return (VEHICLE,)
 
-    def tracked(self, plan: Trajectory, values: Values) -> Array:
+    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
         return np.asarray(values['replan.deviation'] * ranges_of(plan))
 
-    def free(self, state: Array, duration: float, values: Values) -> Array:
+    def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """
-        Return a state (nx,) `duration` s later, no plan being followed.
+        Return a state (nx,) `duration` s later, without a plan.
 
         Raises
         ------
         InvalidProblem, NoState
-            If nothing can be said about it.
+            If it cannot be predicted.
 
         """
         return state
 
-    def carried(self, away: Array, duration: float) -> Array:
-        """Return what is left of a deviation (nx,) from a plan that is followed, `duration` s."""
+    def remaining_deviation(self, away: Array, duration: float) -> Array:
+        """Return the rest of a deviation (nx,) after `duration` s under feedback."""
         return away
 
     def execution(self, problem: Any, trackers: Mapping[str, Any], values: Values) -> Execution:
-        """Return what trackers of these parameters make of plans. In the worker's thread."""
+        """Return the model of how trackers execute plans. In the worker's thread."""
         return GenericExecution(self.kind.state_names, values['replan.deviation'])
 
     def complete(
@@ -134,8 +134,8 @@ class PlannedPlant:
             return None
         return StatedView(problem()).checked()
 
-    def prospect(self, values: Values) -> tuple[Sequence[Shape], Sequence[Way]] | None:
-        """Return what is drawn before there is a plan: surroundings and goals; None: nothing."""
+    def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]] | None:
+        """Return surroundings and goals to draw before there is a plan; None: nothing."""
         return None
 
 
@@ -148,17 +148,17 @@ class PlannedPendulum(PlannedPlant):
     stays = False
 
     def __init__(self, problem: type[Problem], values: Values) -> None:
-        """Need no more than what the class says."""
+        """Take no parameters: everything is a class attribute."""
 
     def names(self, values: Values) -> Sequence[str]:
         """Return its name."""
         return (SWING_UP,)
 
-    def tracked(self, plan: Trajectory, values: Values) -> Array:
+    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (4,) of a pendulum that follows its plan."""
         return np.array([0.5, 0.7, 6.0, 8.0])
 
-    def free(self, state: Array, duration: float, values: Values) -> Array:
+    def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (4,) `duration` s later without torque; negative: earlier."""
         plant = build(RotaryPendulum, values, 'plant.')
         fastest = float(_FASTEST * plant.natural_frequency)
@@ -168,11 +168,11 @@ class PlannedPendulum(PlannedPlant):
                     f'the measured velocity of joint {joint.name} is {rate:g} rad/s: must be in '
                     f'[{-fastest:.3g}, {fastest:.3g}] rad/s to be planned from'
                 )
-        longest = _FORESEEN / plant.natural_frequency
+        longest = _PREDICTABLE / plant.natural_frequency
         if not abs(duration) <= longest:
             raise InvalidProblem(
                 f"parameters 'start.delay' and 'start.max_age' lead from a state to a motion "
-                f'{duration:.3g} s later: a swinging pendulum can be foreseen for {longest:.3g} s'
+                f'{duration:.3g} s later: a swinging pendulum can be predicted for {longest:.3g} s'
             )
         no_torque = np.zeros(1)
         result = solve_ivp(
@@ -186,8 +186,8 @@ class PlannedPendulum(PlannedPlant):
         last: Array = result.y[:, -1]
         return last
 
-    def carried(self, away: Array, duration: float) -> Array:
-        """Return nothing (4,): the feedback takes it away."""
+    def remaining_deviation(self, away: Array, duration: float) -> Array:
+        """Return zero (4,): the feedback removes the deviation."""
         return np.zeros_like(away)
 
     def complete(
@@ -204,7 +204,7 @@ class PlannedPendulum(PlannedPlant):
         return SwingUpExecution(problem, trackers.get(SWING_UP))
 
     def drawn(self, values: Values) -> Drawn:
-        """Return the rig as the parameters have it."""
+        """Return the rig with these parameters."""
         plant = build(RotaryPendulum, values, 'plant.')
         return PendulumDrawing(plant, values['limits.torque'], values['limits.disk_angle'])
 
@@ -219,25 +219,25 @@ class PlannedRobots(PlannedPlant):
     several = True
 
     def __init__(self, problem: type[Problem], values: Values) -> None:
-        """Need no more than what the class says."""
+        """Take no parameters: everything is a class attribute."""
 
     def names(self, values: Values) -> Sequence[str]:
         """Return the names of the robots."""
         return tuple(values['robots'])
 
-    def tracked(self, plan: Trajectory, values: Values) -> Array:
+    def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (7,); the thruster's angle may be anything."""
         return np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
 
-    def free(self, state: Array, duration: float, values: Values) -> Array:
+    def coasted(self, state: Array, duration: float, values: Values) -> Array:
         """Return the state (7,) `duration` s later without thrust or torque."""
         x, y, u, v, yaw, omega, alpha = state
         moved = [x + u * duration, y + v * duration, u, v, yaw + omega * duration, omega, alpha]
         return np.array(moved)
 
-    def carried(self, away: Array, duration: float) -> Array:
-        """Return a deviation (7,), drifting: the feedback is slow, but for the thruster's."""
-        return self.free(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+    def remaining_deviation(self, away: Array, duration: float) -> Array:
+        """Return a deviation (7,) that drifts: only the thruster's angle is corrected quickly."""
+        return self.coasted(away, duration, {}) * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0]
 
     def execution(
         self, problem: RobotFormation, trackers: Mapping[str, Any], values: Values
@@ -254,10 +254,10 @@ class PlannedRobots(PlannedPlant):
         return trajectory.with_rates(problem.plant.derivative), {'wheel_speed': wheel}
 
     def drawn(self, values: Values) -> Drawn:
-        """Return a robot as the parameters have it."""
+        """Return a robot with these parameters."""
         return RobotDrawing(values['arena.minimum_separation'], values['limits.thrust'])
 
-    def prospect(self, values: Values) -> tuple[Sequence[Shape], Sequence[Way]]:
+    def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]]:
         """Return the arena, and the robots in their places of the formation."""
         arena, drawn = build(Arena, values, 'arena.'), self.drawn(values)
         zones = arena.obstacles[: len(arena.obstacles) // 3 * 3]
@@ -272,7 +272,7 @@ class PlannedRobots(PlannedPlant):
             place = values.get(f'formation.{name}')
             if place is not None:
                 x, y, yaw = place_in_arena(values['formation.anchor'], place)
-                ways.append(Way(drawn, np.array([[x, y, 0.0, 0.0, yaw, 0.0, 0.0]]), name))
+                ways.append(DrawnPath(drawn, np.array([[x, y, 0.0, 0.0, yaw, 0.0, 0.0]]), name))
         return around, ways
 
 

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Node `planner`: plans on request, publishes what was verified, says why where there is none."""
+"""Node `planner`: plans on request, publishes verified plans, and reports why there is none."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tdm_planner.nodes.answers import (
 )
 from tdm_planner.nodes.clocks import MotionClock, ros_clock, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, Report
-from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
@@ -53,7 +53,7 @@ from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(RequestParameters)
 _CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
-_GRACE = 0.3  # s from a plan's start until trackers must have told that they follow it
+_GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
 _SUPERSEDED = "another planner's plan is active"
 
 
@@ -63,8 +63,8 @@ class Planner(ManagedNode):
 
     Services `plan` (std_srvs/Trigger) and `plan_with` (rcl_interfaces/SetParametersAtomically)
     answer with one line of JSON. Solving runs beside the executor, see `plan_queue`: states,
-    parameters and further requests are served meanwhile. What is published, and where the state
-    comes from, is the adapter's matter.
+    parameters and further requests are served meanwhile. The `Adapter` reads the measured state
+    and publishes plans.
     """
 
     decisive = frozenset({'problem'})
@@ -158,7 +158,7 @@ class Planner(ManagedNode):
         self.withdraw([name for name in self.parameter_values if name not in kept])
 
     def _on_first(self) -> None:
-        """Begin to prepare the problem as soon as the node is served; once: what is made stays."""
+        """Begin to prepare the problem once the executor runs; later calls do nothing."""
         self.destroy_timer(self._first)
         if not self._prepares:
             self._prepares = True
@@ -166,14 +166,14 @@ class Planner(ManagedNode):
             self._queue.task(self._prepare, lambda _: self._diagnostics.update())
 
     def _prepare(self) -> None:
-        """Do what does not depend on a request; in the queue's thread."""
+        """Prepare what does not depend on a request; in the queue's thread."""
         try:
             if self._problem_class is not None:
                 self._problem_class.from_parameters({}).prepare()
-                gc.freeze()  # what has been loaded meanwhile, see `run`
+                gc.freeze()  # exempt loaded modules from garbage collection, see `run`
                 self.get_logger().info(f'ready to plan for {self._problem_class.name}')
         except Exception as error:  # noqa: B902
-            # Planning will meet it again, and say so in its answer.
+            # The first request fails in the same way, and its answer gives the reason.
             self.get_logger().error(f'preparing the problem failed: {Failure.of(error).reason}')
         self._prepared = True
 
@@ -181,7 +181,7 @@ class Planner(ManagedNode):
     # PlanQueue._deliver, _settle, Adapter.publish.
 
     def _on_request(self, message: Any, send: Answer) -> None:
-        """Have a plan made, or answer at once why not."""
+        """Queue a request, or reject it with the reason."""
         self._requests += 1
         request = Request(message, send)
         if isinstance(message, MovedGoal):
@@ -209,7 +209,7 @@ class Planner(ManagedNode):
             self._settle(request, error)
 
     def _own_parameters(self, messages: Sequence[Any]) -> dict[str, Any]:
-        """Return the parameters of a request, checked as the node's own are."""
+        """Return the parameters of a request, checked like the node's own."""
         try:
             given = [Parameter.from_parameter_msg(message) for message in messages]
         except (TypeError, ValueError) as error:
@@ -218,7 +218,7 @@ class Planner(ManagedNode):
         for name in own:
             if name.startswith('replan.'):
                 raise InvalidProblem(
-                    f"parameter '{name}' is not one of a request: set it on the planner"
+                    f"parameter '{name}' cannot be part of a request: set it on the planner"
                 )
         self.check_values({**self.parameter_values, **own})
         return own
@@ -246,7 +246,7 @@ class Planner(ManagedNode):
         except Exception as error:  # noqa: B902
             answer = self._failure = Failure.of(error)
             self._failures += 1
-            # Two calls: rclpy does not let a place in the code change its severity.
+            # Two calls: rclpy forbids a call site to change its severity.
             if answer.trace:
                 self.get_logger().error(f'{request.title}: {answer}')
             else:
@@ -260,7 +260,7 @@ class Planner(ManagedNode):
         self._diagnostics.update()
 
     def _figures_of(self, plan: ActivePlan) -> str:
-        """Return the answer to a request that was met, with what it is good to be warned of."""
+        """Return the answer with the plan's figures and warnings."""
         warnings = [] if self._adapter is None else self._adapter.warnings()
         late = self._time.now() - plan.start
         if late > 0:
@@ -280,7 +280,7 @@ class Planner(ManagedNode):
     # The active plan.
 
     def _follow(self, plan: ActivePlan | None) -> None:
-        """Take note of the plan that is active from now on."""
+        """Make a plan the active one; None: there is none."""
         self._plan = plan
         self._expected, self._unfollowed = None, ''
         self._replanning.follow(None if self._superseded else plan)
@@ -299,18 +299,18 @@ class Planner(ManagedNode):
             self._diagnostics.update()
 
     def _on_other_plan(self, stamp: int) -> None:
-        """Cease to review the own plan when another planner's starts [ns] after it."""
+        """Stop reviewing the own plan when another planner's plan supersedes it."""
         start = self._time.instant(stamp)
         if self._superseded or (self._plan is not None and start < self._plan.start):
             return
         self._superseded = True
         if self._plan is not None:
-            self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is not reviewed now')
+            self.get_logger().warning(f'{_SUPERSEDED}: plan {self._plan_id} is no longer reviewed')
         self._follow(self._plan)
         self._diagnostics.update()
 
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
-        """Publish again what trackers follow from a start [ns] on, and no planner any more."""
+        """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
         if adapter is None or self._others.published(stamp):
             return
@@ -322,7 +322,7 @@ class Planner(ManagedNode):
         def done(outcome: ActivePlan | Exception) -> None:
             if self._plan is not None:
                 return
-            self._settle(Request(title='the plan of the trackers is not recovered'), outcome)
+            self._settle(Request(title='cannot recover the active plan'), outcome)
             if isinstance(outcome, ActivePlan):
                 self.get_logger().info(f'recovered active plan {self._plan_id} from the trackers')
 
@@ -338,10 +338,10 @@ class Planner(ManagedNode):
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
 
     def _on_simulated_jump(self, jump: TimeJump) -> None:
-        """Forget the active plan when simulated time is set back: trackers give it up."""
+        """Drop the active plan when simulated time is set back, as the trackers do."""
         if not ros_clock(self).ros_time_is_active or self._plan is None:
             return
-        self.get_logger().warning('simulated time was set back: the active plan is given up')
+        self.get_logger().warning('simulated time was set back: the active plan is dropped')
         if self._adapter is not None:
             self._adapter.forget_plans()
         self._follow(None)
@@ -367,7 +367,7 @@ class Planner(ManagedNode):
         return Report(level, message, values)
 
     def faults(self) -> list[str]:
-        """Return what makes every request vain until it is corrected."""
+        """Return the faults for which every request is rejected until they are corrected."""
         return [*filter(None, [self._fault]), *super().faults()]
 
     def _state(self) -> tuple[Level, str]:

@@ -35,7 +35,7 @@ from tdm_planner.replanning import ActivePlan
 CODES = tuple(error.code for error in ERRORS)
 
 _RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
-_SHORTEST = 0.01  # s; in less nothing is found
+_SHORTEST = 0.01  # s; no plan is found in less
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
@@ -104,9 +104,9 @@ def _plan_from_measured(
     clock: MotionClock,
 ) -> ActivePlan:
     """
-    Plan from the measured state; sooner than `start.delay` where that is too late.
+    Plan from the measured state, for an earlier start than `start.delay` if that is infeasible.
 
-    A plant in motion may have left its limits, or be beyond help, by the time a motion starts.
+    A plant in motion may have left its limits by then.
     """
     failure: TdmError | None = None
     now = _after_a_start(adapter, values, clock)
@@ -128,13 +128,13 @@ def _plan_from_measured(
         except (InvalidProblem, Infeasible) as error:
             if failure is None and isinstance(error, (DeadlineExceeded, VerificationFailed)):
                 raise
-            failure = failure or _of_the_future(error, delay)
+            failure = failure or _with_prediction_note(error, delay)
     assert failure is not None
     raise failure
 
 
 def _in_time(start: float, delay: float, clock: MotionClock) -> float:
-    """Put a start [s] off that solving has left too little of the `delay` [s] for."""
+    """Delay a start [s] that solving has left too little of the `delay` [s] for."""
     return max(start, clock.now() + _PREPARING * delay)
 
 
@@ -168,10 +168,10 @@ def _time_until(start: float, sooner: float | None, now: float) -> float:
 
 def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClock) -> float:
     """
-    Return the instant to plan at [s]: the present, or that of the newest plan's start.
+    Return the instant to plan at [s]: the present, or the start of a pending plan.
 
-    It is waited for where a plan made now could be published after it. From then on the plant
-    follows that plan; until then, the one before.
+    If planning might last until that start, wait for it. From then on the plant follows that
+    plan; until then, the one before.
     """
     now = clock.now()
     begins = adapter.next_start(now)
@@ -185,16 +185,16 @@ def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClo
 
 
 def _verified(solution: Solution) -> Solution:
-    """Return a solution that its own check approves of, whoever has written the problem."""
+    """Return a solution that is verified, also by a user's problem."""
     check = solution.verification
     if not check.ok:
         why = '; '.join(check.reasons) or 'it gives no reasons'
-        raise VerificationFailed(f'the plan does not pass its own check: {why}')
+        raise VerificationFailed(f'the plan is not verified: {why}')
     return solution
 
 
-def _of_the_future(error: TdmError, delay: float) -> TdmError:
-    """Return the error with a note that its start is predicted, where it speaks of one."""
+def _with_prediction_note(error: TdmError, delay: float) -> TdmError:
+    """Return the error; if it names the start, note that the start was predicted."""
     text = str(error)
     if 'start' in text:
         text += f' (as predicted from the measured state for {delay:g} s later, start.delay)'

@@ -11,14 +11,14 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-# A late subscriber gets what is active.
+# A late subscriber gets the active plan or status.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
-# States and commands: the newest counts, and a lost one is not waited for. A reliable subscriber
-# would hold back those behind it until it is sent again: over a link that delays by 20 ms, another
-# 15 ms, and up to 150. Subscribed like this, publishers of either kind fit.
+# States and commands: only the newest counts. A reliable subscriber would hold messages back until
+# a lost one is sent again: over a link of 20 ms, for another 15 to 150 ms. Best effort matches
+# publishers of either kind.
 NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # Requests and answers of a service that many may call at once. Of the usual ten, the oldest would

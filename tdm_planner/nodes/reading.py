@@ -8,10 +8,10 @@
 # language governing permissions and limitations under the License.
 
 """
-Plans, states and commands read from messages, whichever library's classes those are.
+Reads plans, states and commands from messages of any library.
 
-Nothing of ROS is needed here: the nodes read the messages of rclpy with these functions, a report
-those of a recording. A plant's `PlantKind` says which joints they have.
+This module needs no ROS: nodes read rclpy's messages with it, a report those of a recording. A
+plant's `PlantKind` says which joints they have.
 """
 
 from __future__ import annotations

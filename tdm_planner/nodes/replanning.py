@@ -19,7 +19,7 @@ from rclpy.timer import Timer
 from tdm_planner.exceptions import NoState
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock
-from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import Failure
 from tdm_planner.parameters import build
@@ -33,11 +33,11 @@ _SELDOM: Mapping[str, Any] = MappingProxyType({'throttle_duration_sec': 5.0})  #
 
 class Replanning:
     """
-    Has the active plan reviewed at a rate, and hands new plans to `publish`.
+    Reviews the active plan at a rate, and hands new plans to `publish`.
 
-    A plan is reviewed for the problem that the node's parameters state now, except for those that
-    were given for this plan alone (`ActivePlan.own`). Where nothing can be measured there is
-    nothing to review a plan by. Instants are those of `clock` [s].
+    A plan is reviewed for the node's present parameters, except those that were given for this
+    plan alone (`ActivePlan.own`). Problems without a measured state are not reviewed. Instants are
+    those of `clock` [s].
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Replanning:
         self._last = ''
 
     def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
-        """Follow changed parameters; the timer is made anew where its rate has changed."""
+        """Follow changed parameters; a changed rate gets a new timer."""
         before = self._adapter, self._values.get('replan.rate')
         self._adapter, self._values = adapter, dict(values)
         rate = values['replan.rate']
@@ -75,7 +75,7 @@ class Replanning:
             )
 
     def follow(self, plan: ActivePlan | None) -> None:
-        """Review this plan from now on; what comes of a review under way is dropped."""
+        """Review this plan from now on; drop the outcome of a review under way."""
         self._plan = plan
         self._queue.drop_review()
 
@@ -114,7 +114,7 @@ class Replanning:
     def _replanner_of(
         self, plan: ActivePlan, adapter: Adapter, values: Mapping[str, Any]
     ) -> Replanner:
-        """Return the replanner for the active plan, made anew for every plan."""
+        """Return the replanner of the active plan; every plan has its own."""
         parameters = build(ReplanParameters, values, 'replan.')
         replanner = self._replanner
         trackers = {**adapter.tracker_parameters, '': parameters.deviation}
@@ -130,9 +130,9 @@ class Replanning:
         return replanner
 
     def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
-        """Return the problem that the parameters ask, from the start of the active plan."""
+        """Return the problem that the parameters state, from the start of the active plan."""
         if self._asked is None or self._asked[1] is not plan or self._asked[0] != values:
-            # What start.* says is no matter here: it must not make the problem an invalid one.
+            # Ignore start.*: it must not make the problem invalid.
             own = plan.problem.to_parameters()
             starts = {name: value for name, value in own.items() if 'start.' in name}
             made = type(plan.problem).from_parameters({**values, **starts})
@@ -155,13 +155,13 @@ class Replanning:
                 **_SELDOM,
             )
         if outcome.plan is not None:
-            self._take_over(outcome.plan)
+            self._supersede(outcome.plan)
         elif outcome.necessary:
             logger.warning(
-                f'the active plan fails, no other was found: {outcome.reason}', **_SELDOM
+                f'the active plan fails and there is no new one: {outcome.reason}', **_SELDOM
             )
 
-    def _take_over(self, made: ActivePlan) -> None:
+    def _supersede(self, made: ActivePlan) -> None:
         late = self._clock.now() - made.start
         if late > 0.0:
             self._last = f'a new plan came {late:.3f} s late'

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Which nodes a parameter file with several robots needs, for launch files and the demo."""
+"""The nodes that a parameter file with several robots needs, for launch files and the demo."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.services import answer_reliably, survive_nonsense
+from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
 from yaml import YAMLError
@@ -56,17 +56,16 @@ class ParameterNode(Node):
     """
     A node whose parameters are declared by `ParameterSpec`s.
 
-    Integers are accepted for numbers (people write 0 and 1), and text for what it says, see
-    `typed`. A value that is not allowed is rejected with the sentence of `ParameterSpec.check`;
-    one given at the start leaves the default in place and is kept in `invalid_overrides` until the
-    parameter is set, unless the parameter is `decisive`. Optional parameters are unset by deleting
-    them (``ros2 param delete``), or by ``null``.
+    Integers are accepted as numbers, and text is parsed, see `typed`. An invalid value is rejected
+    with the sentence of `ParameterSpec.check`. One given at the start leaves the default and stays
+    in `invalid_overrides` until the parameter is set; for a `decisive` parameter it ends the node.
+    ``ros2 param delete`` or ``null`` unsets an optional parameter.
 
     Values pass rclpy's callbacks: pre-set gives them their declared type and checks each, on-set
-    checks them against each other, post-set takes them over.
+    checks them against each other, post-set applies them.
     """
 
-    decisive: frozenset[str] = frozenset()  # without which a node cannot be: wrong, they end it
+    decisive: frozenset[str] = frozenset()  # an invalid value of these ends the node
 
     def __init__(
         self, name: str, specifications: Mapping[str, ParameterSpec] | None = None, **options: Any
@@ -76,7 +75,7 @@ class ParameterNode(Node):
         self._invalid_overrides: dict[str, str] = {}
         super().__init__(name, **options)
         for service in self.services:
-            survive_nonsense(self, service)
+            answer_malformed_requests(self, service)
         self._overrides = {
             key: item.value
             for key, item in self._parameter_overrides.items()
@@ -90,7 +89,7 @@ class ParameterNode(Node):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, *args: Any, **kwargs: Any
     ) -> Any:
-        """As rclpy's; of the simulated clock, times that rclpy cannot hold are dropped."""
+        """As rclpy's; drops simulated times that rclpy cannot hold."""
 
         def on_clock(message: Clock) -> None:
             if message.clock.sec >= 0:
@@ -105,7 +104,7 @@ class ParameterNode(Node):
         return super().create_subscription(msg_type, topic, take, *args, **kwargs)
 
     def create_service(self, *args: Any, **kwargs: Any) -> Any:
-        """As rclpy's; answers reach a client that was met only just now."""
+        """As rclpy's; responses also reach a client that was discovered only just now."""
         service = super().create_service(*args, **kwargs)
         answer_reliably(self, service)
         return service
@@ -131,7 +130,7 @@ class ParameterNode(Node):
                 self._declare(spec, self._initial_value(spec))
 
     def withdraw(self, names: Sequence[str]) -> None:
-        """Take declared parameters away."""
+        """Undeclare parameters."""
         for name in names:
             self._specifications.pop(name)
             self._values.pop(name)
@@ -222,18 +221,18 @@ class ParameterNode(Node):
         try:
             self.values_changed(frozenset(changed))
         except Exception as error:  # noqa: B902
-            # The values are set; the next request meets what is wrong.
+            # The values are set; the next request reports the fault.
             sentence = ' '.join(str(error).split())
             self.get_logger().error(
                 f'parameters were set, but: {type(error).__name__}: {sentence}'
             )
 
     def _own(self, parameters: list[Parameter]) -> dict[str, Any]:
-        """Return the values of parameters that are set; those being declared are not there yet."""
+        """Return the values of parameters that are set, without those still being declared."""
         return {item.name: item.value for item in parameters if item.name in self._values}
 
     def _is_fixed_at(self, item: Parameter) -> bool:
-        """Whether rclpy would refuse to set a read-only parameter to the value that it has."""
+        """Whether it is read-only and keeps its value, which rclpy would reject."""
         if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
             return False
         same: bool = self.get_parameter(item.name).value == item.value
@@ -297,8 +296,8 @@ def typed(spec: ParameterSpec, value: Any) -> Any:
     """
     Return the value that a text stands for, where a parameter is no string.
 
-    The tools of ROS 2 read YAML 1.1, in which ``1e-8`` is a string, and hand over as text what
-    they have no type for: ``null``, lists of numbers and integers. ``ros2 param load`` writes
+    The tools of ROS 2 read YAML 1.1, in which ``1e-8`` is a string. They pass as text what they
+    have no type for: ``null``, and lists that mix numbers and integers. ``ros2 param load`` writes
     ``None`` for null.
     """
     if spec.kind == list[float] and isinstance(value, list):

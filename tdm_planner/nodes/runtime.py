@@ -45,13 +45,13 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
     return EventsExecutor(context=context)
 
 
-class EndRequest:
+class StopSignal:
     """
-    SIGINT and SIGTERM, noted: `asked` says that one has come.
+    Records SIGINT and SIGTERM: `asked` says that one has arrived.
 
-    They do not interrupt: raised in a finaliser KeyboardInterrupt is told and lost, a second one
-    meets the clean-up of the first, and of an executor half of the callbacks would be gone; it
-    aborts when it is freed. Only a signal that comes `GRACE` s after the first raises it.
+    The handler does not raise KeyboardInterrupt: in a finaliser it would be lost, a second one
+    would interrupt the clean-up, and an executor that it interrupts aborts when it is freed. Only
+    a signal that arrives `GRACE` s after the first raises it.
     """
 
     GRACE = 2.0
@@ -61,12 +61,12 @@ class EndRequest:
         self._first = math.inf
 
     def catch(self) -> None:
-        """Begin to note signals."""
+        """Install the handlers."""
         for number in _SIGNALS:
             signal.signal(number, self._on_signal)
 
     def ignore(self) -> None:
-        """Let further signals pass: under `ros2 launch` Ctrl-C arrives twice."""
+        """Ignore further signals: under `ros2 launch` Ctrl-C arrives twice."""
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 
@@ -77,8 +77,8 @@ class EndRequest:
             raise KeyboardInterrupt
 
 
-def spin(node: Node, executor: Executor, end: EndRequest) -> None:
-    """Serve the node's callbacks until the process is asked to end."""
+def spin(node: Node, executor: Executor, end: StopSignal) -> None:
+    """Serve the node's callbacks until a signal arrives."""
     executor.add_node(node)
     # EventsExecutor.spin() does not return on a signal, spin_once() does.
     while rclpy.ok() and not end.asked:
@@ -87,17 +87,16 @@ def spin(node: Node, executor: Executor, end: EndRequest) -> None:
 
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """
-    Make the node, serve it until SIGINT or SIGTERM, and return the exit code of the process.
+    Make the node, spin it until SIGINT or SIGTERM, and return the exit code of the process.
 
-    `args` are the command line's (default: `sys.argv`). An error ends the process with one line
-    that says what happened: with code 2 where the node was started with what cannot be
-    (InvalidProblem), else with code 1.
+    `args` are the command line's (default: `sys.argv`). An error ends the process with one line:
+    with code 2 if the node was started with invalid parameters (InvalidProblem), else with code 1.
     """
     code = 0
     node: Node | None = None
     executor: Executor | None = None
     started = broken = False
-    end = EndRequest()
+    end = StopSignal()
     try:
         end.catch()
         rclpy.init(
@@ -106,7 +105,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         )
         started = True
         node = make_node()
-        # What has been loaded stays: looking through it for garbage takes .1 s, in which no
+        # Exempt loaded modules from garbage collection: a full pass takes .1 s, in which no
         # command would be sent.
         gc.freeze()
         executor = make_executor()
@@ -116,8 +115,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
     except KeyboardInterrupt:
         broken = True
     except Exception as error:  # noqa: B902
-        # Errors that a signal, or the end of the context, brings about in rclpy: the process is
-        # ending as it was asked to.
+        # rclpy raises when a signal or the end of the context interrupts it: the process ends.
         broken = True
         if not end.asked and (rclpy.ok() or not started):
             invalid = isinstance(error, InvalidProblem)
@@ -126,7 +124,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             print(f'fatal: {what}{" ".join(str(error).split())}', file=sys.stderr)
     finally:
         end.ignore()
-        # Freed before the process ends, or others would believe for 20 s that the node is there.
+        # Free it before the process ends, or others would see the node for another 20 s.
         if executor is not None and not broken:
             executor.shutdown()
         if node is not None:

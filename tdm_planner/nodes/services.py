@@ -8,14 +8,14 @@
 # language governing permissions and limitations under the License.
 
 """
-Services whose clients are always answered; what is worked around here, and until when.
+Services that answer every client: workarounds, and until when they are needed.
 
-- A client may know a service before the service knows where to answer. rmw_fastrtps then gives the
-  answer up after a tenth of a second, rclpy warns, and the client waits for ever: it is sent again
-  (https://github.com/ros2/rmw_fastrtps/issues/842, in no release solved yet).
-- rclpy's own services raise on requests that make no sense: for a transition that does not exist
-  (until rclpy 8.0.0) or a parameter of a type that does not exist (in every release so far), and
-  so end the node: they are answered that nothing was done.
+- A client may discover a service before the service discovers it. rmw_fastrtps then drops the
+  response after a tenth of a second, rclpy warns, and the client waits for ever. Here the response
+  is sent again (https://github.com/ros2/rmw_fastrtps/issues/842, not fixed in any release yet).
+- rclpy's own services raise on malformed requests: for an unknown transition (until rclpy 8.0.0)
+  or an unknown parameter type (in every release so far). That would end the node. Here the
+  response says that nothing was done.
 - A callback that answers later would be a coroutine; the EventsExecutor of Jazzy does not run it.
 """
 
@@ -42,10 +42,10 @@ Answer = Callable[[Any], None]
 
 def answer_reliably(node: Node, service: Any) -> None:
     """
-    Let a service send an answer that was given up again, up to `ATTEMPTS` times.
+    Let a service resend a dropped response, up to `ATTEMPTS` times.
 
-    Executors hand what a callback returns to the service's `send_response`, together with the
-    header that says who asked; that is replaced.
+    Executors pass the result of a callback to the service's `send_response`, with the header that
+    names the client; `send_response` is replaced.
     """
     send = service.send_response
 
@@ -71,8 +71,8 @@ def answer_reliably(node: Node, service: Any) -> None:
     service.send_response = answer
 
 
-def survive_nonsense(node: Node, service: Any) -> None:
-    """Let a service of rclpy's own answer requests on which its callback raises."""
+def answer_malformed_requests(node: Node, service: Any) -> None:
+    """Let one of rclpy's own services answer requests on which its callback raises."""
     callback = service.callback
 
     def guarded(request: Any, response: Any) -> Any:

@@ -30,9 +30,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
-from tdm_planner.nodes.diagnostics import Level, Report, SolePublisher
-from tdm_planner.nodes.known_plants import tracked_plant
-from tdm_planner.nodes.managed import AUTOSTART, ManagedNode
+from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
+from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
 from tdm_planner.nodes.messages import (
     command_message,
@@ -41,9 +40,10 @@ from tdm_planner.nodes.messages import (
     LATCHED,
     nanoseconds_of,
 )
-from tdm_planner.nodes.plan_intake import Offer, PlanIntake
+from tdm_planner.nodes.plan_intake import PlanIntake, ReceivedPlan
 from tdm_planner.nodes.reading import read_plan
 from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
 from tdm_planner.tracking import Action, Command, Phase, TrajectoryRefused, TrajectoryTracker
@@ -56,7 +56,7 @@ Array = NDArray[np.float64]
 QUEUE = 10  # messages
 FIRST_STATE = 1.0  # s from activation until a first state must have come
 WARNING_PERIOD = 2.0  # s, the least time between warnings of a kind
-LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is given up
+LONGEST_PLANNING = 10.0  # s after which an unanswered request for a plan is dropped
 
 _WAITING = 'waiting for the first state'
 
@@ -79,7 +79,7 @@ class TrackerNode(ManagedNode):
     """Tracks `trajectory` from the measured state; publishes `joint_command`, `tracking_error`."""
 
     decisive = frozenset({_KIND.name})
-    last_words = 0.1  # s; the command that switches the actuators off
+    drain_time = 0.1  # s; the command that switches the actuators off
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker', 'tracking', {_KIND.name: _KIND}, **options)
@@ -88,8 +88,8 @@ class TrackerNode(ManagedNode):
         self.warn_of_unknown_overrides()
         self._clock_steps = 0
         self._time = MotionClock(self, self._on_clock_step)
-        self._refusal = ''
-        self._accepted = self._refused = self._states_ignored = self._commands = 0
+        self._rejection = ''
+        self._accepted = self._rejected = self._states_ignored = self._commands = 0
         self._preparation = self._deviation = self._delay = 0.0
         self._asked_at = -np.inf
         self._answer: Future | None = None
@@ -113,10 +113,10 @@ class TrackerNode(ManagedNode):
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
         self._planner = self.create_client(Trigger, self.tracker.parameters.planner_service)
         self._status = TrackerStatus(self)
-        self._planners = SolePublisher(
+        self._planners = PublisherCount(
             self,
             self.resolve_topic_name('trajectory'),
-            'the plan that starts last is followed; let only one of them run',
+            'the tracker follows the plan that starts last; run only one of them',
             self._diagnostics.update,
         )
         self.create_subscription(
@@ -132,9 +132,9 @@ class TrackerNode(ManagedNode):
         )
 
     def activate(self) -> None:
-        """Begin as if the node had just been started: a plan that came meanwhile is looked at."""
+        """Begin like a node that was just started; a plan received meanwhile is examined."""
         self.tracker = self._make_tracker(self.parameter_values)
-        self._last, self._refusal = (Phase.IDLE, ''), ''
+        self._last, self._rejection = (Phase.IDLE, ''), ''
         self._activated = time.monotonic()
         self._status.begin()
         if self._newest is not None:
@@ -149,7 +149,7 @@ class TrackerNode(ManagedNode):
         )
 
     def deactivate(self) -> None:
-        """Switch the actuators off by a last command; the active plan is given up."""
+        """Switch the actuators off by a last command, and drop the active plan."""
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
@@ -174,7 +174,7 @@ class TrackerNode(ManagedNode):
             ) from None
 
     def check_values(self, values: Mapping[str, Any]) -> None:
-        """Refuse values that do not make a tracker together, or none for the active plan."""
+        """Reject values that contradict each other, or do not fit the active plan."""
         made = self._make_tracker(values)
         if self.configured:
             try:
@@ -183,7 +183,7 @@ class TrackerNode(ManagedNode):
                 raise InvalidProblem(f'the active plan could not be followed: {error}') from None
 
     def values_changed(self, names: frozenset[str]) -> None:
-        """Go on with the changed parameters, without a jump of phase or trajectory."""
+        """Apply the changed parameters, without a jump of phase or trajectory."""
         if self.configured:
             changed = self._make_tracker(self.parameter_values)
             changed.adopt(self.tracker)
@@ -197,7 +197,7 @@ class TrackerNode(ManagedNode):
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
     def _on_state(self, state: Array, instant: int) -> None:
-        """Take a state (nx,) of the instant [ns]; one from the future is ignored."""
+        """Observe a state (nx,) of the instant [ns]; ignore one from the future."""
         if not self._time.runs:
             return
         now, at = self._time.now(), self._time.instant(instant)
@@ -216,14 +216,14 @@ class TrackerNode(ManagedNode):
         self.get_logger().warning(f'state ignored: {reason}', throttle_duration_sec=WARNING_PERIOD)
 
     def _on_trajectory(self, data: bytes) -> None:
-        """Make a trajectory the active one, or refuse it with a reason; the old one then stays."""
+        """Accept a trajectory, or reject it with a reason; the active one then stays."""
         try:
             self._intake.offer(data)
         except InvalidProblem as error:
-            self._refuse(error)
+            self._reject(error)
 
-    def _look_at(self, offered: Offer) -> None:
-        """Accept or refuse; one active already, as a restarted planner repeats it, stays."""
+    def _look_at(self, offered: ReceivedPlan) -> None:
+        """Accept or reject a plan; ignore the active one, which a restarted planner repeats."""
         began = time.perf_counter()
         begins = nanoseconds_of(offered.stamp) or int(self.get_clock().now().nanoseconds)
         try:
@@ -237,11 +237,11 @@ class TrackerNode(ManagedNode):
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except (InvalidProblem, TrajectoryRefused) as error:
-            self._refuse(error)
+            self._reject(error)
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
-            self._refusal = ''
+            self._rejection = ''
             self._preparation = time.perf_counter() - began
             self._status.accepted(trajectory, begins, offered.data)
             self.get_logger().info(
@@ -250,23 +250,23 @@ class TrackerNode(ManagedNode):
             )
         self._diagnostics.update()
 
-    def _refuse(self, error: Exception) -> None:
-        """Leave a trajectory out, and say why."""
-        self._refused += 1
-        self._refusal = f'trajectory refused: {error}'
-        self.get_logger().error(self._refusal)
+    def _reject(self, error: Exception) -> None:
+        """Report why a trajectory is rejected."""
+        self._rejected += 1
+        self._rejection = f'trajectory rejected: {error}'
+        self.get_logger().error(self._rejection)
 
     def _check_latest(self, start: float) -> None:
         """
-        Of several planners' plans keep the one that starts last, in whatever order they come.
+        Of several planners' plans, accept only the one that starts last.
 
-        So all trackers of a formation follow the same planner.
+        All trackers of a formation then follow the same planner, in whatever order plans arrive.
         """
         newest = self.tracker.newest
         if newest is not None and start < newest.start and self._planners.look() > 1:
             raise TrajectoryRefused(
                 f'it starts {newest.start - start:.3g} s before the active one; of '
-                f"{self._planners.count} planners' plans the one that starts last is followed"
+                f"{self._planners.count} planners' plans the tracker follows the last to start"
             )
 
     # Commands.
@@ -306,7 +306,7 @@ class TrackerNode(ManagedNode):
 
     @property
     def _awaits_state(self) -> bool:
-        """Whether the first state has not come yet, and may take its time."""
+        """Whether the first state is still expected."""
         return self._newest is None and time.monotonic() < self._activated + FIRST_STATE
 
     def _note_changes(self, command: Command) -> None:
@@ -316,7 +316,7 @@ class TrackerNode(ManagedNode):
             return
         problem = self._last[1]
         text = command.phase.value + (f': {problem}' if problem else '')
-        # One call site a severity: rclpy refuses a call site that changes its severity.
+        # One call site a severity: rclpy forbids a call site to change its severity.
         if problem:
             self.get_logger().error(text)
         else:
@@ -324,7 +324,7 @@ class TrackerNode(ManagedNode):
         self._diagnostics.update()
 
     def _ask_for_plan(self) -> None:
-        """Ask the planner for a new plan, one at a time and not too often."""
+        """Request a new plan, one at a time and at most every `replan.interval`."""
         replan = self.tracker.parameters.replan
         now = time.monotonic()
         waiting = self._answer is not None and now - self._asked_at < LONGEST_PLANNING
@@ -333,11 +333,11 @@ class TrackerNode(ManagedNode):
         self._asked_at = now
         if not self._planner.service_is_ready():
             self.get_logger().warning(
-                f'no planner serves {self._planner.srv_name}: no new plan can be asked for',
+                f'no planner serves {self._planner.srv_name}: cannot request a new plan',
                 throttle_duration_sec=WARNING_PERIOD,
             )
             return
-        self.get_logger().info('asking for a new plan')
+        self.get_logger().info('requesting a new plan')
         self._answer = self._planner.call_async(Trigger.Request())
         self._answer.add_done_callback(self._on_answer)
 
@@ -355,7 +355,7 @@ class TrackerNode(ManagedNode):
         slow = '' if self._rate is None else self._rate.problem()
         warning = self.tracker.warning if self.configured else ''
         timeless, slow = '' if self._time.runs else NO_TIME, f'commands at {slow}' if slow else ''
-        told = [timeless, self._refusal, self._planners.warning, warning, slow]
+        told = [timeless, self._rejection, self._planners.warning, warning, slow]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
@@ -371,8 +371,8 @@ class TrackerNode(ManagedNode):
             'deviation': self._deviation,
             'time since start [s]': 'none' if motion is None else now - motion.start,
             'trajectories accepted': self._accepted,
-            'trajectories refused': self._refused,
-            'last refusal': self._refusal or 'none',
+            'trajectories rejected': self._rejected,
+            'last rejection': self._rejection or 'none',
             'planners': self._planners.count,
             'gains computed in [s]': self._preparation,
             'rate [Hz]': 0.0 if self._rate is None else self._rate.measured(),

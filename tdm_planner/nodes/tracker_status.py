@@ -6,7 +6,7 @@
 # writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
-"""What a tracker does with every plan, as action servers tell it, and the plan it follows."""
+"""The status of every plan of a tracker, as of an action's goals, and the plan it follows."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ class TrackerStatus:
     """
     Publishes the status of every plan on `tracker_status`, whenever one changes.
 
-    And on `active_trajectory` the plan that is followed, or is to take over, as it came; empty
-    when it is given up. Both are latched for whoever joins: viewers, planners that were restarted.
+    Publishes on `active_trajectory` the active or pending plan as received; empty without one.
+    Both topics are latched for late subscribers: viewers, planners that were restarted.
 
     ACCEPTED   to be executed from its start on
     EXECUTING  being tracked
     SUCCEEDED  its end was reached, and is held until another status or plan follows
-    CANCELING  given up; the plant is being brought to rest (`replan.on_deviation`)
-    ABORTED    rejected or given up: nothing is commanded on its account
+    CANCELING  stopped; the plant is being brought to rest (`replan.on_deviation`)
+    ABORTED    rejected, or stopped after a deviation: it is not executed any more
     CANCELED   superseded by a newer plan, or the tracker was deactivated
 
-    What is over is told once, and afterwards only while no other plan is active.
+    A plan that is over is reported once, and afterwards only while no other plan is active.
     """
 
     def __init__(self, node: Node) -> None:
@@ -79,16 +79,16 @@ class TrackerStatus:
         self._changed = False
 
     def begin(self) -> None:
-        """Forget all plans, and tell so: the tracker has become active."""
+        """Forget all plans, and publish that: the tracker has become active."""
         self._plans = []
         self._publish()
 
     def accepted(self, trajectory: Trajectory, start: int, message: bytes) -> None:
-        """Take note of a plan that starts at the instant `start` [ns], and of its message."""
+        """Add an accepted plan that starts at the instant `start` [ns], with its message."""
         self._plans.append(_Plan(trajectory, start, message))
 
     def rejected(self, start: int, tracker: TrajectoryTracker) -> None:
-        """Take note of a plan that the tracker did not accept."""
+        """Add a plan that the tracker has rejected."""
         if any(plan.start == start for plan in self._plans):
             return
         canceling = GoalStatus.STATUS_CANCELING
@@ -98,7 +98,7 @@ class TrackerStatus:
         self._changed = True
 
     def update(self, tracker: TrajectoryTracker) -> None:
-        """Tell what has changed since the last call."""
+        """Publish what has changed since the last call."""
         self._announce(None if tracker.newest is None else tracker.newest.trajectory)
         active = {id(m.trajectory) for m in (tracker.current, tracker.following) if m is not None}
         newest = max(
@@ -119,7 +119,7 @@ class TrackerStatus:
             ]
 
     def cancel(self) -> None:
-        """Tell that the tracker executes nothing any more."""
+        """Publish that the tracker executes nothing any more."""
         self._announce(None)
         for plan in self._plans:
             plan.status = GoalStatus.STATUS_CANCELED

@@ -6,7 +6,7 @@
 # writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
-"""What the planner knows of a tracker: from its `tracker_status`, and from its parameters."""
+"""What the planner knows of a tracker: its `tracker_status` and its parameters."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class TrackerWatch:
     """
     Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
 
-    `parameters` are the tracker's, of the class `kind`, None until they are known; they are asked
-    for when a tracker becomes active, and when one of them has changed. Instants are those of
-    `clock` [s]. May be read in any thread.
+    `parameters` are the tracker's, of the class `kind`; None until they are known. They are read
+    when a tracker becomes active, and whenever one of them has changed. Instants are those of
+    `clock` [s]. Safe in any thread.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class TrackerWatch:
 
     @property
     def heard(self) -> bool:
-        """Whether a tracker of this package has told what it does."""
+        """Whether a tracker of this package has published its status."""
         return self._statuses is not None
 
     @property
@@ -95,7 +95,7 @@ class TrackerWatch:
         """
         Return what the tracker does at the instant `now`.
 
-        Where none was heard, another controller is taken to follow the plan.
+        If none was heard, another controller is assumed to follow the plan.
         """
         statuses = self._statuses
         if statuses is None or self.followed(now) is not None:

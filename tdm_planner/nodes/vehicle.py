@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""One plant of a planner: its measured state, its tracker, its plans, its picture."""
+"""One plant of a planner: its measured state, its tracker, its plans, its markers."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
 
 class ActivePlans:
     """
-    The newest published plan, and the one that is carried out until the newest begins.
+    The newest published plan, pending or active, and the one that is active until it begins.
 
-    A plan that is replaced before it begins is never carried out. May be asked from any thread.
+    A pending plan that is superseded never becomes active. Safe in any thread.
     """
 
     def __init__(self) -> None:
         self._plans: tuple[TimedTrajectory, ...] = ()  # in the order of publication
 
     def add(self, plan: TimedTrajectory, now: float) -> None:
-        """Take note of a plan published at the instant `now` [s]."""
-        carried_out = self.at(now)
-        self._plans = (*(() if carried_out is None else (carried_out,)), plan)
+        """Add a plan published at the instant `now` [s]."""
+        active = self.at(now)
+        self._plans = (*(() if active is None else (active,)), plan)
 
     def at(self, now: float) -> TimedTrajectory | None:
-        """Return the plan carried out at an instant [s]; None before the first."""
+        """Return the plan that is active at an instant [s]; None before the first."""
         return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
 
     def next_start(self, now: float) -> float | None:
@@ -67,9 +67,9 @@ class ActivePlans:
 
 class Vehicle:
     """
-    The topics of a plant of a planner, one of several below its name: `prefix` is 'robot1/'.
+    A plant of a planner and its topics; of several plants each has its `prefix`, 'robot1/'.
 
-    Where its tracker has parameters of a known class, `tracker` is what it does. Instants are
+    `tracker` watches its tracker, None if that has no parameters of a known class. Instants are
     those of `clock` [s].
     """
 
@@ -120,7 +120,7 @@ class Vehicle:
         return f'{self.name}.start.{state}' if self.prefix else f'start.{state}'
 
     def mode(self, now: float) -> Mode:
-        """Return what the tracker does at the instant `now`; an unknown one follows."""
+        """Return the tracker's mode at the instant `now`; FOLLOWING if it is unknown."""
         return Mode.FOLLOWING if self.tracker is None else self.tracker.mode(now)
 
     def followed(self, now: float) -> TimedTrajectory | None:
@@ -149,14 +149,13 @@ class Vehicle:
         """
         Return the state (nx,) at the instant `start`, measured not long before `now`.
 
-        Where a plan is being followed - no deviation from it is beyond those of a plant that does
-        so - the plant will be where that plan leads, plus what is left of the deviation then.
-        Otherwise it moves freely.
+        A plant that follows a plan, within the tracking tolerance, is predicted along that plan,
+        plus the rest of its deviation. Any other plant is predicted without control.
 
         Raises
         ------
         InvalidProblem, NoState
-            Naming what is missing or too old, or why nothing can be said.
+            Naming what is missing or too old, or why it cannot be predicted.
 
         """
         state, measured = self.fresh(now, values['start.max_age'])
@@ -164,16 +163,18 @@ class Vehicle:
         if plan is not None:
             away = state - plan.reference(measured)
             away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
-            if (np.abs(away) <= self._plant.tracked(plan.trajectory, values)).all():
-                return np.asarray(plan.reference(start) + self._plant.carried(away, wait))
-        return self._plant.free(state, wait, values)
+            if (np.abs(away) <= self._plant.tracking_tolerance(plan.trajectory, values)).all():
+                return np.asarray(
+                    plan.reference(start) + self._plant.remaining_deviation(away, wait)
+                )
+        return self._plant.coasted(state, wait, values)
 
     def _observe(self, state: Array, stamp: int) -> None:
         if self._picture is not None:
             self._picture.add(self._clock.instant(stamp), state)
 
     def _show(self) -> None:
-        """Draw a plant that does not draw itself, as simulated ones do, while somebody looks."""
+        """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
         newest, markers, picture = self.measured.newest, self.markers, self._picture
         if newest is None or picture is None or markers.get_subscription_count() == 0:
             return
@@ -184,7 +185,7 @@ class Vehicle:
         markers.publish(picture.draw(now, newest[0], self._applied()))
 
     def _applied(self) -> Array:
-        """Efforts (nu,) that the plant's driver tells; 0 where it does not."""
+        """Efforts (nu,) that the plant's driver reports; 0 where it does not."""
         told: dict[str, float] = {}
         joints = self.measured.joints.newest
         for joint in self.kind.actuated:

@@ -190,7 +190,7 @@ def _configuration(
 
 
 class _WithoutAliases(yaml.SafeDumper):
-    """Writes what stands twice twice: RViz's reader follows no aliases."""
+    """Writes repeated values in full: RViz's reader does not support aliases."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Use no aliases."""

@@ -13,5 +13,5 @@ from __future__ import annotations
 
 
 def absolute(*parts: str) -> str:
-    """Return ``/a/b`` for the parts a and b of a name; empty parts are left out."""
+    """Return ``/a/b`` for the parts a and b of a name; empty parts are skipped."""
     return '/' + '/'.join(part.strip('/') for part in parts if part.strip('/'))

@@ -8,8 +8,8 @@
 # language governing permissions and limitations under the License.
 
 """
-The page `tdm live`: planner, trackers and plants seen in the browser, and moved by hand.
+The page `tdm live`: planner, trackers and plants shown in the browser, and moved by hand.
 
-`geometry`, `grips`, `sliders`, `history` and `wishes` know neither ROS nor the page; `listener`
-knows the nodes, `scene` and `panel` the page, and `page` brings them together.
+`geometry`, `drag_handles`, `sliders`, `history` and `task_thread` know neither ROS nor the page.
+`listener` knows the nodes, `scene` and `panel` know the page, `page` brings them together.
 """

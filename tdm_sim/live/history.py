@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the plots of the page show: the last seconds of one vehicle beside its plan, by unit."""
+"""The data of the page's plots: the last seconds of one vehicle beside its plan, by unit."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Chart:
 
 class History:
     """
-    States and controls of one vehicle lately, by instants [s] of the nodes' clock.
+    Recent states and controls of one vehicle, by instants [s] of the nodes' clock.
 
     `view` says what its limits are. An instant before the last one (simulated time began anew)
     begins a new history.

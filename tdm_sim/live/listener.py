@@ -8,10 +8,10 @@
 # language governing permissions and limitations under the License.
 
 """
-What is known of a planner, its trackers and its plants, by the topics and services that all use.
+The planner, its trackers and its plants as seen on their public topics and services.
 
-Every node is known by its diagnostics, which come once a second. States come so often that a
-callback for each would cost more than the page: the newest is taken when a frame is drawn.
+Nodes are found by their diagnostics, published once a second. A callback for every state would
+cost more than the page does, so the newest state is read when a frame is drawn.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Event(NamedTuple):
 
 @dataclass
 class NodeStatus:
-    """What a node said of itself last, and when by the steady clock [s]."""
+    """A node's last diagnostics, and when they arrived on the steady clock [s]."""
 
     name: str
     role: str
@@ -85,7 +85,7 @@ class NodeStatus:
 
     @property
     def silent(self) -> bool:
-        """Whether nothing was heard of it for a while."""
+        """Whether its diagnostics have stopped."""
         return time.monotonic() - self.heard > SILENT
 
     @property
@@ -295,7 +295,7 @@ class Listener:
         Raises
         ------
         InvalidProblem
-            With the reason of the first node that does not take them.
+            With the reason of the first node that rejects them.
 
         """
         messages = [
@@ -325,7 +325,7 @@ class Listener:
         end = time.monotonic() + _LONGEST
         while not client.service_is_ready():
             if time.monotonic() > end:
-                raise NoAnswer(f'nobody serves {name}')
+                raise NoAnswer(f'no node serves {name}')
             time.sleep(0.01)
         asked = client.call_async(request)
         asked.add_done_callback(lambda _: done.set())

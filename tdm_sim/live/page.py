@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The page: brings together what is known of the nodes, what is shown, and what is asked for."""
+"""The page: connects the nodes (`listener`), the display (`scene`, `panel`) and the operations."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ import numpy as np
 from tdm_planner.drawing import Box, points_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
+from tdm_sim.live.drag_handles import drag_handles_of, DragHandle, Pose
 from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, NOTHING, PATH, picture, view_on
-from tdm_sim.live.grips import Grip, grips_of, Pose
-from tdm_sim.live.hands import Hands
 from tdm_sim.live.history import History, SolveTimes
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
+from tdm_sim.live.operations import Operations
 from tdm_sim.live.panel import Panel
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
@@ -41,8 +41,8 @@ class Page:
     """
     The page on the nodes of a namespace.
 
-    `frame` is called as often as the picture is to move, `figures` for the curves and `news` for
-    what is read. What is asked for comes in threads of the server.
+    `frame` updates the 3-D scene, `figures` the curves and `news` the texts; each is called at its
+    own rate. Operations are requested in the server's threads.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Page:
         self._server, self._listener, self._recordings = server, listener, recordings
         self._rig = Rig(listener)
         self._panel = Panel(server, title)
-        self._hands = Hands(self._rig, listener, recordings, self._panel.note)
+        self._operations = Operations(self._rig, listener, recordings, self._panel.note)
         self._scene = Scene(server, self._on_dragged, self._on_pulled)
         self._panel.connect(self)
         self._width = 0.0  # of tubes; 0 until the camera is placed
@@ -61,8 +61,8 @@ class Page:
         self._solve_times = SolveTimes()
 
     def close(self) -> None:
-        """Drop what is asked for, and end a recording."""
-        self._hands.close()
+        """Drop the waiting operations, and end a recording."""
+        self._operations.close()
 
     # What is shown.
 
@@ -81,7 +81,7 @@ class Page:
                 if another:
                     self._show_plan()
                 self._show_motion()
-        except TdmError as error:  # of the parameters, or the drawing of somebody's own
+        except TdmError as error:  # in the parameters, or in a user's drawing
             self._fault = f'{error.code}: {error}'
         chosen = rig.motions.get(rig.chosen)
         if chosen is not None:
@@ -96,7 +96,7 @@ class Page:
         self._panel.charts(charts if solving is None else [*charts, solving])
 
     def news(self, fault: str = '') -> None:
-        """Show what nodes say, what is wrong with them, and `fault` before it."""
+        """Show the nodes' reports and faults, `fault` first."""
         listener, plan = self._listener, self._rig.plan
         nodes = {title: listener.having(role) for title, role in ROLES.items()}
         silent = [node.name for found in nodes.values() for node in found if node.silent]
@@ -130,15 +130,15 @@ class Page:
         self._show_controls()
 
     def _show_controls(self) -> None:
-        """Show grips and sliders where the parameters have them."""
+        """Show handles and sliders where the parameters have them."""
         assert self._rig.problem is not None
         declared = {name: self._listener.parameters_of(role) for name, role in ROLES.items()}
-        grips = {}
-        for grip in grips_of(self._rig.problem):
-            owner = declared[grip.node]
+        handles = {}
+        for handle in drag_handles_of(self._rig.problem):
+            owner = declared[handle.node]
             if owner is not None:
-                grips[grip.name] = grip, grip.pose(owner.values)
-        self._scene.hold(grips)
+                handles[handle.name] = handle, handle.pose(owner.values)
+        self._scene.show_handles(handles)
         sliders: dict[str, Slider] = {}
         for owner in filter(None, declared.values()):
             for name, descriptor in owner.descriptors.items():
@@ -151,7 +151,7 @@ class Page:
         self._panel.replans(planner.values.get('replan.rate', 0.0) > 0.0)
 
     def _place_camera(self, states: list[Array]) -> None:
-        """Let the camera see what stands still, and a vehicle in these states (nx,)."""
+        """Point the camera at the surroundings and at a vehicle in these states (nx,)."""
         drawn = [shape for state in states for shape in self._rig.drawn(state)]
         view = view_on([*self._rig.view.surroundings(), *drawn])
         self._width = view.width
@@ -197,27 +197,27 @@ class Page:
             self._place_camera(along)
         self._scene.show('plan', picture(goals, self._width, paths))
 
-    # What is asked for, see `panel.Actions`.
+    # Operations, see `panel.Actions`.
 
     def plan(self) -> None:
         """Make a plan."""
-        self._hands.plan()
+        self._operations.plan()
 
     def push(self) -> None:
         """Push the vehicle whose curves are shown."""
-        self._hands.push()
+        self._operations.push()
 
     def reset(self) -> None:
         """Put all plants back into their initial states."""
-        self._hands.reset()
+        self._operations.reset()
 
     def replan(self, on: bool) -> None:
         """Switch replanning on or off."""
-        self._hands.replan(on)
+        self._operations.replan(on)
 
     def change(self, slider: Slider, value: float) -> None:
         """Give a parameter a value."""
-        self._hands.change(slider, value, partial(self._panel.reason, slider.name))
+        self._operations.change(slider, value, partial(self._panel.reason, slider.name))
 
     def choose(self, vehicle: str) -> None:
         """Show the curves of another vehicle."""
@@ -226,26 +226,26 @@ class Page:
 
     def record(self) -> None:
         """Begin a recording, or end it."""
-        self._hands.record()
+        self._operations.record()
 
     def report(self) -> None:
         """Make a report on the last recording, and offer it to the browsers."""
-        self._hands.report(self._offer)
+        self._operations.report(self._offer)
 
     def _offer(self, file: Path) -> None:
         self._server.send_file_download(file.name, file.read_bytes())
 
-    def _on_dragged(self, grip: Grip, pose: Pose) -> None:
+    def _on_dragged(self, handle: DragHandle, pose: Pose) -> None:
         def told(text: str) -> None:
-            self._scene.tell(grip.name, text)
+            self._scene.tell(handle.name, text)
             self._panel.note(text)
 
-        self._hands.drag(grip, pose, told)
+        self._operations.drag(handle, pose, told)
 
     def _on_pulled(self, number: int, start: tuple[float, ...], end: tuple[float, ...]) -> None:
         names = list(self._rig.motions)
         if number < len(names):
-            self._hands.pull(names[number], start, end)
+            self._operations.pull(names[number], start, end)
 
 
 def _worst(nodes: list[NodeStatus]) -> str:

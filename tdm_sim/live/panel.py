@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The panel of the page: buttons, sliders, plots, and what the nodes say."""
+"""The panel of the page: buttons, sliders, plots, and the nodes' status and log."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SMALL = (
 
 
 class Actions(Protocol):
-    """What the page can be asked for; called in threads of the server."""
+    """The operations of the page; called in threads of the server."""
 
     def plan(self) -> None:
         """Make a plan."""
@@ -99,7 +99,7 @@ class Panel:
         self._note = gui.add_html('')
 
     def connect(self, actions: Actions) -> None:
-        """Have done from now on what is asked for."""
+        """Connect the buttons and sliders."""
         self._actions = actions
         for button, act in (
             (self._buttons['Plan'], actions.plan),
@@ -127,11 +127,11 @@ class Panel:
         )
 
     def note(self, text: str) -> None:
-        """Show what came of the last button."""
+        """Show the outcome of the last button."""
         self._note.content = f'<div class="tdm-note" style="{_SMALL}">{_text(text)}</div>'
 
     def can(self, simulated: bool, recording: bool, recorded: bool) -> None:
-        """Offer what is possible: pushes and resets are for simulated plants."""
+        """Enable what is possible: pushes and resets are for simulated plants."""
         self._buttons['Push'].disabled = self._buttons['Reset'].disabled = not simulated
         self._record.label = 'End the recording' if recording else 'Start a recording'
         self._report.disabled = not recorded
@@ -171,7 +171,7 @@ class Panel:
         self._shown = wanted
 
     def reason(self, name: str, text: str) -> None:
-        """Show beside a slider why there is no plan with its value; '' takes it away."""
+        """Show beside a slider why there is no plan with its value; '' removes it."""
         beside = self._reasons.get(name.rpartition('.')[0])
         if beside is not None:
             beside.content = (
@@ -243,7 +243,7 @@ def _text(text: str) -> str:
 
 
 def _of_a_browser(act: Callable[[], None]) -> Callable[[Any], None]:
-    """Return a callback for what somebody does; not for values that the program sets."""
+    """Return a callback for changes made in a browser, not for those made by the program."""
 
     def callback(event: Any) -> None:
         if event.client is not None:

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Recordings that are begun and ended on the page, and reports on them."""
+"""Recordings started and stopped on the page, and reports on them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tdm_sim.processes import NodeProcesses
 
 
 class ReportFailed(TdmError):
-    """A report could not be made; says what the command printed."""
+    """`tdm report` failed; the message is what it printed."""
 
     code = 'REPORT_FAILED'
 

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The rig that the page shows, as the parameters of its planner have it."""
+"""The plants that the page shows, from the parameters of their planner."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Rig:
     """
     Problem, vehicles and their motions, and the plan.
 
-    Nothing is known of it before `follow` was given the parameters of the planner.
+    It is empty until `follow` was given the parameters of the planner.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -48,7 +48,7 @@ class Rig:
 
     def follow(self, values: Mapping[str, Any]) -> bool:
         """
-        Take note of the planner's parameters; returns whether the vehicles are others now.
+        Update from the planner's parameters; returns whether the vehicles have changed.
 
         Raises
         ------
@@ -73,7 +73,7 @@ class Rig:
         return others
 
     def move(self) -> bool:
-        """Take note of the newest states and of the newest plan; returns whether it is another."""
+        """Update the newest states and the newest plan; returns whether the plan has changed."""
         news = {name: vehicle.newest() for name, vehicle in self.vehicles.items()}
         self.motions = {name: motion for name, motion in news.items() if motion is not None}
         before, self.plan = self.plan, self._listener.client.newest

@@ -95,7 +95,7 @@ def run_live(
 
 
 def _show(page: Page, nodes: Nodes | None) -> None:
-    """Draw frames at their rate; late ones are left out."""
+    """Draw frames at their rate; late ones are skipped."""
     number, due = 0, time.monotonic()
     while True:
         page.frame()
@@ -109,7 +109,7 @@ def _show(page: Page, nodes: Nodes | None) -> None:
 
 
 class Nodes(NodeProcesses):
-    """The nodes of a scene as processes; one that ends by itself is started anew."""
+    """The nodes of a scene as processes; one that ends by itself is restarted."""
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         super().__init__(folder)
@@ -119,7 +119,7 @@ class Nodes(NodeProcesses):
             self._begin(name)
 
     def keep_up(self) -> str:
-        """Start anew what has ended; returns a sentence about it, '' if there is nothing."""
+        """Restart what has ended; returns a sentence about it, '' if nothing has."""
         told = []
         for name, code in self.ended().items():
             told.append(f'{name} ended with exit code {code}: {self.last_line(name)}')
@@ -160,7 +160,7 @@ def _served(namespace: str) -> Iterator[Listener]:
 
 
 def _server(host: str, port: int) -> viser.ViserServer:
-    """Start the server; what it would print of itself is left out."""
+    """Start the server, without the messages that it prints by itself."""
     with redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, verbose=False)
     connections = server._websock_server

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The 3-D part of the page: pictures, camera, grips, sentences beside what was dragged."""
+"""The 3-D part of the page: layers of shapes, camera, drag handles and their messages."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_sim.live.drag_handles import DragHandle, Pose
 from tdm_sim.live.geometry import Picture, Solids, View
-from tdm_sim.live.grips import Grip, Pose
 import trimesh
 import viser
 
 Array = NDArray[np.float64]
 Kind = tuple[str, float]  # of solids, and their opacity
-Dragged = Callable[[Grip, Pose], None]
+Dragged = Callable[[DragHandle, Pose], None]
 Pulled = Callable[[int, tuple[float, ...], tuple[float, ...]], None]
 
 _MESHES: Mapping[str, Callable[[], Any]] = {
@@ -114,20 +114,20 @@ def _linear(colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return _LINEAR[colours]
 
 
-class Hold:
-    """A grip on the page, and the sentence beside it."""
+class HandleView:
+    """A drag handle on the page, and the message beside it."""
 
     def __init__(
-        self, server: viser.ViserServer, grip: Grip, pose: Pose, dragged: Dragged
+        self, server: viser.ViserServer, handle: DragHandle, pose: Pose, dragged: Dragged
     ) -> None:
-        self.grip = grip
-        name = f'/grips/{grip.name}'
+        self.handle = handle
+        name = f'/handles/{handle.name}'
         self._label: Any = None
         self._server, self._name = server, name
-        turns = grip.moves == 'turn'
-        self._handle = server.scene.add_transform_controls(
+        turns = handle.moves == 'turn'
+        self._control = server.scene.add_transform_controls(
             name,
-            scale=grip.size,
+            scale=handle.size,
             active_axes=(True, True, False),
             disable_axes=turns,
             disable_sliders=turns,
@@ -141,23 +141,25 @@ class Hold:
         async def on_update(event: Any) -> None:  # a coroutine: phases come in their order
             self._held = event.phase != 'end'
             if event.phase != 'start':
-                dragged(self.grip, (np.array(event.target.position), np.array(event.target.wxyz)))
+                dragged(
+                    self.handle, (np.array(event.target.position), np.array(event.target.wxyz))
+                )
 
-        self._handle.on_update(on_update)
+        self._control.on_update(on_update)
 
     def move(self, pose: Pose) -> None:
         """
-        Put it elsewhere, unless somebody holds it.
+        Move it, unless it is being dragged.
 
-        Where it was dropped it stays until what it stands for changes.
+        It stays where it was dropped until its parameters change.
         """
         changed = any(not np.allclose(*pair) for pair in zip(pose, self._given, strict=True))
         if changed and not self._held:
             self._given = pose
-            self._handle.position, self._handle.wxyz = pose
+            self._control.position, self._control.wxyz = pose
 
     def tell(self, text: str) -> None:
-        """Show a sentence beside it; '' shows none."""
+        """Show a message beside it; '' removes it."""
         if self._label is not None:
             self._label.remove()
             self._label = None
@@ -168,11 +170,11 @@ class Hold:
 
     def remove(self) -> None:
         """Take it away."""
-        self._handle.remove()
+        self._control.remove()
 
 
 class Scene:
-    """Everything in space: layers by name, grips, camera."""
+    """Everything in space: layers by name, handles, camera."""
 
     def __init__(self, server: viser.ViserServer, dragged: Dragged, pulled: Pulled) -> None:
         self._server, self._dragged = server, dragged
@@ -182,7 +184,7 @@ class Scene:
             'ghost': Layer(server, 'ghost'),
             'plants': Layer(server, 'plants', pulled),
         }
-        self.holds: dict[str, Hold] = {}
+        self.handles: dict[str, HandleView] = {}
         self._grid: Any = None
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)
@@ -193,7 +195,7 @@ class Scene:
         self._layers[layer].show(picture)
 
     def look(self, view: View) -> None:
-        """Let the camera of every browser, and of those that come, stand where a view says."""
+        """Set the camera of all browsers, present and future ones."""
         camera = self._server.initial_camera
         camera.position, camera.look_at = view.camera, view.target
         for client in self._server.get_clients().values():
@@ -210,18 +212,18 @@ class Scene:
             position=(view.target[0], view.target[1], view.floor - view.width),
         )
 
-    def hold(self, grips: Mapping[str, tuple[Grip, Pose]]) -> None:
-        """Show these grips and no others; those that are there are moved."""
-        for name in [name for name in self.holds if name not in grips]:
-            self.holds.pop(name).remove()
-        for name, (grip, pose) in grips.items():
-            if name in self.holds:
-                self.holds[name].grip = grip
-                self.holds[name].move(pose)
+    def show_handles(self, handles: Mapping[str, tuple[DragHandle, Pose]]) -> None:
+        """Show exactly these handles, each at its pose."""
+        for name in [name for name in self.handles if name not in handles]:
+            self.handles.pop(name).remove()
+        for name, (handle, pose) in handles.items():
+            if name in self.handles:
+                self.handles[name].handle = handle
+                self.handles[name].move(pose)
             else:
-                self.holds[name] = Hold(self._server, grip, pose, self._dragged)
+                self.handles[name] = HandleView(self._server, handle, pose, self._dragged)
 
-    def tell(self, grip: str, text: str) -> None:
-        """Show a sentence beside a grip; '' shows none."""
-        if grip in self.holds:
-            self.holds[grip].tell(text)
+    def tell(self, handle: str, text: str) -> None:
+        """Show a message beside a handle; '' removes it."""
+        if handle in self.handles:
+            self.handles[handle].tell(text)

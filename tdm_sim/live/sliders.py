@@ -8,10 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-Sliders made from what nodes say of their parameters: range, unit, description.
+Sliders made from parameter descriptors: range, unit, description.
 
-A declared range may be so wide that a slider over it would be of no use: it then covers a few
-times the value that the parameter has at first.
+If the declared range is very wide, the slider covers a few times the initial value instead.
 """
 
 from __future__ import annotations

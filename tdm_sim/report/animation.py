@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What the page's animation draws: the shapes of every vehicle on common frames."""
+"""The data of the page's animation: the shapes of every vehicle on common frames."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def planned_frames(vehicle: Vehicle, times: Array) -> tuple[Frames, Frames] | No
     state, control = vehicle.planned(times)
     moving = np.zeros(times.size, dtype=bool)
     for plan in vehicle.plans:
-        moving |= (times >= plan.start) & (times <= plan.carried_out_until)
+        moving |= (times >= plan.start) & (times <= plan.followed_until)
     motion = vehicle.plans[0].trajectory
     return (
         dict(zip(motion.state_names, state.T, strict=True)),

@@ -41,7 +41,7 @@ _BLOCK = 2**20
 
 
 class UnreadableRecording(TdmError):
-    """What was given is no recording, or holds nothing a report could tell of."""
+    """The source is no recording, or holds nothing that a report could show."""
 
     code: ClassVar[str] = 'UNREADABLE'
 
@@ -61,7 +61,7 @@ Wanted = Callable[[str, str], bool]
 
 def check_recording(path: Path) -> None:
     """
-    Refuse what cannot be a recording.
+    Reject what cannot be a recording.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def messages(path: Path, wanted: Wanted) -> Iterator[Raw]:
 
 
 def salvaged(path: Path, wanted: Wanted, notes: list[str]) -> Iterator[Raw]:
-    """Read what is left of a damaged recording; what is lost is told in `notes`."""
+    """Read what is left of a damaged recording; `notes` say what is lost."""
     for file in _files(path) if path.is_dir() else [path]:
         with TemporaryDirectory(prefix='tdm_report') as folder:
             plain = _copied(file, Path(folder), notes)
@@ -137,7 +137,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _copied(path: Path, folder: Path, notes: list[str]) -> Path:
-    """Return a file that can be read, and written to, as it is; originals are not touched."""
+    """Return a readable and writable copy of a file; the original is not touched."""
     if path.suffix != _COMPRESSED and _storage(path) == '.mcap':
         return path
     plain = folder / f'recording{_storage(path)}'
@@ -147,7 +147,7 @@ def _copied(path: Path, folder: Path, notes: list[str]) -> Path:
             beside = path.with_name(path.name + ending)
             if beside.is_file():
                 shutil.copyfile(beside, plain.with_name(plain.name + ending))
-        # SQLite refuses a file that is too short; pages of zeros it only refuses to read.
+        # SQLite cannot open a file that is too short; it opens, but cannot read, pages of zeros.
         with plain.open('rb') as file:
             head = file.read(32).ljust(32, b'\0')
         stated = int.from_bytes(head[16:18], 'big') * int.from_bytes(head[28:], 'big')

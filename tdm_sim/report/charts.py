@@ -11,7 +11,7 @@
 Charts of time histories, panels one below the other on one time axis; data inside a page.
 
 Numbers are written as plotly.js reads typed arrays, ``{"dtype": "f4", "bdata": base64}``. Texts
-come from files that anybody may have written: no string can end the element that holds the data.
+come from untrusted files: no string can end the element that holds the data.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _traces(panel: Panel, span: tuple[float, float]) -> list[dict[str, Any]]:
         edges = np.tile([low, high, np.nan], len(panel.switches))
         line = {'color': SWITCH, 'width': 1, 'dash': 'dot'}
         traces.append(_trace('switching', instants, edges, line))
-    # what was measured lies broad and pale below what was planned
+    # measured curves lie broad and pale below planned ones
     order = sorted(panel.curves, key=lambda curve: _FROM_BELOW.index(curve.kind))
     traces += [_curve_trace(curve) for curve in order]
     if panel.limits:

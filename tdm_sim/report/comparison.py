@@ -81,13 +81,13 @@ def compare(mission: Mission) -> Comparison:
         *_tracking(errors),
         *_planner(mission),
     ]
-    found = judge(mission) if mission.was_carried_out else None
+    found = judge(mission) if mission.was_executed else None
     return Comparison(tuple(entries), margins, apart, errors, found)
 
 
 def tracking_errors(vehicle: Vehicle) -> Signals | None:
     """
-    Return measured minus planned while plans were carried out.
+    Return measured minus planned while plans were followed.
 
     What the tracker published or, where that was not recorded, the difference of states and plans.
     """
@@ -223,7 +223,7 @@ def _margins(mission: Mission, histories: Mapping[str, History]) -> Iterator[Ent
 
 
 def _said(mission: Mission, vehicle: Vehicle) -> dict[str, Margin]:
-    """Return what the planner's checks found of all plans of a vehicle."""
+    """Return the margins of all plans of a vehicle, as verified by the planner."""
     found: dict[str, Margin] = {}
     for figures in mission.figures:
         for whole, margin in figures.margins.items():
@@ -280,7 +280,7 @@ def _distances(mission: Mission, history: History) -> Iterator[Entry]:
 
 
 def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
-    """Root mean square and largest tracking error while plans were carried out."""
+    """Root mean square and largest tracking error while plans were followed."""
     for vehicle, history in errors.items():
         for name, unit, column in zip(history.names, history.units, history.values.T, strict=True):
             if not np.isfinite(column).any():
@@ -300,7 +300,7 @@ def _tracking(errors: Mapping[str, Signals]) -> Iterator[Entry]:
 
 def _planner(mission: Mission) -> Iterator[Entry]:
     """
-    Solving times, and how often plans were made anew, rejected or late.
+    Solve times, and the numbers of replans, rejected and late plans.
 
     Errors count from the start of the first plan's motion on: before, nodes wait for each other.
     """
@@ -309,7 +309,7 @@ def _planner(mission: Mission) -> Iterator[Entry]:
         note = f'longest of {len(times)} plans' if len(times) > 1 else ''
         yield Entry('planner', 'time to solve', 's', mission.deadline, max(times), note=note)
     plans = max([len(mission.figures), *(len(v.plans) for v in mission.vehicles)], default=0)
-    if not mission.was_carried_out and not mission.events:
+    if not mission.was_executed and not mission.events:
         return
     yield Entry('planner', 'replans', '', None, float(max(plans - 1, 0)))
     yield Entry('planner', 'missed deadlines', '', 0.0, float(missed_deadlines(mission)))
@@ -317,7 +317,7 @@ def _planner(mission: Mission) -> Iterator[Entry]:
 
 
 def _errors(mission: Mission) -> int:
-    """Count errors since the motion started, those that a node had not got over by then too."""
+    """Count the errors since the motion started, and those that still lasted then."""
     said_last: dict[str, Severity] = {}
     count = 0
     for event in mission.events:

@@ -55,7 +55,7 @@ def state_chart(mission: Mission) -> Chart:
 
 
 def control_chart(mission: Mission) -> Chart:
-    """Every control: planned, commanded by the tracker, carried out by the plant."""
+    """Every control: planned, commanded by the tracker, applied by the plant."""
     sources: Sources = {
         'planned': lambda vehicle: _planned(mission, vehicle, 'controls'),
         'measured': lambda vehicle: vehicle.applied,
@@ -168,7 +168,7 @@ def _switches(plan: FollowedPlan) -> Array:
     """Return the instants at which a held control of the plan jumps while it is followed [s]."""
     motion = plan.trajectory
     instants: Array = plan.start + motion.times[motion.switches]
-    return instants[instants <= plan.carried_out_until]
+    return instants[instants <= plan.followed_until]
 
 
 def _states(plan: FollowedPlan, at: Array) -> Array:
@@ -185,7 +185,7 @@ def plan_instants(plan: FollowedPlan, most: int = MOST_PER_CURVE) -> Array:
 
     Its samples as far as they are few, its switches in any case, and instants between them.
     """
-    end = plan.carried_out_until
+    end = plan.followed_until
     even = np.linspace(plan.start, end, min(max(most // 2, 2), 400))
     samples = plan.start + plan.trajectory.times
     if samples.size > most // 2:

@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-How far plans and measured motions stay from their limits, over time.
+Margins of plans and measured motions over time.
 
-The limits are those that the planner checks a plan against, for the parameters that it published.
+The limits are those of the planner's verification, for the parameters that it published.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _planned(vehicle: Vehicle, constraints: Sequence[Constraint]) -> Signals | N
     for plan in vehicle.plans:
         motion = plan.trajectory
         times = dense_times(motion, motion.duration / _INSTANTS)
-        times = times[times + plan.start <= plan.carried_out_until]
+        times = times[times + plan.start <= plan.followed_until]
         if times.size:
             values = _margins(constraints, times, *motion.sample(times))
             parts.append((times + plan.start, values))
@@ -106,7 +106,7 @@ def _signals(times: Array, values: Array, constraints: Sequence[Constraint]) -> 
 
 
 def smallest(history: Signals | None) -> dict[str, Margin]:
-    """Return the smallest value of every history and its instant; left out where there is none."""
+    """Return the smallest value of every history and its instant, without empty histories."""
     found: dict[str, Margin] = {}
     if history is None:
         return found

@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-A mission: what was planned, commanded and measured, however it was recorded.
+A mission: what was planned, commanded and measured, from any kind of recording.
 
 All instants are seconds since the mission's origin: the start of the first plan's motion or, where
 there is no plan, the first measurement. What came before has negative instants.
@@ -46,7 +46,7 @@ class Signals:
     units: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Check that the parts fit together: they come from this package, never from a file."""
+        """Check that the parts match."""
         assert self.values.shape == (self.times.size, len(self.names))
         assert len(self.units) == len(self.names)
 
@@ -122,7 +122,7 @@ class FollowedPlan(TimedTrajectory):
     until: float | None = None
 
     @property
-    def carried_out_until(self) -> float:
+    def followed_until(self) -> float:
         """Instant until which the plan was to be followed: its end, or the next plan's start."""
         return self.end if self.until is None else min(self.end, self.until)
 
@@ -130,12 +130,12 @@ class FollowedPlan(TimedTrajectory):
 @dataclass(frozen=True, eq=False)
 class Vehicle:
     """
-    One plant: what it was to do, what it was told, what it did.
+    One plant: its plans, its commands, its measured motion.
 
     `name` is the robot's, or the plant's where there is one only; `plans` stand in the order of
-    their starts. `states` and `applied` are measured: the states, and the controls as the plant
-    carried them out; `commands` are the controls the tracker asked for. All bear the names of the
-    plan's states and controls. None: not recorded.
+    their starts. `states` and `applied` are measured: the states, and the controls that the plant
+    applied; `commands` are the tracker's. All bear the names of the plan's states and controls.
+    None: not recorded.
     """
 
     name: str
@@ -153,7 +153,7 @@ class Vehicle:
 
     @property
     def controls(self) -> Signals | None:
-        """Return the controls as carried out or, where that was not recorded, as commanded."""
+        """Return the controls as applied or, if that was not recorded, as commanded."""
         return self.commands if self.applied is None else self.applied
 
     def planned(self, times: Array) -> Sample:
@@ -186,7 +186,7 @@ class Margin:
 @dataclass(frozen=True)
 class PlanFigures:
     """
-    What the planner said of a plan; None or empty where it is not known.
+    The planner's figures of a plan; None or empty where they are not known.
 
     `time` is the start of its motion [s since the mission's origin]; `margins` are by constraint;
     `terminal_error` is the replayed final state's difference from the goal, by state (of several
@@ -204,7 +204,7 @@ class PlanFigures:
 
 
 class Severity(IntEnum):
-    """How grave an event is, numbered as a diagnostic status is."""
+    """Severity of an event, numbered like the levels of a diagnostic status."""
 
     OK = 0
     WARN = 1
@@ -214,7 +214,7 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True)
 class Event:
-    """Something a node said of itself: a refused plan, a new one, a missed deadline, an error."""
+    """Something a node reported: a rejected plan, a new one, a missed deadline, an error."""
 
     time: float
     level: Severity
@@ -225,13 +225,13 @@ class Event:
 @dataclass(frozen=True, eq=False)
 class Mission:
     """
-    Everything a report tells of.
+    Everything that a report shows.
 
     `problem` is the problem's name, '' where it is not known; `figures` has an entry for every
     plan, in the order of their starts; `missing` says in sentences what is not there and what
     follows from it; `document` is the last plan's, as recorded; `source` is the file or folder it
     was read from; `recorded_at` is the origin's wall-clock time [s since the epoch], None for a
-    plan that was not carried out; `speed` is that of simulated time, relative to real time.
+    plan without a recorded motion; `speed` is that of simulated time, relative to real time.
     """
 
     title: str
@@ -247,7 +247,7 @@ class Mission:
     speed: float = 1.0
 
     @property
-    def was_carried_out(self) -> bool:
+    def was_executed(self) -> bool:
         """Whether anything was measured."""
         return any(vehicle.states is not None for vehicle in self.vehicles)
 

@@ -10,8 +10,8 @@
 """
 The report as one self-contained HTML page: tables, animation, charts; it needs no network.
 
-Whatever comes from a recording is escaped, and a content security policy lets nothing but the
-page's own scripts run and nothing be loaded.
+Every text of a recording is escaped, and a content security policy allows only the page's own
+scripts, and loads nothing.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def motion_span(mission: Mission) -> tuple[float, float]:
 
 
 def playing_speed(mission: Mission) -> float:
-    """Return the speed at which the motion is over in a time that is pleasant to watch."""
+    """Return the playing speed for a motion of convenient length."""
     start, end = motion_span(mission)
     return min(_SPEEDS, key=lambda speed: abs((end - start) / speed - _PLAYED_IN))
 
@@ -141,14 +141,14 @@ def _asset(name: str) -> str:
 
 
 def _filled(template: str, slots: Mapping[str, str]) -> str:
-    """Fill the template in one pass, so that what is filled in is never taken for a slot."""
+    """Fill the template in one pass, so that inserted text is never read as a slot."""
     return re.sub(r'{{(\w+)}}', lambda match: slots[match.group(1)], template)
 
 
 def _subtitle(mission: Mission) -> str:
     parts = [figures.summary for figures in mission.figures[-1:] if figures.summary]
-    if not mission.was_carried_out:
-        parts.append('planned, not carried out')
+    if not mission.was_executed:
+        parts.append('planned, not executed')
     return ' · '.join(parts or [mission.problem])
 
 
@@ -184,7 +184,7 @@ def _columns(
 
 
 def _missing(sentences: Iterable[str]) -> str:
-    """Return what is not known and why; nothing if all is."""
+    """Return what is missing and why; '' if nothing is."""
     items = ''.join(f'<li>{escape(sentence)}</li>' for sentence in sentences)
     if not items:
         return ''
@@ -224,7 +224,7 @@ def _key(mission: Mission) -> str:
     """Explain the animation's lines."""
     line = '<line x1="1" x2="25" y1="7" y2="7" class="{}" stroke="currentColor"></line>'
     planned = any(vehicle.plans for vehicle in mission.vehicles)
-    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_carried_out)]
+    entries = [('planned', 'path', planned), ('travelled', 'trail', mission.was_executed)]
     ground = {shape.style for shape in mission.vehicles[0].view.surroundings()}
     entries.append(('limit', 'limit', 'limit' in ground))
     items = ''.join(

@@ -30,7 +30,7 @@ _SECOND = 1_000_000_000  # ns
 
 @dataclass(frozen=True)
 class PlannedVehicle:
-    """What a summary says of a vehicle: how controls run between samples, and its joints."""
+    """A vehicle of a summary: how its controls run between samples, and its joints."""
 
     interpolation: Interpolation | None
     kind: PlantKind | None
@@ -126,8 +126,8 @@ def problem_of(
     """
     Return the problem that was planned for; None where it is not known.
 
-    It is of the class `given` if that has the name; else only what is installed is known: what a
-    recording names is not imported. Why it cannot be made is told in `notes`.
+    It is of the class `given` if that has the name, else an installed one: a module that a
+    recording names is not imported. `notes` say why a problem cannot be made.
     """
     if given is None or given.name != name:
         if name not in problem_names():

@@ -83,7 +83,7 @@ def _read_plan(path: Path, given: type[Problem] | None) -> Mission:
         raise InvalidProblem(f"the file '{path}' is not a plan written by tdm") from None
     name = untrusted.text(document['problem'], 100)
     figures = plan_figures(document, 0.0)
-    missing = ['This is a plan that was not recorded being carried out: nothing is measured.']
+    missing = ['This is a plan file without a recording: nothing is measured.']
     problem = problem_of(name, figures.parameters, given, missing)
     if not figures.parameters:
         missing.append(
@@ -149,7 +149,7 @@ def _topics(path: Path, notes: list[str]) -> RecordedTopics:
         if topics.types:
             return topics
     except Exception:  # noqa: B902
-        # Whatever the libraries raise for a damaged file: try what is left.
+        # The libraries raise many kinds of errors for a damaged file: read what is left.
         notes.append('The recording was not closed properly, or is damaged.')
     found: list[str] = []
     everything: dict[str, str] = {}
@@ -271,18 +271,18 @@ def _gaps(
     summaries: Mapping[int, PlanSummary],
     names: Mapping[Site, str],
 ) -> list[str]:
-    """Say what is not in the recording, and what follows."""
+    """Name what is missing in the recording, and the consequence."""
     found = []
     for site, vehicle in zip(sites, vehicles, strict=True):
         where = untrusted.text(site.namespace, 100)
         states = 'odom' if site.view.kind.odometry else 'joint_states'
         expected: list[tuple[str, object, str]] = [
-            (states, vehicle.states, 'what the plant did is not known'),
-            ('joint_command', vehicle.commands, 'what the tracker asked for is not known'),
+            (states, vehicle.states, "the plant's motion is not known"),
+            ('joint_command', vehicle.commands, "the tracker's commands are not known"),
             ('tracking_error', vehicle.tracking_error, 'errors are those of states and plans'),
         ]
         if site.view.kind.odometry:
-            told = 'what the actuators did is not known'
+            told = 'the applied controls are not known'
             expected.append(('joint_states', vehicle.applied, told))
         for topic, there, consequence in expected:
             if there is None:
@@ -301,8 +301,8 @@ def _gaps(
         if name not in names.values()
     ]
     for counts, fault in (
-        (topics.malformed, 'are not what their type says and were left out'),
-        (topics.not_finite, 'hold values that are not finite, which were left out'),
+        (topics.malformed, 'do not match their type and were ignored'),
+        (topics.not_finite, 'hold values that are not finite, which were ignored'),
     ):
         found += [f'{untrusted.text(t)}: {n} message(s) {fault}.' for t, n in counts.items()]
     return found

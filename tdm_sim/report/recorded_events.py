@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What nodes said of themselves during a recording, and by which clock."""
+"""Diagnostics and log messages of a recording, and its simulated clock."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEAST_CLOCK = 10  # messages of a simulated clock
 
 _WARNING, _ERROR = 30, 40  # levels of a log message
 _PASSING = ('planning', 'preparing', 'ready')  # said by the planner before and during every plan
-_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message tell of the same matter
+_SAME_TIME = 2.0  # s; within it, a diagnostic and a log message report the same event
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +64,10 @@ def events(
     topics: RecordedTopics, namespace: str, origin: int, clock: RecordedClock | None = None
 ) -> tuple[list[Event], int]:
     """
-    Return what happened, in order of time, and how many events were left out as too many.
+    Return the events in order of time, and how many were dropped as too many.
 
-    Of the nodes below `namespace` every change is told, of others errors and warnings. Times count
-    from `origin` [ns]. `clock` is the simulated one, where there is one: logs tell the computer's.
+    Of nodes below `namespace` they are all changes of state, of others errors and warnings. Times
+    count from `origin` [ns]. `clock` is the simulated one, if any: logs bear the computer's time.
     """
     found = [*_changes(topics, namespace, origin)]
     found += _logged(topics, origin, found, clock)

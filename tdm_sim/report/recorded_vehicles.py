@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-Vehicles of a recording, found by their topics; measured histories by the names of the plans'.
+Finds the vehicles of a recording by their topics, and their measured histories.
 
-Topics are told by their last name and by what is in them, in whichever namespace they stand.
+A topic is recognised by its last name and its content, in any namespace.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Site:
 
 
 class Planner(NamedTuple):
-    """What a planner told of its plans: the problem, if it is known, and vehicles' joints."""
+    """A planner's summaries: the problem, if it is known, and the vehicles' joints."""
 
     problem: Problem | None
     kinds: Mapping[str, PlantKind | None]
@@ -136,8 +136,8 @@ def choose(
     """
     Return the vehicles of one planner: that of `namespace` or, by default, the liveliest.
 
-    That is one of whose vehicles a planned motion was measured; failing that, or of several such,
-    the one of most plans. `notes` are told of the others.
+    That is one for which a planned motion was measured; else, or of several such, the one with
+    most plans. `notes` name the others.
 
     Raises
     ------
@@ -158,8 +158,8 @@ def choose(
     others = [_shown(planner) for planner in planners if planner != chosen]
     if others:
         notes.append(
-            f'The recording also holds {", ".join(others)}, which this report does not tell of: '
-            'tdm report --namespace chooses.'
+            f'The recording also holds {", ".join(others)}, which this report ignores: '
+            'choose with tdm report --namespace.'
         )
     return [site for site in sites if site.planner == chosen]
 
@@ -172,11 +172,11 @@ def _liveliness(
     topics: RecordedTopics, sites: Sequence[Site], planner: str
 ) -> tuple[bool, int, bool]:
     """
-    Return whether a plan was seen carried out, how many plans, whether anything was measured.
+    Return whether a plan's motion was measured, the number of plans, whether there is any data.
 
-    A plan alone is no sign of life: planners publish theirs to whoever comes later.
+    A plan alone is no sign of life: it is latched, and published to late subscribers.
     """
-    carried_out, plans, seen = False, 0, False
+    executed, plans, seen = False, 0, False
     for site in (site for site in sites if site.planner == planner):
         name, kind = ('odom', ODOMETRY) if site.view.kind.odometry else _STATES
         stream = topics.stream(f'{site.namespace}/{name}', kind)
@@ -184,8 +184,8 @@ def _liveliness(
         for start, end in _motions(topics, site):
             plans += 1
             if stream is not None:
-                carried_out |= bool(((stream.instants >= start) & (stream.instants <= end)).any())
-    return carried_out, plans, seen
+                executed |= bool(((stream.instants >= start) & (stream.instants <= end)).any())
+    return executed, plans, seen
 
 
 def _motions(topics: RecordedTopics, site: Site) -> Iterator[tuple[int, int]]:
@@ -289,7 +289,7 @@ def _on_planned_turn(states: Signals, plans: tuple[FollowedPlan, ...], view: Pla
         for name in set(view.kind.angles) & set(states.names) & set(motion.state_names):
             k = states.names.index(name)
             planned = plan.sample(states.times).state[:, motion.state_names.index(name)]
-            during = (states.times >= plan.start) & (states.times <= plan.carried_out_until)
+            during = (states.times >= plan.start) & (states.times <= plan.followed_until)
             away = values[during, k] - planned[during]
             if np.isfinite(away).any():
                 first = away[np.isfinite(away)][0]

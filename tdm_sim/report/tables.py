@@ -46,7 +46,7 @@ def summary_table(mission: Mission, comparison: Comparison) -> str:
     several = len(mission.vehicles) > 1
     entries = comparison.entries
     worst = _summarised(mission, entries)
-    notes = _NOTES if mission.was_carried_out else {}
+    notes = _NOTES if mission.was_executed else {}
     parts = [_verdict(comparison), _table(mission, worst, several, notes)]
     if len(worst) < len(entries):
         table = _table(mission, entries, several, {})
@@ -133,18 +133,18 @@ def _table(
     mission: Mission, entries: Sequence[Entry], several: bool, notes: Mapping[Kind, str]
 ) -> str:
     """Return a table; `notes` say what the figures of a kind mean."""
-    carried_out = mission.was_carried_out
+    executed = mission.was_executed
     heads = '<th scope="col">planned</th>'
-    heads += '<th scope="col">achieved</th>' if carried_out else ''
+    heads += '<th scope="col">achieved</th>' if executed else ''
     rows = []
     for kind, heading in _HEADINGS.items():
         group = [entry for entry in entries if entry.kind == kind]
         if group:
-            columns = 3 if carried_out else 2
+            columns = 3 if executed else 2
             rows.append(
                 f'<tr class="group"><th colspan="{columns}" scope="colgroup">{heading}</th></tr>'
             )
-            rows += [_row(entry, several, carried_out) for entry in group]
+            rows += [_row(entry, several, executed) for entry in group]
             if kind in notes:
                 note = f'<td colspan="{columns}">{escape(notes[kind])}</td>'
                 rows.append(f'<tr class="criterion">{note}</tr>')
@@ -154,7 +154,7 @@ def _table(
     )
 
 
-def _row(entry: Entry, several: bool, carried_out: bool) -> str:
+def _row(entry: Entry, several: bool, executed: bool) -> str:
     name = entry.name.removeprefix('margin of ') if entry.kind == 'margin' else entry.name
     name = name.removesuffix(' at the planned end')
     unit = f' [{entry.unit}]' if entry.unit else ''
@@ -163,17 +163,17 @@ def _row(entry: Entry, several: bool, carried_out: bool) -> str:
     small = f'<small>{escape(", ".join(notes))}</small>' if notes else ''
     planned, achieved = entry.planned, entry.achieved
     if entry.kind == 'planner':
-        # what the planner may take, and what it took
+        # the planner's deadline, and its solve time
         allowed = f'at most {number(planned)}' if planned else ''
-        if not carried_out:
+        if not executed:
             allowed, achieved = number(achieved), None
         cells = f'<td>{allowed}</td>'
-        cells += f'<td>{number(achieved)}</td>' if carried_out else ''
+        cells += f'<td>{number(achieved)}</td>' if executed else ''
     else:
         # a plan was checked, with the problem's own tolerances, before it was published
         cells = _cell(planned, entry.planned_at, entry.kind)
         bad = entry.kind == 'margin' and achieved is not None and achieved < -ROUNDING
-        if carried_out:
+        if executed:
             cells += _cell(achieved, entry.achieved_at, entry.kind, bad, entry.mark)
     return f'<tr><th scope="row">{escape(name + unit)}{small}</th>{cells}</tr>'
 

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Was the goal reached, and held, within all limits? The one judge of demos and recordings."""
+"""The verdict on demos and recordings: the goal must be reached and held within all limits."""
 
 from __future__ import annotations
 
@@ -34,11 +34,10 @@ _LAST = 0.1  # s by which a recording may end before the planned end
 @dataclass(frozen=True)
 class Verdict:
     """
-    The judgement: `reasons` why the goal was missed.
+    The verdict: `reasons` why the goal was missed.
 
-    `undecided` says why it cannot be told whether the goal would have been reached and held: what
-    was measured ends too early, all being well until then; '' if it can be told. `criterion` says
-    what was asked.
+    `undecided` says why there is no verdict: the measurements end too early, without a violation;
+    '' if there is one. `criterion` is what was required.
     """
 
     reasons: tuple[str, ...]
@@ -55,7 +54,7 @@ def verdict(
     bag: Path | str, namespace: str | None = None, problem: type[Problem] | None = None
 ) -> Verdict | None:
     """
-    Judge a recording; None where not all that takes was recorded.
+    Judge a recording; None if it lacks what that requires.
 
     `namespace` chooses among several planners, `problem` is the class of one that is not
     installed.
@@ -71,7 +70,7 @@ def verdict(
 
 def judge(mission: Mission) -> Verdict | None:
     """
-    Judge a mission; None where not all that takes was recorded.
+    Judge a mission; None if it lacks what that requires.
 
     After replans the plan active at the end of the recording counts: its goal, its planned end.
     Limits count from the start of the first plan on.
@@ -175,7 +174,7 @@ def _at(states: Signals, instant: float) -> Signals:
 
 
 def _worst(vehicle: Vehicle, at: Signals) -> str:
-    """Say how far it was away at an instant, in the states that matter."""
+    """Return the largest errors at an instant, in the states that the goal gives."""
     assert vehicle.plan is not None
     goal, tolerances = vehicle.view.goal(vehicle.plan.trajectory)
     motion = vehicle.plan.trajectory
@@ -233,7 +232,7 @@ def _too_close(mission: Mission) -> list[str]:
 
 
 def _criterion(vehicles: list[Vehicle]) -> str:
-    """Say what it takes for the goal to count as reached and held."""
+    """Return when the goal counts as reached and held."""
     view, plan = vehicles[0].view, vehicles[0].plan
     assert plan is not None
     units = vehicles[0].view.units

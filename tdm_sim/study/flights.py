@@ -8,9 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-Plans flown without ROS: the trackers' own code on simulated plants that are not their models.
+Closed-loop runs without ROS: the trackers' own code on plants that differ from its model.
 
-A flight becomes a `Mission`, as a recording does, and is judged by the same judge.
+A run, here a *flight*, becomes a `Mission` like a recording, and gets a verdict in the same way.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _AFTER = 0.1  # s that a flight lasts beyond what its judge asks for
 
 @dataclass(frozen=True)
 class ClosedLoop(Validated):
-    """How plans are flown: how often, on what plants, with what sensors and commands."""
+    """Closed-loop runs of a plan: how many, with which mismatch, sensor noise and rate."""
 
     seeds: int = parameter(
         1, 'flights of every plan, each on a plant of its own', allowed=Range(1, 1e6)
@@ -127,7 +127,7 @@ def _vehicle(name: str, view: PlantView, plan: Trajectory, loop: _Loop, ticks: i
 
 
 def _loop(problem: Problem, plan: Trajectory, how: ClosedLoop, seed: int) -> _Loop:
-    """Return a tracker, which knows the problem's plant, and a plant that is not quite so."""
+    """Return a tracker for the problem's plant, and a simulated plant with the mismatch."""
     for kind, made in _LOOPS.items():
         if isinstance(problem, kind):
             tracker, changes = made(problem, how, seed)
@@ -187,8 +187,8 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
     for seed in range(how.seeds):
         try:
             mission = fly(problem, solution, how, seed)
-        except TrajectoryRefused as refused:
-            lost = lost or str(refused)
+        except TrajectoryRefused as rejection:
+            lost = lost or str(rejection)
             continue
         verdict = judge(mission)
         caught += all(map(_at_goal, mission.vehicles))
@@ -214,7 +214,7 @@ def _at_goal(vehicle: Vehicle) -> bool:
 
 
 def _margins(mission: Mission) -> dict[str, float]:
-    """Return the least margin of every limit on a flight, by the names that plans have for it."""
+    """Return the smallest margin of every limit on a flight, by the limit's name in the plan."""
     several = len(mission.vehicles) > 1
     found = {
         f'{vehicle.name}.{name}' if several else name: margin.worst

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""One row of a study: a plan, what its check found, and how it is flown."""
+"""One row of a study: a plan, its verification, and its closed-loop runs."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at 
 @dataclass(frozen=True)
 class Trial:
     """
-    What is done at every point: plan, and, in a closed loop, fly.
+    Computes a point: the plan and, with a closed loop, its runs.
 
-    `parameters` are those that all points share. A point's result is a row's columns but its
-    parameters. It depends on the point alone: neither the clock nor the order of points matter.
+    `parameters` are those that all points share. The result is the row without its parameters. It
+    depends on the point alone, not on the clock or the order of points.
     """
 
     problem: type[Problem]
@@ -39,19 +39,19 @@ class Trial:
     closed_loop: ClosedLoop | None = None
 
     def __call__(self, point: Point) -> Row:
-        """Return what comes of one point."""
+        """Return the row of a point."""
         try:
             return self._tried(point)
         except TdmError as error:
             return failed(error.code, str(error))
         except Exception as error:  # noqa: B902
-            # A fault of the program, or of a problem of the user's own: the study goes on.
+            # A fault of the program or of a user's problem: the study goes on.
             return failed(PlannerFault.code, f'{type(error).__name__}: {error}')
 
     def lost(self, point: Point) -> Row:
         """Return the row of a point at which every process died."""
         del point
-        return failed(PlannerFault.code, 'the process died, whichever it was given to')
+        return failed(PlannerFault.code, 'every process that computed it died')
 
     def _tried(self, point: Point) -> Row:
         problem = self.problem.from_parameters({**self.parameters, **point})

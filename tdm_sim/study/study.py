@@ -110,7 +110,7 @@ def _axes(over: Over) -> list[Axis]:
 
 
 def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis]) -> Point:
-    """Return what makes a study what it is: the same statement gives the same table."""
+    """Return the statement of a study: the same statement gives the same table."""
     name = problem if isinstance(problem, str) else f'{problem.__module__}:{problem.__qualname__}'
     return {
         'version': __version__,
@@ -124,7 +124,7 @@ def _statement(problem: str | type[Problem], trial: Trial, axes: Sequence[Axis])
 def _collect(
     table: Table, left: Sequence[int], points: Points, results: Iterator[Any], say: Progress
 ) -> None:
-    """Take the rows as they are done; the table is saved now and then, and however this ends."""
+    """Add the rows as they are computed; save the table now and then, and at any end."""
     began = saved = said = time.monotonic()
     try:
         for count, (index, found) in enumerate(results, 1):
@@ -154,7 +154,7 @@ def _span(seconds: float) -> str:
 
 def _show(folder: Path, table: pa.Table, axes: Sequence[Axis], trial: Trial) -> None:
     """Write pictures and page."""
-    # matplotlib takes half a second to import, and processes that plan have no use for it
+    # matplotlib takes half a second to import, and worker processes do not need it
     from tdm_sim.study.page import write_page, write_pictures
     from tdm_sim.study.pictures import draw
 

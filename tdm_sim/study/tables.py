@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-The folder of a study: what was asked, and the table of what was found so far.
+The folder of a study: its statement, and the table of the rows computed so far.
 
 The table is replaced as a whole, so that it can be read whenever the study ends.
 """
@@ -33,7 +33,7 @@ ENDINGS = ('.parquet', '.csv')
 
 
 class Table:
-    """Rows as they come, and as they were found on the disk before; `path` None: on no disk."""
+    """The rows of a study, new and found on the disk; `path` None: in memory only."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path

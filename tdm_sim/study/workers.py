@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Independent runs on all cores, or on the machines of a Dask cluster; the engine is Dask's."""
+"""Independent runs on all cores, or on the machines of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _CONNECTED = 10  # s in which a scheduler must answer
 @contextmanager
 def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[Client]:
     """
-    Have processes that work: one a core of this machine, `count` of them, or a Dask cluster.
+    Start a pool of workers: one process a core, `count` of them, or those of a Dask cluster.
 
     `scheduler` is the cluster's, ``HOST:PORT``. Local processes are ended at the end, and listen
     on this machine only.
@@ -78,9 +78,9 @@ def workers(scheduler: str | None = None, count: int | None = None) -> Iterator[
 @contextmanager
 def _children_deaf() -> Iterator[None]:
     """
-    Start threads and processes that do not hear SIGINT: a terminal sends it to all of them.
+    Start threads and processes that ignore SIGINT, which a terminal sends to all of them.
 
-    Here it waits meanwhile.
+    In this thread it is pending meanwhile.
     """
     resource_tracker.ensure_running()  # where it starts later, it unblocks the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -101,11 +101,11 @@ def each(
     lost: Callable[[Argument], Result] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """
-    Yield the index of every argument and what `work` makes of it, in the order they are done.
+    Yield the index of every argument and the result of `work`, in the order of completion.
 
-    What a worker had that died is done by another. Of an argument that ends every worker that it
-    is given to, `lost` gives the result; without it `KilledWorker` is raised. The arguments are
-    sent in batches of about half a second, a few at a time, however many there are.
+    The task of a worker that died goes to another. For an argument that ends every worker, `lost`
+    gives the result; without it `KilledWorker` is raised. Arguments are sent in batches of about
+    half a second, a few at a time.
     """
     total = sum(client.nthreads().values()) or 1
     waiting = iter(range(len(arguments)))

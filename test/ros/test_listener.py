@@ -23,10 +23,10 @@ from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.qos import LATCHED
+from tdm_sim.live.drag_handles import drag_handles_of
 from tdm_sim.live.geometry import about
-from tdm_sim.live.grips import grips_of
-from tdm_sim.live.hands import Hands
 from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
+from tdm_sim.live.operations import Operations
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.sliders import slider_of
@@ -41,7 +41,7 @@ Do = Callable[..., Any]
 
 
 class Seen:
-    """The nodes of a pendulum, a listener, and hands whose deeds are told to `texts`."""
+    """The nodes of a pendulum, a listener, and operations whose deeds are told to `texts`."""
 
     def __init__(self, ros: Stepped, folder: Path) -> None:
         self.ros = ros
@@ -55,7 +55,7 @@ class Seen:
         self.rig = Rig(self.listener)
         self.texts: list[str] = []
         recordings = Recordings(folder, SPACE)
-        self.hands = Hands(self.rig, self.listener, recordings, self.texts.append)
+        self.operations = Operations(self.rig, self.listener, recordings, self.texts.append)
         self.plans = ros.subscribe(f'/{SPACE}/trajectory', JointTrajectory, LATCHED)
         roles = PLANNING, TRACKING, SIMULATION
         assert ros.spin_until(lambda: all(map(self.listener.parameters_of, roles)))
@@ -84,7 +84,7 @@ class Seen:
         return self.texts[-1]
 
     def close(self) -> None:
-        self.hands.close()
+        self.operations.close()
         self.ros._executor.remove_node(self.listener.node)
         self.listener.close()
 
@@ -136,18 +136,18 @@ def test_parameters_are_set_and_changes_are_followed(seen: Seen, do: Do) -> None
 
 
 def test_a_push_and_a_pull_move_the_pendulum_and_a_reset_puts_it_back(seen: Seen) -> None:
-    assert 'pushed' in seen.told(seen.hands.push)
+    assert 'pushed' in seen.told(seen.operations.push)
     assert seen.ros.spin_until(lambda: abs(seen.state()[2]) > 0.1)
-    assert 'initial' in seen.told(seen.hands.reset)
+    assert 'initial' in seen.told(seen.operations.reset)
     assert seen.ros.spin_until(lambda: abs(seen.state()[2]) < 1e-9)
-    told = seen.told(lambda: seen.hands.pull('pendulum', (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
+    told = seen.told(lambda: seen.operations.pull('pendulum', (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)))
     assert '-' in told
     assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
-    seen.told(seen.hands.reset)
+    seen.told(seen.operations.reset)
 
 
 def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
-    assert 'upright' in seen.told(seen.hands.plan)
+    assert 'upright' in seen.told(seen.operations.plan)
     assert seen.ros.spin_until(seen.rig.move)
     plan, first = seen.rig.plan, nanoseconds_of(seen.plans[-1].header.stamp)
     assert plan is not None
@@ -163,9 +163,9 @@ def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
 
 def test_a_start_that_is_dragged_is_planned_from(seen: Seen) -> None:
     assert seen.rig.problem is not None
-    grip = grips_of(seen.rig.problem)[0]
+    handle = drag_handles_of(seen.rig.problem)[0]
     pose = np.zeros(3), about((0, 0, 1), 0.5)
-    assert seen.told(lambda: seen.hands.drag(grip, pose, seen.texts.append)) == ''
+    assert seen.told(lambda: seen.operations.drag(handle, pose, seen.texts.append)) == ''
     assert seen.values(SIMULATION)['initial.psi'] == pytest.approx(0.5)
     assert seen.ros.spin_until(seen.rig.move)
     trajectory = seen.rig.trajectory('pendulum')
@@ -181,7 +181,7 @@ def test_a_slider_acts_on_all_nodes_and_what_is_infeasible_is_told(seen: Seen) -
     assert slider is not None
 
     def change(value: float) -> str:
-        return seen.told(lambda: seen.hands.change(slider, value, seen.texts.append))
+        return seen.told(lambda: seen.operations.change(slider, value, seen.texts.append))
 
     assert change(2.5) == ''
     roles = PLANNING, TRACKING, SIMULATION
@@ -189,7 +189,7 @@ def test_a_slider_acts_on_all_nodes_and_what_is_infeasible_is_told(seen: Seen) -
     assert seen.rig.move()
     good = seen.rig.plan
     assert good is not before
-    seen.told(seen.hands.reset)
+    seen.told(seen.operations.reset)
     assert 'INVALID_PROBLEM' in change(0.3)  # the start is beyond it
     assert not seen.rig.move()
     assert seen.rig.plan is good
@@ -197,9 +197,9 @@ def test_a_slider_acts_on_all_nodes_and_what_is_infeasible_is_told(seen: Seen) -
 
 
 def test_a_switch_turns_replanning_on(seen: Seen) -> None:
-    assert '5 Hz' in seen.told(lambda: seen.hands.replan(True))
+    assert '5 Hz' in seen.told(lambda: seen.operations.replan(True))
     assert seen.ros.spin_until(lambda: seen.values(PLANNING)['replan.rate'] == 5.0)
-    seen.told(lambda: seen.hands.replan(False))
+    seen.told(lambda: seen.operations.replan(False))
 
 
 def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path) -> None:
@@ -217,21 +217,21 @@ def test_the_page_shows_motion_plan_grips_and_curves(seen: Seen, tmp_path: Path)
         page.news('a node ended')
         shown = set(server.scene._handle_from_node_name)
         assert {'/still/lines', '/plants/cylinder_100', '/plan/lines'} <= shown
-        assert {'/grips/disk', '/grips/pendulum'} <= shown
+        assert {'/handles/disk', '/handles/pendulum'} <= shown
         status = page._panel._status.content
         assert all(text in status for text in ('a node ended', 'planner', 'plan ', 'solved in'))
         charts = page._panel._charts
         assert {'theta, psi [rad]', 'torque [N m]', 'margins of the limits'} <= set(charts)
         assert 'limits.torque' in page._panel._sliders
-        hold = page._scene.holds['disk']
-        before = np.array(hold._handle.wxyz)
+        shown_handle = page._scene.handles['disk']
+        before = np.array(shown_handle._control.wxyz)
         page._scene.tell('disk', 'INFEASIBLE: why')
-        assert '/grips/disk/reason' in server.scene._handle_from_node_name
+        assert '/handles/disk/reason' in server.scene._handle_from_node_name
         page._scene.tell('disk', '')
-        assert '/grips/disk/reason' not in server.scene._handle_from_node_name
+        assert '/handles/disk/reason' not in server.scene._handle_from_node_name
         moved = about((0, 0, 1), 1.0)
-        hold.move((np.zeros(3), moved))
-        assert not np.allclose(before, hold._handle.wxyz)
+        shown_handle.move((np.zeros(3), moved))
+        assert not np.allclose(before, shown_handle._control.wxyz)
     finally:
         page.close()
         server.stop()

@@ -285,7 +285,7 @@ def test_what_a_request_asks_for_is_planned_and_nothing_of_it_stays(planner: Pla
         ({'limits__torque': 'strong'}, "parameter 'limits.torque' = 'strong' is not allowed"),
         ({'limits__torque': None}, "parameter 'limits.torque' = None is not allowed"),
         ({'limits__torqe': 1.0}, "parameter 'limits.torqe' is unknown: did you mean limits.torq"),
-        ({'replan__rate': 1.0}, "parameter 'replan.rate' is not one of a request: set it on the"),
+        ({'replan__rate': 1.0}, "parameter 'replan.rate' cannot be part of a request: set it on"),
         ({'problem': 'robot_formation'}, 'it is fixed while the node runs'),
         ({'start__psi': 2.5}, "'start.psi' = 2.5"),
         ({'plant__gravity': 1e-200}, "'plant.*'"),

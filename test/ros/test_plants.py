@@ -88,7 +88,7 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepp
     assert status.level == DiagnosticStatus.ERROR
     assert "'plant.mass' = -1.0" in status.message  # its default is kept
     assert 'beyond limits.disk_angle' not in status.message  # but at it
-    assert ros.figure(rig.name, 'commands refused') == '3'
+    assert ros.figure(rig.name, 'commands ignored') == '3'
     assert ros.figure(rig.name, 'commands accepted') == '0'
     rig.process.end_cleanly()
 
@@ -137,7 +137,7 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None
     status = rig.status
     assert status.level == DiagnosticStatus.WARN
     assert status.message.startswith('0.4')
-    assert ' s left out: the process was stalled' in status.message
+    assert ' s skipped: the process was stalled' in status.message
     later = float(ros.figure(rig.name, 'simulated time [s]'))
     assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
     rig.process.end_cleanly()

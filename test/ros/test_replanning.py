@@ -34,7 +34,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 PLANNER = 'tdm_planner.nodes.planner'
 STRONG = {'limits.torque': 0.09}  # N m; upright after .4 s
-NOT_TAKEN, REFUSED = 'the last plan was rejected by', 'trajectory refused'
+NOT_TAKEN, REJECTED = 'the last plan was rejected by', 'trajectory rejected'
 
 
 class Rig:
@@ -107,7 +107,7 @@ def test_the_last_of_several_requests_is_followed(ros: Stepped, pause: float) ->
     rig.plan()
     assert rig.stands_up(), rig.tracker.output
     assert 'stopped' not in rig.tracker.output
-    assert 'refused' not in rig.tracker.output
+    assert 'rejected' not in rig.tracker.output
     rig.end()
 
 
@@ -128,7 +128,7 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     second = ros.start(PLANNER, given, namespace='again', arguments=own)
     assert ros.trigger('/again/plan_of_the_second')[0]
     ros.settle()
-    assert "another planner's plan is active: plan 1 is not reviewed now" in rig.planner.output
+    assert "another planner's plan is active: plan 1 is no longer reviewed" in rig.planner.output
     warning = '2 planners publish /again/plan_summary: trackers follow'
     assert ros.spin_until(lambda: warning in rig.planner.output)
     second.end_cleanly()
@@ -162,7 +162,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     assert len(rig.plans) > 1, rig.planner.output
     # The tracker takes the plans made on the way, or rightly refuses one that was made before.
     assert rig.tracker.output.count('accepted') >= len(rig.plans) - 1
-    assert rig.tracker.output.count(REFUSED) <= 1
+    assert rig.tracker.output.count(REJECTED) <= 1
     # Every one was verified, and starts where the pendulum was.
     summaries = [json.loads(message.data) for message in rig.summaries]
     assert [summary['plan_id'] for summary in summaries] == list(range(1, len(rig.plans) + 1))
@@ -184,7 +184,7 @@ def test_upright_there_are_no_more_plans_until_it_falls(ros: Stepped, rig: Rig) 
     rig.push(-4e-3)
     assert ros.spin_until(lambda: len(rig.plans) > count), rig.planner.output
     assert rig.stands_up(), rig.planner.output
-    assert rig.planner.output.count(NOT_TAKEN) <= rig.tracker.output.count(REFUSED)
+    assert rig.planner.output.count(NOT_TAKEN) <= rig.tracker.output.count(REJECTED)
 
 
 def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Stepped, rig: Rig) -> None:
@@ -199,12 +199,12 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped,
     """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
     assert rig.stands_up()
     assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']
-    told, refused = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REFUSED))
+    told, refused = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REJECTED))
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     answer = rig.plan()
     sentence = f'plan {answer["plan_id"]} is not followed by pendulum: the tracker says why'
     ros.spin_for(0.5)  # it begins after .3 s, and trackers have another .3 s to tell
-    assert rig.tracker.output.count(REFUSED) > refused
+    assert rig.tracker.output.count(REJECTED) > refused
     assert sentence not in rig.planner.output
     assert ros.spin_until(lambda: rig.planner.output.count(NOT_TAKEN) > told), rig.planner.output
     ros.spin_for(0.5)

@@ -166,20 +166,20 @@ def test_the_end_of_a_node_that_is_made(
 def test_signals_while_it_leaves_are_let_pass(
     left: list[int], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    ignore = runtime.EndRequest.ignore
+    ignore = runtime.StopSignal.ignore
 
-    def ask_and_ignore(end: runtime.EndRequest) -> None:
+    def ask_and_ignore(end: runtime.StopSignal) -> None:
         ask_twice()
         ignore(end)
         ask_twice()
 
-    monkeypatch.setattr(runtime.EndRequest, 'ignore', ask_and_ignore)
+    monkeypatch.setattr(runtime.StopSignal, 'ignore', ask_and_ignore)
     assert run(node_that(ask), left) == 0
     assert told(capfd) == []
 
 
 def test_only_a_signal_that_comes_long_after_the_first_interrupts(ros: Stepped) -> None:
-    end = runtime.EndRequest()
+    end = runtime.StopSignal()
     assert not end.asked
     end._on_signal(signal.SIGINT, None)
     assert end.asked

@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.diagnostics import Level, Report
-from tdm_planner.nodes.managed import ManagedNode
+from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor

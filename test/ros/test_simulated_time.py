@@ -78,7 +78,7 @@ def test_a_plan_that_comes_before_the_time_is_followed_when_it_is_known(ros: Ste
         simulation.at(0.01 * k)
     assert any(one.points for one in followed), tracker.output
     assert any(any(command.effort) for command in commands)
-    assert 'refused' not in tracker.output
+    assert 'rejected' not in tracker.output
     diagnostics.clear()
     assert ros.spin_until(lambda: bool(texts(diagnostics, '/early/tracker')))
     assert not texts(diagnostics, '/early/tracker')[-1].startswith('simulated')

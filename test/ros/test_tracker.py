@@ -168,7 +168,7 @@ def test_trajectories_are_refused_with_a_reason(
     spoil(spoilt)
     plans.publish(spoilt)
     ros.settle()
-    assert 'trajectory refused: ' in idle.status.message
+    assert 'trajectory rejected: ' in idle.status.message
     assert reason in idle.status.message
     assert idle.tracker.node.tracker.current is None
 
@@ -178,11 +178,11 @@ def test_bytes_that_are_no_trajectory_are_refused(
     ros: Stepped, idle: Bench, plans: Any, data: bytes
 ) -> None:
     """Whatever a faulty node sends, the tracker stays."""
-    count = idle.tracker.output.count('trajectory refused: ')
+    count = idle.tracker.output.count('trajectory rejected: ')
     plans.publish(data)
     ros.spin_for(0.1)
-    assert idle.tracker.output.count('trajectory refused: ') == count + 1
-    assert idle.says('trajectory refused: ')
+    assert idle.tracker.output.count('trajectory rejected: ') == count + 1
+    assert idle.says('trajectory rejected: ')
 
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
@@ -196,14 +196,14 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     assert idle.status.message.startswith('waiting')
     other.publish(message(ros, plan, 0.39))
     ros.settle()
-    told = "it starts 0.1 s before the active one; of 2 planners' plans the one that starts last"
+    told = "it starts 0.1 s before the active one; of 2 planners' plans the tracker follows"
     assert told in idle.status.message
     ros.node.destroy_publisher(other)
     assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
     plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
     ros.settle()
     assert idle.status.message.startswith('waiting')
-    assert 'refused' not in idle.status.message
+    assert 'rejected' not in idle.status.message
 
 
 @pytest.fixture

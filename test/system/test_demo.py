@@ -116,7 +116,7 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
     process = demo(ros, tmp_path, 'pendulum', *parameters(tmp_path, 'pendulum'))
 
     def moves() -> bool:
-        """Whether the plan, published 3 s before, is being carried out."""
+        """Whether the plan, published 3 s before, is being executed."""
         return any(
             plan.status == GoalStatus.STATUS_EXECUTING
             for message in followed

@@ -32,8 +32,8 @@ from signal_scenes import survivors
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
+from tdm_sim.live.drag_handles import drag_handles_of
 from tdm_sim.live.geometry import axes_of, view_on
-from tdm_sim.live.grips import grips_of
 from tools.browser import chromium, open_browser, set_window
 from trajectory_msgs.msg import JointTrajectory
 import yaml
@@ -195,21 +195,21 @@ def test_a_goal_is_dragged_and_what_is_infeasible_says_why(
 ) -> None:
     plans = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
     page = open_page('robots')
-    grip = grips_of(RobotFormation())[0]
-    place, turn = grip.pose({})
+    handle = drag_handles_of(RobotFormation())[0]
+    place, turn = handle.pose({})
     ahead, _, _ = axes_of(turn)
-    handle = pixel(page, place + 0.6 * grip.size * ahead)
-    beside = pixel(page, place + (0.6 * grip.size + 0.4) * ahead)
-    page.wait_until_drawn('/grips/robot1')
-    page.drag(handle, (beside[0] - handle[0], beside[1] - handle[1]))
+    grab = pixel(page, place + 0.6 * handle.size * ahead)
+    beside = pixel(page, place + (0.6 * handle.size + 0.4) * ahead)
+    page.wait_until_drawn('/handles/robot1')
+    page.drag(grab, (beside[0] - grab[0], beside[1] - grab[1]))
     assert page.until(lambda: len(plans) > 0), page.output + page.text('.tdm-note')
     page.wait_for('.tdm-status', 'robots in formation')
     end = plans[-1].points[-1].positions[:2]
     moved = np.array(end) - place[:2]
     assert float(moved @ ahead[:2]) > 0.1
     assert abs(moved[0] * ahead[1] - moved[1] * ahead[0]) < 0.02
-    count, handle = len(plans), pixel(page, place + 0.6 * grip.size * ahead + [*moved, 0.0])
-    page.drag(handle, (400, 0))
+    count, grab = len(plans), pixel(page, place + 0.6 * handle.size * ahead + [*moved, 0.0])
+    page.drag(grab, (400, 0))
     reason = page.wait_for('.tdm-note', 'INVALID_PROBLEM')
     assert 'robot1' in reason
     assert len(plans) >= count

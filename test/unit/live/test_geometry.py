@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Shapes as solids in space, what the camera sees of them, and grips that stand for parameters."""
+"""Shapes as solids in space, what the camera sees of them, and handles to drag parameters by."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ import pytest
 from tdm_planner.drawing import Box, Disc, Line
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_sim.live.drag_handles import drag_handles_of, pulled
 from tdm_sim.live.geometry import (
     about,
     axes_of,
@@ -30,7 +31,6 @@ from tdm_sim.live.geometry import (
     picture,
     view_on,
 )
-from tdm_sim.live.grips import grips_of, pulled
 
 component = st.floats(-2.0, 2.0)
 vector = st.tuples(component, component, component)
@@ -103,10 +103,10 @@ angle = st.floats(-6.0, 6.0)
 @given(st.floats(0.5, 3.5), st.floats(2.9, 3.5), st.floats(-3.0, 3.0))
 def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float) -> None:
     problem = RobotFormation()
-    grip = grips_of(problem)[1]
-    wanted = grip.values_at((np.array([x, y, 0.0]), about((0, 0, 1), yaw)), {})
+    handle = drag_handles_of(problem)[1]
+    wanted = handle.values_at((np.array([x, y, 0.0]), about((0, 0, 1), yaw)), {})
     moved = RobotFormation.from_parameters(wanted)
-    place, turn = grips_of(moved)[1].pose({})
+    place, turn = drag_handles_of(moved)[1].pose({})
     assert place == pytest.approx([x, y, 0.0])
     assert axes_of(turn)[0] == pytest.approx([math.cos(yaw), math.sin(yaw), 0.0], abs=1e-9)
     assert list(wanted) == ['formation.robot2']
@@ -115,9 +115,9 @@ def test_a_robot_s_goal_goes_where_it_is_dragged(x: float, y: float, yaw: float)
 @given(angle, angle)
 def test_the_pendulum_s_rings_stand_for_its_angles(theta: float, psi: float) -> None:
     values = {'initial.theta': theta, 'initial.psi': psi}
-    for grip in grips_of(PendulumSwingUp()):
-        assert (grip.node, grip.moves) == ('plant', 'turn')
-        (found,) = grip.values_at(grip.pose(values), values).items()
+    for handle in drag_handles_of(PendulumSwingUp()):
+        assert (handle.node, handle.moves) == ('plant', 'turn')
+        (found,) = handle.values_at(handle.pose(values), values).items()
         assert found[1] == pytest.approx(values[found[0]], abs=1e-7)
 
 
@@ -127,14 +127,14 @@ def test_the_ring_of_the_pendulum_points_along_the_rod() -> None:
     states = {'theta': np.float64(0.7), 'psi': np.float64(-0.4)}
     _, rod = view.drawing(states, {})
     pivot, tip = (np.array(point, dtype=float) for point in rod.points)
-    place, turn = grips_of(problem)[1].pose(values)
+    place, turn = drag_handles_of(problem)[1].pose(values)
     assert place == pytest.approx(pivot)
     assert axes_of(turn)[0] == pytest.approx((tip - pivot) / np.linalg.norm(tip - pivot))
 
 
 def test_a_turn_goes_on_from_the_turn_before() -> None:
-    grip = grips_of(PendulumSwingUp())[0]
-    (psi,) = grip.values_at((np.zeros(3), about((0, 0, 1), -3.1)), {'initial.psi': 3.1}).values()
+    handle = drag_handles_of(PendulumSwingUp())[0]
+    (psi,) = handle.values_at((np.zeros(3), about((0, 0, 1), -3.1)), {'initial.psi': 3.1}).values()
     assert psi == pytest.approx(2 * math.pi - 3.1)
 
 

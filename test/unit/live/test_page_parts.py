@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Parts of the live page: sliders from declared parameters, curves beside the plan, wishes."""
+"""Parts of the live page: sliders from declared parameters, curves beside the plan, tasks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from tdm_sim.live.history import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
 from tdm_sim.live.sliders import in_order, shown_range, slider_of
-from tdm_sim.live.wishes import LONGEST, SHORTEST, start_delay, Wishes
+from tdm_sim.live.task_thread import LONGEST, SHORTEST, start_delay, TaskThread
 
 
 def descriptor(name: str, kind: int = 3, **more: Any) -> Any:
@@ -159,13 +159,13 @@ PATIENCE = 30.0  # s
 
 
 @pytest.fixture
-def wishes() -> Iterator[Wishes]:
-    made = Wishes()
+def tasks() -> Iterator[TaskThread]:
+    made = TaskThread()
     yield made
     made.close()
 
 
-def test_a_newer_wish_takes_the_place_of_one_that_waits(wishes: Wishes) -> None:
+def test_a_newer_task_supersedes_one_that_waits(tasks: TaskThread) -> None:
     begun, go_on, done = threading.Event(), threading.Event(), threading.Event()
     carried_out: list[str] = []
 
@@ -174,12 +174,12 @@ def test_a_newer_wish_takes_the_place_of_one_that_waits(wishes: Wishes) -> None:
         go_on.wait(PATIENCE)
         return 'first'
 
-    wishes.wish('drag', first, carried_out.append)
+    tasks.submit('drag', first, carried_out.append)
     assert begun.wait(PATIENCE)
     for number in range(5):
-        wishes.wish('drag', lambda number=number: f'drag {number}', carried_out.append)
-    wishes.wish('push', lambda: 'push', carried_out.append)
-    wishes.wish('last', lambda: '', lambda _: done.set())
+        tasks.submit('drag', lambda number=number: f'drag {number}', carried_out.append)
+    tasks.submit('push', lambda: 'push', carried_out.append)
+    tasks.submit('last', lambda: '', lambda _: done.set())
     go_on.set()
     assert done.wait(PATIENCE)
     assert carried_out == ['first', 'drag 4', 'push']
@@ -193,7 +193,7 @@ def test_a_newer_wish_takes_the_place_of_one_that_waits(wishes: Wishes) -> None:
     ],
 )
 def test_what_cannot_be_done_is_told_and_the_next_is_done(
-    wishes: Wishes, error: Exception, told: str
+    tasks: TaskThread, error: Exception, told: str
 ) -> None:
     texts: list[str] = []
     done = threading.Event()
@@ -201,8 +201,8 @@ def test_what_cannot_be_done_is_told_and_the_next_is_done(
     def fail() -> str:
         raise error
 
-    wishes.wish('drag', fail, texts.append)
-    wishes.wish('next', lambda: 'done', lambda text: (texts.append(text), done.set()))
+    tasks.submit('drag', fail, texts.append)
+    tasks.submit('next', lambda: 'done', lambda text: (texts.append(text), done.set()))
     assert done.wait(PATIENCE)
     assert texts == [told, 'done']
 

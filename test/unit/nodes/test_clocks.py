@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import pytest
 from rclpy.clock import ClockType
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock, RateWatch
-from tdm_planner.nodes.plan_intake import Ration
+from tdm_planner.nodes.plan_intake import TimeBudget
 
 SECOND = 10**9
 
@@ -43,11 +43,11 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def ration(clock: Clock) -> Ration:
-    return Ration(0.01, 0.05, clock)
+def ration(clock: Clock) -> TimeBudget:
+    return TimeBudget(0.01, 0.05, clock)
 
 
-def test_the_reserve_is_used_up_and_comes_back(clock: Clock, ration: Ration) -> None:
+def test_the_reserve_is_used_up_and_comes_back(clock: Clock, ration: TimeBudget) -> None:
     ration.spent(0.04)
     assert ration.allows
     ration.spent(0.02)
@@ -71,7 +71,7 @@ def test_the_reserve_is_used_up_and_comes_back(clock: Clock, ration: Ration) -> 
 )
 def test_in_the_long_run_it_is_the_share(work: float, share: float, reserve: float) -> None:
     clock = Clock()
-    ration = Ration(share, reserve, clock)
+    ration = TimeBudget(share, reserve, clock)
     done, span, step = 0.0, 60.0, 1e-2
     assume(min(work, reserve) >= share * step)  # there is more to do than the share allows
     for _ in range(round(span / step)):

@@ -23,10 +23,10 @@ import pytest
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.nodes.markers import (
     colour_of,
+    DrawnPath,
     LONGEST_PATH,
     Picture,
     plan_markers,
-    Way,
 )
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
@@ -128,7 +128,7 @@ ZONES = [[1.0, 2.0, 0.3], [4.0, 1.0, 0.2]]
 
 
 def formation(names: str, zones: list[list[float]]) -> MarkerArray:
-    ways = [Way(ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
+    ways = [DrawnPath(ROBOT, STATES if name != 'a' else STATES[-1:], name) for name in names]
     return plan_markers('arena', arena_drawing(5.0, 3.0, 0.4, zones), ways)
 
 

@@ -101,7 +101,7 @@ def test_a_push_that_the_feedback_cannot_mend_is_planned_for(
         loop.tick()
     assert upright(loop) == replanning
     assert (len(loop.plans) > 1) == replanning
-    assert len(loop.refusals) <= 1  # made from a state just before the push
+    assert len(loop.rejections) <= 1  # made from a state just before the push
     assert all(made.solution.verification.ok for made in loop.plans)
     # one begins before the next is thought of
     starts = [made.start for made in loop.plans]
@@ -130,7 +130,7 @@ def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
     turns = round(plan.solution.trajectory.states[-1, 0] / math.tau)
     loop.problem = replace(SWING, goal=replace(SWING.goal, turns=1 - turns))
     tracker.parameters = replace(usual, tolerance=replace(usual.tolerance, start=1e-9))
-    while not loop.refusals:
+    while not loop.rejections:
         loop.tick()
         assert loop.time < 3.0
     tracker.parameters = usual

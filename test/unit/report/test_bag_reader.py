@@ -96,8 +96,8 @@ def test_robots(read: Read) -> None:
 @pytest.mark.parametrize(
     ('recorded', 'topic', 'sentence', 'absent'),
     [
-        (pendulum_recording, 'joint_states', 'what the plant did is not', {'states', 'applied'}),
-        (pendulum_recording, 'joint_command', 'what the tracker asked for is not known', set()),
+        (pendulum_recording, 'joint_states', 'motion is not known', {'states', 'applied'}),
+        (pendulum_recording, 'joint_command', 'commands are not known', set()),
         (pendulum_recording, 'tracking_error', 'errors are those of states and plans', set()),
         (pendulum_recording, 'trajectory', 'There is no plan of pendulum in the', {'plans'}),
         (pendulum_recording, 'plan_summary', 'cost nor limits of the plans are known', set()),
@@ -161,7 +161,7 @@ def test_hostile_contents_are_data(read: Read) -> None:
     assert mission.figures[-1].cost is None
     assert mission.figures[-1].margins == {}
     assert told(mission, 'cannot be read')
-    assert told(mission, 'not what their type says')
+    assert told(mission, 'do not match their type')
 
 
 # Plans, figures and events

@@ -62,7 +62,7 @@ def test_a_plan_of_the_pendulum(plans: Plans) -> None:
     assert torque.instant == check.worst_times['torque']
     (missing,) = mission.missing
     assert 'nothing is measured' in missing
-    assert not mission.was_carried_out
+    assert not mission.was_executed
     drawn = compare(mission).margins['pendulum']
     assert drawn.measured is None
     assert drawn.planned is not None

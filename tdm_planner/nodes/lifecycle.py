@@ -8,12 +8,12 @@
 # language governing permissions and limitations under the License.
 
 """
-Managed nodes: https://design.ros2.org/articles/node_lifecycle.html, with a start of their own.
+Managed nodes (https://design.ros2.org/articles/node_lifecycle.html) that can start themselves.
 
 unconfigured   parameters, diagnostics and the services of the lifecycle
 inactive       all topics and services are there; nothing but diagnostics is published
 active         at work
-finalized      as unconfigured, for good
+finalized      as unconfigured, permanently
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from rosgraph_msgs.msg import Clock
 from tdm_planner.exceptions import InvalidProblem, TdmError
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
-from tdm_planner.nodes.services import answer_reliably, survive_nonsense
+from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.request import RequestParameters
 
@@ -47,15 +47,15 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     """
     A node with the lifecycle of ROS 2; subclasses say what its transitions do.
 
-    With `autostart` it configures and activates itself, with parameters that are wrong as well:
-    it then rejects what it cannot do, until they are corrected. A lifecycle manager is told by a
-    transition that fails. What is created from `configure` on belongs to that configuration:
-    publishers are silent unless the node is active, and everything is destroyed with it.
+    With `autostart` it configures and activates itself, even with invalid parameters. It then
+    rejects requests until they are corrected. Without, the transition fails instead. Entities
+    created from `configure` on are destroyed with the configuration, and publishers are silent
+    unless the node is active.
 
     Subclasses call `bring_up` at the end of their constructor.
     """
 
-    last_words = 0.0  # s that a message sent on deactivation has to arrive before topics go
+    drain_time = 0.0  # s that a message sent on deactivation has to arrive before topics go
 
     def __init__(
         self, name: str, title: str, parameters: Mapping[str, ParameterSpec], **options: Any
@@ -67,7 +67,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         LifecycleNodeMixin.__init__(self)
         for service in [made for made in self.services if made not in before]:
             answer_reliably(self, service)
-            survive_nonsense(self, service)
+            answer_malformed_requests(self, service)
         self._stage = 'unconfigured'
         self._setback = ''
         self._starting = self._start_failed = False
@@ -82,7 +82,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
 
     @abstractmethod
     def activate(self) -> None:
-        """Begin to work; publishers speak from now on. Raises TdmError where that fails."""
+        """Begin to work; publishers publish from now on. Raises TdmError where that fails."""
 
     @abstractmethod
     def deactivate(self) -> None:
@@ -91,7 +91,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
     @abstractmethod
     def cleanup(self) -> None:
         """
-        Let go of what `configure` made; topics, services and timers are destroyed anyway.
+        Release what `configure` made; topics, services and timers are destroyed anyway.
 
         Also called where `configure` failed half-way.
         """
@@ -131,7 +131,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             self._starting = False
 
     def values_changed(self, names: frozenset[str]) -> None:
-        """Start after all, where wrong parameters were in the way."""
+        """Start if invalid parameters had prevented it."""
         if self._start_failed and self._stage == 'unconfigured':
             self.bring_up()
 
@@ -140,13 +140,13 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         if self.active:
             with suppress(Exception):  # of a context that is shut down: nothing can be sent
                 self._rest()
-                time.sleep(self.last_words)
+                time.sleep(self.drain_time)
         super().destroy_node()
 
     # What belongs to a configuration.
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
-        """Create a publisher that speaks while the node is active only."""
+        """Create a publisher that publishes only while the node is active."""
         if self._kept is None:
             return super().create_publisher(*args, **kwargs)
         publisher = self.create_lifecycle_publisher(*args, **kwargs)
@@ -170,7 +170,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         return super().create_subscription(msg_type, topic, callback, *args, **kwargs)
 
     def _while_configured(self, callback: Callable[..., None]) -> Callable[..., None]:
-        """Return what does nothing later on: EventsExecutor may call what is destroyed already."""
+        """Guard a callback: EventsExecutor may call it after its entity was destroyed."""
         if self._kept is None:
             return callback
         configuration = self._configuration
@@ -226,11 +226,11 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         return self._go('clean up', self._release, 'unconfigured')
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """From any state to the end; the process goes on until it is told to end."""
+        """From any state to finalized; the process runs until it gets a signal."""
         return self._go('shut down', self._give_up, 'finalized')
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Back to unconfigured after a transition that broke down."""
+        """Back to unconfigured after an error in a transition."""
         try:
             self._give_up()
         except Exception as error:  # noqa: B902
@@ -247,7 +247,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         stage: str,
         undo: Callable[[], None] | None = None,
     ) -> TransitionCallbackReturn:
-        """Carry a transition out; `undo` is given where it may fail and leave things as before."""
+        """Run a transition; `undo` reverts one that may fail."""
         before = self._stage
         try:
             action()
@@ -271,7 +271,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         self._diagnostics.update()
 
     def _rest(self) -> None:
-        """Cease to work."""
+        """Stop working."""
         try:
             self.deactivate()
         finally:
@@ -280,8 +280,8 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
             super().on_deactivate(_ACTIVE)
 
     def _release(self) -> None:
-        """Destroy what was created from `configure` on, when the last message is well away."""
-        time.sleep(max(self._rested_at + self.last_words - time.monotonic(), 0.0))
+        """Destroy what was created from `configure` on, once the last message has been sent."""
+        time.sleep(max(self._rested_at + self.drain_time - time.monotonic(), 0.0))
         try:
             self.cleanup()
         finally:

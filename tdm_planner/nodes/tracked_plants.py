@@ -8,10 +8,9 @@
 # language governing permissions and limitations under the License.
 
 """
-The plants that trackers and simulations can be told, by name: built-in ones and stated problems.
+The plants that tracker and plant nodes know by name: built-in ones and stated problems.
 
-A stated problem's parameters are among those of its nodes; they have the same names in the
-planner, the tracker and the plant.
+Planner, tracker and plant declare a stated problem's parameters under the same names.
 """
 
 from __future__ import annotations
@@ -104,7 +103,7 @@ class TrackedPlant:
     A plant as its tracker knows it.
 
     `make_tracker` returns the feedback law for parameters of the class `parameters`; it raises
-    InvalidProblem for such as do not fit.
+    InvalidProblem for values that contradict each other.
     """
 
     kind: PlantKind
@@ -126,7 +125,7 @@ _BUILT_IN: Mapping[str, TrackedPlant] = MappingProxyType(
 )
 
 
-# The problems whose plants they are, by the names that planner and plant have for them.
+# A problem's plant may be named by the problem, as planner and plant name it.
 _OF_PROBLEM: Mapping[str, str] = MappingProxyType(
     {'pendulum_swing_up': 'pendulum', 'robot_formation': 'robot'}
 )

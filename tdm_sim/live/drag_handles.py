@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-What can be dragged on the page: a grip stands for parameters of the nodes.
+What can be dragged on the page: every handle sets parameters of a node.
 
 A robot's goal is a pose in the plane, `formation.<robot>` of the planner. The start of the
 pendulum is two rings, one an angle: `initial.*` of the simulated plant, which is put there.
@@ -36,9 +36,9 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Grip:
+class DragHandle:
     """
-    Something to drag, and the parameters of a node that it stands for.
+    Something to drag, and the parameters of a node that it sets.
 
     `moves` is `pose` (in the plane, and about the vertical) or `turn` (about its own z). `node` is
     the one whose parameters they are: the planner, or the simulated plant, which is then reset.
@@ -54,8 +54,8 @@ class Grip:
     values_at: Callable[[Pose, Values], dict[str, Any]]
 
 
-def grips_of(problem: Problem) -> list[Grip]:
-    """Return what can be dragged of a problem's plant."""
+def drag_handles_of(problem: Problem) -> list[DragHandle]:
+    """Return the drag handles of a problem's plant."""
     if isinstance(problem, RobotFormation):
         return [_goal(problem, number) for number in range(len(problem.robots))]
     if isinstance(problem, PendulumSwingUp):
@@ -63,8 +63,8 @@ def grips_of(problem: Problem) -> list[Grip]:
     return []
 
 
-def _goal(problem: RobotFormation, number: int) -> Grip:
-    """Return the grip of a robot's place in the formation."""
+def _goal(problem: RobotFormation, number: int) -> DragHandle:
+    """Return the handle of a robot's place in the formation."""
     name, task = problem.robots[number], problem.task
     place = np.array([*task.goal[number], 0.0])
     turn = about(UP, float(task.goal_yaw[number]))
@@ -74,12 +74,12 @@ def _goal(problem: RobotFormation, number: int) -> Grip:
         wanted = [float(pose[0][0]), float(pose[0][1]), math.atan2(ahead[1], ahead[0])]
         return {f'formation.{name}': place_in_formation(problem.formation.anchor, wanted)}
 
-    return Grip(
+    return DragHandle(
         name, 'pose', 'planner', 1.1 * task.separation, lambda values: (place, turn), values_at
     )
 
 
-def _starts(arm: float, rod: float) -> list[Grip]:
+def _starts(arm: float, rod: float) -> list[DragHandle]:
     """Return the rings of the pendulum's start: psi about the vertical, theta about the arm."""
 
     def at(values: Values, name: str) -> float:
@@ -105,8 +105,8 @@ def _starts(arm: float, rod: float) -> list[Grip]:
         return {'initial.theta': _nearest(theta, at(values, 'theta'))}
 
     return [
-        Grip('disk', 'turn', 'plant', 1.5 * arm, disk, disk_at),
-        Grip('pendulum', 'turn', 'plant', 0.9 * rod, pendulum, pendulum_at),
+        DragHandle('disk', 'turn', 'plant', 1.5 * arm, disk, disk_at),
+        DragHandle('pendulum', 'turn', 'plant', 0.9 * rod, pendulum, pendulum_at),
     ]
 
 

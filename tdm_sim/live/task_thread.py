@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Wishes of those who look at the page, carried out one at a time: the newest of a kind counts."""
+"""Tasks from the page, run one at a time; a newer task supersedes a waiting one of its kind."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Act = Callable[[], str]
 Told = Callable[[str], None]
 
 
-class Wishes:
+class TaskThread:
     """
-    Carries out what is wished in a thread of its own.
+    Runs tasks in its own thread, one at a time.
 
-    A wish waits while another is being carried out; a newer one of its kind takes its place. So
-    whoever drags has as many plans as solving allows, and the last of them is of where he let go.
+    A waiting task is superseded by a newer one of its kind. A drag so yields as many plans as
+    solving allows, and the last one is for the place where the drag ended.
     """
 
     def __init__(self) -> None:
@@ -33,14 +33,14 @@ class Wishes:
         self._news = threading.Condition()
         self._ended = False
         self._busy = False
-        self._thread = threading.Thread(target=self._run, name='wishes', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='live tasks', daemon=True)
         self._thread.start()
 
-    def wish(self, kind: str, act: Act, told: Told) -> None:
+    def submit(self, kind: str, act: Act, told: Told) -> None:
         """
-        Have `act()` done, then `told(text)` with what it returns, or with why it could not be.
+        Run `act()`, then call `told(text)` with its result or the reason for its failure.
 
-        A wish that is superseded by a newer one of its kind before its turn is told nothing.
+        `told` is not called for a task that is superseded before its turn.
         """
         with self._news:
             self._waiting[kind] = act, told
@@ -48,12 +48,12 @@ class Wishes:
 
     @property
     def idle(self) -> bool:
-        """Whether everything wished has been done."""
+        """Whether every task has ended."""
         with self._news:
             return not self._waiting and not self._busy
 
     def close(self) -> None:
-        """Drop what waits; what is being done ends by itself."""
+        """Drop the waiting tasks; the running one ends by itself."""
         with self._news:
             self._ended = True
             self._waiting.clear()

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What is asked for on the page: by buttons, sliders, and by dragging; and how it is done."""
+"""The operations that the page offers by buttons, sliders and dragging."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ import time
 from typing import Any
 
 from tdm_planner.exceptions import Busy
-from tdm_sim.live.grips import Grip, Pose, pulled
+from tdm_sim.live.drag_handles import DragHandle, Pose, pulled
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.sliders import Slider
-from tdm_sim.live.wishes import LONGEST, start_delay, Told, Wishes
+from tdm_sim.live.task_thread import LONGEST, start_delay, TaskThread, Told
 
 REPLAN_RATE = 5.0  # Hz
 PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
@@ -31,35 +31,35 @@ _LOOK = 0.02  # s between requests while the planner is busy
 _ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
 
 
-class Hands:
+class Operations:
     """
-    Has done what is asked for on the page, in a thread of its own, and tells what came of it.
+    Runs the page's operations in a task thread, and reports their outcome.
 
-    `note` takes what came of buttons. What takes long (recordings, reports) is done beside.
+    `note` receives the outcome of buttons. Recordings and reports have a thread of their own.
     """
 
     def __init__(self, rig: Rig, listener: Listener, recordings: Recordings, note: Told) -> None:
         self.rig, self._listener, self._recordings, self._note = rig, listener, recordings, note
-        self._wishes, self._keeping = Wishes(), Wishes()
+        self._plant_tasks, self._file_tasks = TaskThread(), TaskThread()
         self._delay: float | None = None
 
     def close(self) -> None:
-        """Drop what is wished, and end a recording."""
-        self._wishes.close()
-        self._keeping.close()
+        """Drop the waiting tasks, and end a recording."""
+        self._plant_tasks.close()
+        self._file_tasks.close()
         self._recordings.stop()
 
     def plan(self) -> None:
         """Make a plan."""
-        self._wishes.wish('plan', self._make_plan, self._note)
+        self._plant_tasks.submit('plan', self._make_plan, self._note)
 
     def push(self) -> None:
         """Push the vehicle whose curves are shown."""
-        self._wishes.wish('push', lambda: self._push({}, self.rig.chosen), self._note)
+        self._plant_tasks.submit('push', lambda: self._push({}, self.rig.chosen), self._note)
 
     def reset(self) -> None:
         """Put all plants back into their initial states."""
-        self._wishes.wish('reset', self._reset, self._note)
+        self._plant_tasks.submit('reset', self._reset, self._note)
 
     def replan(self, on: bool) -> None:
         """Switch replanning on or off."""
@@ -69,10 +69,10 @@ class Hands:
             self._set_planner({'replan.rate': rate})
             return f'replanning at {rate:g} Hz' if on else 'no replanning'
 
-        self._wishes.wish('replan', act, self._note)
+        self._plant_tasks.submit('replan', act, self._note)
 
     def change(self, slider: Slider, value: float, told: Told) -> None:
-        """Give a parameter a value on all nodes that have it, and plan anew where that matters."""
+        """Set a parameter on all nodes that have it, and replan if the planner is among them."""
 
         def act() -> str:
             nodes = self._listener.with_parameter(slider.name)
@@ -82,7 +82,7 @@ class Hands:
                 self._make_plan()
             return ''
 
-        self._wishes.wish(slider.name, act, told)
+        self._plant_tasks.submit(slider.name, act, told)
 
     def record(self) -> None:
         """Begin a recording, or end it."""
@@ -93,7 +93,7 @@ class Hands:
             self._recordings.stop()
             return f'recorded to {self._recordings.last}'
 
-        self._keeping.wish('record', act, self._note)
+        self._file_tasks.submit('record', act, self._note)
 
     def report(self, offer: Callable[[Path], None]) -> None:
         """Make a report on the last recording, and offer it."""
@@ -104,38 +104,38 @@ class Hands:
             offer(file)
             return f'report in {file}'
 
-        self._keeping.wish('report', act, self._note)
+        self._file_tasks.submit('report', act, self._note)
 
-    def drag(self, grip: Grip, pose: Pose, told: Told) -> None:
-        """Put what a grip stands for to where it was dragged, and plan for that."""
+    def drag(self, handle: DragHandle, pose: Pose, told: Told) -> None:
+        """Set the parameters of a handle to where it was dragged, and plan with them."""
 
         def act() -> str:
-            if grip.node == 'planner':
-                wanted = grip.values_at(pose, self._values(PLANNING))
-                self._make_plan(wanted)
-                self._set_planner(wanted)
+            if handle.node == 'planner':
+                changes = handle.values_at(pose, self._values(PLANNING))
+                self._make_plan(changes)
+                self._set_planner(changes)
             else:
-                wanted = grip.values_at(pose, self._values(SIMULATION))
+                changes = handle.values_at(pose, self._values(SIMULATION))
                 plants = [node.name for node in self._listener.having(SIMULATION)]
-                self._listener.set_parameters(plants, wanted)
+                self._listener.set_parameters(plants, changes)
                 self._reset()
                 time.sleep(_ARRIVAL)
                 self._make_plan()
             return ''
 
-        self._wishes.wish(f'drag {grip.name}', act, told)
+        self._plant_tasks.submit(f'drag {handle.name}', act, told)
 
     def pull(self, name: str, start: tuple[float, ...], end: tuple[float, ...]) -> None:
         """Push a vehicle to where it was pulled."""
         problem, motion = self.rig.problem, self.rig.motions.get(name)
         if problem is not None and motion is not None:
-            wanted = pulled(problem, self._values(SIMULATION), motion.state, start, end)
-            self._wishes.wish('push', lambda: self._push(wanted, name), self._note)
+            changes = pulled(problem, self._values(SIMULATION), motion.state, start, end)
+            self._plant_tasks.submit('push', lambda: self._push(changes, name), self._note)
 
-    # How it is done; in the thread of the wishes.
+    # Called in the task thread.
 
     def _make_plan(self, own: Mapping[str, Any] | None = None) -> str:
-        """Ask for a plan, again while somebody else's is being made; returns its summary."""
+        """Request a plan, again while the planner is busy; returns its summary."""
         asked = dict(own or {})
         if self._delay is not None:
             asked['start.delay'] = self._delay
@@ -158,15 +158,15 @@ class Hands:
                 return
             time.sleep(_LOOK)
 
-    def _push(self, wanted: Mapping[str, Any], name: str) -> str:
+    def _push(self, changes: Mapping[str, Any], name: str) -> str:
         """Push a vehicle, with parameters that are set for this push alone."""
         space = self._listener.space
         if len(self.rig.vehicles) > 1:
             space = f'{space}/{name}'
         nodes = [node.name for node in self._listener.having(SIMULATION) if node.space == space]
         values = self._values(SIMULATION)
-        before = {parameter: values.get(parameter) for parameter in wanted}
-        self._listener.set_parameters(nodes, wanted)
+        before = {parameter: values.get(parameter) for parameter in changes}
+        self._listener.set_parameters(nodes, changes)
         try:
             return self._listener.trigger(f'{space}/push')
         finally:
