@@ -163,7 +163,7 @@ def test_wrong_parameters_leave_a_node_unconfigured_until_they_are_corrected(
 def test_by_itself_a_node_with_wrong_parameters_starts_when_they_are_corrected(
     ros: Stepped, started: Any
 ) -> None:
-    started(TRACKER, {'plant.mass': 1e-300}, 'corrected')
+    started(TRACKER, {'plant.mass': 1e9}, 'corrected')
     manager = Manager(ros, '/corrected/tracker')
     assert manager.state() == 'unconfigured'
     assert manager.says("cannot configure: parameters 'plant.*' do not make a rig")
