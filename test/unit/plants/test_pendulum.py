@@ -180,10 +180,8 @@ def test_values_that_are_not_physical_are_refused():
     for axis in ('disk', 'x', 'y', 'z'):
         with pytest.raises(InvalidProblem, match=axis):
             PendulumInertia(**{axis: 0.0})
-    tiny = PendulumInertia(disk=1e-300, x=1e-300, y=1e-300, z=1e-300)
-    for singular in ({'inertia': tiny}, {'mass': 1e-300}):
-        with pytest.raises(InvalidProblem, match='plant'):
-            RotaryPendulum(**singular)
+    with pytest.raises(InvalidProblem, match='plant'):
+        RotaryPendulum(mass=1e12)  # beside which the inertias are nothing
 
 
 def alternating(count: int, torque: float = 0.05) -> np.ndarray:
