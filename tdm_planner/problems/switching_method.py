@@ -64,7 +64,8 @@ _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
 _START_TIME = 1e-3  # s of the deadline for one start of a round
 _CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
-_OVERTIME = 0.03  # s, in which a check may be ended after the deadline
+# s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
+_OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
 _LOST = 1e-2  # violation after the fine polish of what is not worth a check
 _FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
 _CHECKED = 4  # candidates that are verified before the search begins anew
@@ -126,12 +127,13 @@ class SwitchingMethod(Search[Candidate]):
         """Yield the motion under a new candidate's arcs, integrated ever more finely."""
         shorter = without_short_arcs(self._task, candidate)
         fine, violation = shorter, math.inf
-        if self._pumping:  # of so many arcs the last digits of the time do not matter
+        if self._pumping and not self._short_of_time(shorter):
+            # Of so many arcs the last digits of the time do not matter.
             fine, violation = corrected(self._task, shorter, self._task.steps(FINE_STEPS))
         for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
             if violation < 1e-6:
                 break
-            if self.budget.spent:
+            if self._short_of_time(arcs):
                 return
             fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
         if not violation < _LOST:
@@ -139,7 +141,7 @@ class SwitchingMethod(Search[Candidate]):
             return
         yield self._checked(fine, violation)
         for more in _FINER:
-            if self.budget.spent or violation > 1e-6:
+            if violation > 1e-6 or self._short_of_time(fine):
                 return
             fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
             yield self._checked(fine, violation)
@@ -175,7 +177,7 @@ class SwitchingMethod(Search[Candidate]):
             fixed = max(candidate.fixed, candidate.durations.size - _WARM_CORRECTED)
             candidate = replace(candidate, fixed=fixed)
         for steps in _WARM_STEPS:
-            if self.budget.spent:
+            if self._short_of_time(candidate):
                 return
             if polished:
                 fine, violation = self._finely(candidate, task.steps(steps))
@@ -189,9 +191,20 @@ class SwitchingMethod(Search[Candidate]):
 
     def _checked(self, candidate: Candidate, violation: float) -> Solution:
         """Return the motion with its check, which may end a little after the deadline."""
-        until = self.budget.part(max(self.budget.remaining, 0.0) + _OVERTIME)
+        if self._short_of_time(candidate, _OVERTIME):
+            raise DeadlineExceeded('there is no time for a check')
+        began = self.budget.elapsed
         motion = trajectory(self._task, candidate)
+        afterwards = self.budget.elapsed - began  # for what follows the replay: about as long
+        until = self.budget.part(self.budget.remaining + _OVERTIME - afterwards)
         return self._task.plan(motion, candidate.durations, violation, until)
+
+    def _short_of_time(self, candidate: Candidate, overtime: float = 0.0) -> bool:
+        """Whether to integrate the motion would end later than `overtime` s after the deadline."""
+        task = self._task
+        scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
+        left = self.budget.remaining + overtime
+        return left <= self.budget.charged(_INTEGRATION_TIME * scale)
 
     def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
         """Polish a candidate that is to be checked, with time left for the check."""

@@ -114,7 +114,7 @@ def land(
 
     No further turn is begun once it is `late`, or `enough` have arrived.
     """
-    heads = [along_fixed(task, each, steps) for each in candidates]
+    heads = [along_fixed(task, each, steps) for each in candidates if not late()]
     inside = max(_INSIDE * task.disk_angle, abs(task.start[1]))
     keep = [i for i, states in enumerate(heads) if np.abs(states[:, 1]).max() <= inside]
     left, starts = [candidates[i] for i in keep], np.array([heads[i][-1] for i in keep])
@@ -229,7 +229,7 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
 
 def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    start = along_fixed(task, candidate, steps)[-1]
+    start = along_fixed(task, candidate, min(steps, task.steps(FINE_STEPS)))[-1]
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle
     return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 

@@ -40,7 +40,7 @@ _WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
 Late = Callable[[], bool]
 
-VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many of them between two looks at the clock
+VARIANTS, _AT_ONCE = 128, 8  # simulated, and so many of them between two looks at the clock
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
 _PUMP_STEP, _FINEST = 0.09, 5.0  # of 1/w0, of its integration; by how much finer at most

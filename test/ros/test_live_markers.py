@@ -234,7 +234,11 @@ def test_a_goal_pose_moves_the_robots_place(ros: Stepped, robots: Robots) -> Non
         ({'x': 1.0, 'y': 1.0, 'frame': 'map'}, {}, ["'map'", "'arena'"]),
         ({'x': 1.0, 'y': 1.0, 'w': math.nan}, {}, ['unit quaternion']),
         ({'x': 1.6, 'y': 2.24}, {}, ['INVALID_PROBLEM', 'robot2', 'apart']),
-        ({'x': 1.0, 'y': 3.0}, {'solver__deadline': 1e-6}, ['DEADLINE', 'no plan within']),
+        (
+            {'x': 1.0, 'y': 3.0},
+            {'limits__thruster_rate': 0.01, 'solver__deadline': 1e-6},
+            ['DEADLINE', 'no plan within'],
+        ),
     ],
     ids=['outside', 'frame', 'rotation', 'too_near', 'no_plan'],
 )
@@ -246,7 +250,7 @@ def test_a_refused_goal_changes_nothing_and_says_why(
     robots.set(**settings)
     robots.goal(**goal)
     ros.settle()
-    robots.set(solver__deadline=ENOUGH)
+    robots.set(solver__deadline=ENOUGH, limits__thruster_rate=2.0)
     (notice,) = robots.refusals()
     for array in robots.live.arrays:
         check_markers(array, 'arena', LIFETIMES)
