@@ -219,14 +219,21 @@ def interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    interrupted: list[Interrupted] = []
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         ignore_signals()
-        raise Interrupted(number)
+        interrupted.append(Interrupted(number))
+        raise interrupted[0]
 
     previous = [signal.signal(number, interrupt) for number in SIGNALS]
     try:
         yield
+    except Exception as error:
+        # An extension that is being imported makes an ImportError of it.
+        if interrupted:
+            raise interrupted[0] from error
+        raise
     finally:
         for number, handler in zip(SIGNALS, previous, strict=True):
             signal.signal(number, handler)

@@ -229,3 +229,12 @@ def test_wheels_beside_a_sourced_installation_are_refused(
         starting.require_one_ros()
     assert f'{tmp_path}/opt/ros' in str(error.value)
     assert sys.prefix in str(error.value)
+
+
+def test_an_interrupted_import_is_an_interruption():
+    """An extension that is being imported makes an ImportError of what a signal raises."""
+    with pytest.raises(Interrupted), interruptible():
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as interrupted:
+            raise ImportError('initialization failed') from interrupted

@@ -132,7 +132,7 @@ def check_ros2(verb: str, *words: str) -> None:
         declared = declared_arguments(SOURCE / 'launch' / words[1])
         assert {word.split(':=')[0] for word in words[2:]} <= set(declared), words
     elif verb == 'service':
-        assert words[1].rpartition('/')[2] in ('plan', 'reset', 'push'), words
+        assert words[1].rpartition('/')[2] in ('plan', 'plan_with', 'reset', 'push'), words
         assert words[2] == 'std_srvs/srv/Trigger', words
     elif verb == 'param':
         nodes = parameters_by_node().items()
