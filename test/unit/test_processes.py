@@ -233,8 +233,12 @@ def test_wheels_beside_a_sourced_installation_are_refused(
 
 def test_an_interrupted_import_is_an_interruption():
     """An extension that is being imported makes an ImportError of what a signal raises."""
-    with pytest.raises(Interrupted), interruptible():
+
+    def load():
         try:
             signal.raise_signal(signal.SIGINT)
         except KeyboardInterrupt as interrupted:
             raise ImportError('initialization failed') from interrupted
+
+    with pytest.raises(Interrupted), interruptible():
+        load()
