@@ -74,7 +74,8 @@ def install_own_plant(folder: Path) -> dict[str, str]:
     info.mkdir()
     (info / 'METADATA').write_text(METADATA)
     (info / 'entry_points.txt').write_text(ENTRY)
-    places = [str(folder), str(SOURCE), os.environ.get('PYTHONPATH', '')]
+    found = [folder, SOURCE, SOURCE / 'docs/plants']
+    places = [*map(str, found), os.environ.get('PYTHONPATH', '')]
     return {'PYTHONPATH': os.pathsep.join(places)}
 
 
@@ -132,8 +133,9 @@ def check_ros2(verb: str, *words: str) -> None:
         declared = declared_arguments(SOURCE / 'launch' / words[1])
         assert {word.split(':=')[0] for word in words[2:]} <= set(declared), words
     elif verb == 'service':
-        assert words[1].rpartition('/')[2] in ('plan', 'plan_with', 'reset', 'push'), words
-        assert words[2] == 'std_srvs/srv/Trigger', words
+        kinds = dict.fromkeys(('plan', 'reset', 'push'), 'std_srvs/srv/Trigger')
+        kinds['plan_with'] = 'rcl_interfaces/srv/SetParametersAtomically'
+        assert words[2] == kinds[words[1].rpartition('/')[2]], words
     elif verb == 'param':
         nodes = parameters_by_node().items()
         name = words[1].rpartition('/')[2]
