@@ -30,7 +30,7 @@ class RobotTolerances(Tolerances):
         allowed=POSITIVE,
     )
     path: float = parameter(
-        0.3, 'distance from the path at which the motion is aborted', unit='m', allowed=POSITIVE
+        0.3, 'distance from the plan at which the motion is aborted', unit='m', allowed=POSITIVE
     )
 
 

@@ -29,7 +29,7 @@ class Tolerances(Validated):
         allowed=POSITIVE,
     )
     path: float = parameter(
-        1.0, 'deviation from the path at which the motion is aborted', unit='rad', allowed=POSITIVE
+        1.0, 'deviation from the plan at which the motion is aborted', unit='rad', allowed=POSITIVE
     )
 
 
