@@ -60,7 +60,7 @@ class PlanResult:
 
     `start` is the instant at which the motion starts [ns of the planner's clock], `trajectories`
     are the motions by vehicle; times in s, SI units. `parameters` are those it was made with;
-    `warnings` sentences about what may keep it from being carried out.
+    `warnings` sentences about what may prevent its execution.
     """
 
     plan_id: int

@@ -35,7 +35,7 @@ from tdm_planner.resources import executable_of
 from tdm_sim.record_command import record_command
 
 SWITCH = ['true', 'false', 'True', 'False', '1', '0']
-# A second's pause, or Ctrl-C might come upon a tracker that is just being started anew.
+# Without this pause Ctrl-C might interrupt a tracker while it restarts.
 RESPAWN_DELAY, RESPAWN_RETRIES = 1.0, 3  # s
 USAGE = 2  # exit code of a node that was started with what cannot be
 

@@ -27,7 +27,7 @@ class _Loader(yaml.SafeLoader):
     """
     YAML as ROS 2 reads it, without objects of Python.
 
-    ``1e-4`` is a number (PyYAML alone takes it for a string). Aliases are refused, as ROS 2 does:
+    ``1e-4`` is a number (PyYAML alone takes it for a string). Aliases are rejected, as in ROS 2:
     a few of them make a document without end.
     """
 

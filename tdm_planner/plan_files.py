@@ -104,7 +104,7 @@ WRITERS: dict[str, Callable[[Mapping[str, Any]], bytes]] = {
 
 def check_path(path: Path, endings: tuple[str, ...] = tuple(WRITERS)) -> None:
     """
-    Refuse a path that cannot be written, before anything long is done.
+    Reject a path that cannot be written, before a long computation begins.
 
     Raises
     ------

@@ -352,7 +352,7 @@ def check_finite(stated: CheckedFormulation, motion: ArcMotion, nodes: Array) ->
         raise NotFinite(
             f'{what} = {values[0 if values.size == 1 else node]} at node {node} of {nodes.size} '
             f'(s = {nodes[node]:.3g}, t = {motion.times[node]:.3g} s): it must be a '
-            'number along the first guess, or near it (`first_guess` states another)'
+            'number along the initial guess, or near it (`first_guess` gives another)'
         )
 
 

@@ -113,7 +113,7 @@ class Linearisation:
     The cost is smooth(Xi) + sum_k weight_k |term_k(Xi)|; `gradient` (n,) is that of the smooth
     part, `terms` (na,) and `terms_jacobian` (na, n) give the absolute part. `equalities` (ne,)
     belong to group 0; `inequalities` (ni,) >= 0 to the groups in `inequality_groups` (ni,).
-    Rows far from active may be left out. `tags` is handed back to the program with the
+    Rows far from active may be omitted. `tags` is handed back to the program with the
     multipliers of the rows.
     """
 

@@ -94,7 +94,7 @@ class VariedPolynomials:
 @dataclass(frozen=True, eq=False)
 class LegendrePolynomials:
     """
-    The polynomials of `VariedPolynomials` where no lower derivative is left out at an end.
+    The polynomials of `VariedPolynomials` where no lower derivative is omitted at an end.
 
     The free shapes are s^a (s - 1)^b P_j(2 s - 1), j < `free`, with a and b the numbers of
     conditions: well conditioned whatever the order, where end derivatives of high order are not.

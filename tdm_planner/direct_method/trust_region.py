@@ -50,7 +50,7 @@ class TrustRegionOptions(NamedTuple):
     `largest_radius` its limit, in units of the scaled varied parameters; `cost_tolerance` the
     predicted decrease, relative to J, below which the search ends once every group's violation is
     within its `feasibility`; `corrections` the most second-order corrections a step; `cutoff` the
-    cost above which a nearly feasible search is given up, as another one is already better. With
+    cost above which a nearly feasible search is aborted, as another one is already better. With
     `steering`, penalties are raised as soon as that takes a step nearer to the linearised
     constraints, not only where the search stalls: for ends that are hard to reach.
     """
@@ -173,7 +173,7 @@ class _Search:
         """
         Charge violations more while the step then comes nearer to the constraints.
 
-        The steering rule of Byrd, Nocedal and Waltz (2008), in its simplest form.
+        The penalty update of Byrd, Nocedal and Waltz (2008), in its simplest form.
         """
         while True:
             before, missed = self.penalties, step.slacks > self.feasibility

@@ -203,7 +203,7 @@ def pump(
     Follow every variant from `start` (4,) to where it promises most.
 
     Filled are `durations` [s] and `torques` [N m] (n, K) of its arcs, their number `arcs` (n,), 0
-    if it never comes near, and `distances` (n,), the sum of squares that steering reduces.
+    if it never comes near, and `distances` (n,), the sum of squares that shooting reduces.
     """
     for n in range(arcs.size):
         arcs[n], distances[n] = _pumped(k, start, pumping, laws, n, durations[n], torques[n])

@@ -45,7 +45,7 @@ class Effort(NamedTuple):
     What is spent on a start: `iterations`, none of which changes an arc by more than `reach` / w0.
 
     Starts whose sum of squares is still larger than `early_cost` after 9 iterations, or than
-    `late_cost` after 16, hardly ever arrive and are given up.
+    `late_cost` after 16, hardly ever arrive and are dropped.
     """
 
     iterations: int = 25
@@ -162,7 +162,7 @@ def _damped_step(
     """
     Solve (normal + damping diag) step = -gradient by Cholesky.
 
-    Left out are arcs of no duration that would become shorter still.
+    Arcs of zero duration that would become shorter are excluded.
     """
     for i in range(arcs):
         fixed = durations[i] <= 0.0 and gradient[i] > 0.0
@@ -207,7 +207,7 @@ def _propose(
     step: Array,
     trial: Array,
 ) -> tuple[float, int]:
-    """Fill `trial`; the damping it took and how often a step has been refused by now."""
+    """Fill `trial`; return the damping used and the number of steps rejected so far."""
     while refused < TRIES:
         if _damped_step(arcs, normal, gradient, durations, damping, floor, factor, step):
             size = np.abs(step[:arcs]).max()

@@ -254,7 +254,7 @@ class Problem(ABC):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
         """
-        Return motions planned before, by vehicle, with their cost and their check made anew.
+        Return earlier planned motions, by vehicle, with their cost and check recomputed.
 
         None where the problem cannot tell, as by default.
         """
@@ -336,7 +336,7 @@ _SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED
 
 def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
     """
-    Flatten and check a mapping of parameters for a problem; node parameters are left out.
+    Flatten and check a mapping of parameters for a problem; node parameters are ignored.
 
     Raises
     ------

@@ -44,8 +44,8 @@ _TIGHT = TrustRegionOptions(
 _LOOSE = _TIGHT._replace(
     iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
 )
-_CHANGE = 0.15, 0.5  # of the first guess, in its units: without and with conditions at the ends
-_CHANGES = 10  # of a first guess that is not finite everywhere
+_CHANGE = 0.15, 0.5  # of the initial guess, in its units: without and with conditions at the ends
+_CHANGES = 10  # of an initial guess that is not finite everywhere
 _FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
 _PROMISING = 1e-5  # and up to which the check may pass
 _SCREENED = 64  # random first guesses of which the one nearest to the end conditions is kept
@@ -61,7 +61,7 @@ class DirectMinima:
     Raises
     ------
     NotFinite
-        If the first guess and its changes give numbers that are not finite.
+        If the initial guess and its changes give numbers that are not finite.
     InvalidProblem
         If what is stated contradicts itself along them.
 
@@ -94,9 +94,9 @@ class DirectMinima:
 
     def _begun(self) -> tuple[int, Transcription, Array]:
         """
-        Return the program of a first look and a change of the first guess to check it along.
+        Return the rough program and a change of the initial guess to check it along.
 
-        Its cost is scaled at the first guess, or at a change of it that is finite everywhere.
+        Its cost is scaled at the initial guess, or at a change of it that is finite everywhere.
         """
         refusals = []
         for parts in _PARTS:
@@ -113,7 +113,7 @@ class DirectMinima:
         raise refusals[0]
 
     def loose(self, attempt: int) -> Minimum | None:
-        """Minimise roughly from the first guess or, from `attempt` 1 on, from a change of it."""
+        """Minimise roughly from the initial guess or, from `attempt` 1 on, a change of it."""
         program = self.rough
         xi = program.first_guess
         if attempt:
@@ -158,7 +158,7 @@ class DirectMinima:
 
     def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
         """
-        Yield an `earlier` solution, the first guess if it is still to be tried, changes of it.
+        Yield an `earlier` solution, the initial guess if still untried, changes of it.
 
         With an earlier solution no changes are tried: replanning is to be quick.
         """
@@ -180,7 +180,7 @@ class DirectMinima:
         return np.asarray(self._changed(program, np.array([size]))[0])
 
     def _changed(self, program: Transcription, sizes: Array) -> Array:
-        """Random changes of the first guess of about `sizes` (count,) in its units, (count, n)."""
+        """Random changes of the initial guess, about `sizes` (count,) in its units, (count, n)."""
         first, timing = program.first_guess, program.basis.timing
         longer = np.exp(0.4 * self._rng.normal(size=(sizes.size, 1)) + 0.2)
         change = self._rng.normal(size=(sizes.size, first.size))

@@ -120,7 +120,7 @@ class DirectProblem(Formulation, Problem):
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> DirectSearch:
-        """Return the search; what is left of an earlier plan is its first guess."""
+        """Return the search; the rest of an earlier plan is its initial guess."""
         check_statement(self)
         return DirectSearch(self, budget, rng, previous)
 

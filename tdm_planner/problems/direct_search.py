@@ -10,7 +10,7 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-A loose minimum of the direct method is the first guess of a collocation on few intervals. The
+A loose minimum of the direct method is the initial guess of a collocation on few intervals. The
 first such solution is solved again on more, then the cheapest of a few others if it is cheaper. It
 is replayed and repaired: by a shifted end, a reserve at a limit that the replay violates, or more
 intervals. Where nothing comes of that
@@ -143,9 +143,9 @@ class DirectSearch(Search[Candidate]):
         elif self._nearest_miss:
             reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
         elif self._late:
-            reason = 'not one first guess could be followed'
+            reason = 'no initial guess could be followed'
         else:
-            reason = 'no first guess gives a motion that is finite everywhere'
+            reason = 'no initial guess gives a motion that is finite everywhere'
         if self._late:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return kind(reason)

@@ -138,7 +138,7 @@ def check_limits(trace: Trace) -> None:
     for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
         raise InvalidProblem(
             f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
-            'limit depends on t, x or u, or is left out'
+            'limit must depend on t, x or u; remove it'
         )
 
 
@@ -180,7 +180,7 @@ def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
         ends = cost(function, np.array([low, high]))
         if abs(ends[1] - ends[0]) > 0.5 * jumps.max():
             raise InvalidProblem(
-                f'{name} jumps by {abs(ends[1] - ends[0]):.3g} along the first guess: the '
+                f'{name} jumps by {abs(ends[1] - ends[0]):.3g} along the initial guess: the '
                 'performance index must be continuous, a steep slope such as np.tanh in place of '
                 'a step'
             )

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _INSTANTS = 80  # in a typical manoeuvre, between which approaches are looked for
-_KEPT = 2e-3  # margin of a separation that binds nobody
+_KEPT = 2e-3  # margin of a separation that is not active
 
 
 class FormationProgram(NonlinearProgram):

@@ -134,7 +134,7 @@ class FormationSearch(Search[C]):
         """
         Feasible local minima from guesses Xi, cheapest first.
 
-        A start that is nearly feasible at `worse` times the best cost so far is given up. Ends
+        A start that is nearly feasible at `worse` times the best cost so far is aborted. Ends
         early when the time is spent, but not before one minimum is found or time is up, and with
         one at which the robots do not hinder one another: none is cheaper.
         """

@@ -161,7 +161,7 @@ class PendulumSwingUp(Problem, Validated):
         return self.task.hold()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
-        """Return a swing-up planned before, with its check and its arcs' durations made anew."""
+        """Return an earlier swing-up, with its check and its arcs' durations recomputed."""
         arcs = arcs_of(trajectories[VEHICLE])
         durations = np.zeros(0) if arcs is None else arcs.durations
         return self.task.plan(trajectories[VEHICLE], durations, 0.0)

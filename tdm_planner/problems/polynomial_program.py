@@ -29,7 +29,7 @@ from tdm_planner.problems.reference_motion import FormationMotion, ReferenceMoti
 
 Array = NDArray[np.float64]
 
-_USED = 0.67  # of F_max, that a first guess reckons with: polynomials seldom give more
+_USED = 0.67  # of F_max, assumed by an initial guess: polynomials seldom give more
 
 
 class PolynomialProgram(FormationProgram):

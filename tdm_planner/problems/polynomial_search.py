@@ -44,7 +44,7 @@ _RADIUS, _REFINING_RADIUS = 0.15, 0.05
 _ROUNDS = 4  # of guesses, before giving up
 _SIMPLE = 7  # order of the polynomials with which first guesses are minimised
 _RAISE, _HIGHEST = 4, 15  # by which the order is raised where the rest of a plan did not do
-_WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is given up
+_WORSE = 1.1  # times the best cost so far: a start that is nearly feasible there is aborted
 _ITERATIONS, _WARM_ITERATIONS = 60, 30
 _NEARLY = 4.0  # times the accuracy of the end aimed at
 
@@ -53,8 +53,8 @@ class PolynomialSearch(FormationSearch[Polynomials]):
     """
     Local minima of one manoeuvre from several first guesses, and their plans.
 
-    First guesses are minimised with polynomials of a low order, the best of them go on with that
-    of the `form`. Of a `previous` plan the remaining motion is the first guess, with polynomials
+    Initial guesses are minimised with polynomials of a low order, the best of them go on with that
+    of the `form`. Of a `previous` plan the remaining motion is the initial guess, with polynomials
     of higher order where those of the form do not do, and then one new guess after the other.
     """
 

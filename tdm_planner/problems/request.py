@@ -67,7 +67,7 @@ class ReplanParameters(Validated):
     )
     delay: float = parameter(
         0.15,
-        'time from a measured state to the take-over by the plan made from it: planning, '
+        'time from a measured state to the start of the plan made from it: planning, '
         'publishing, preparing the feedback',
         unit='s',
         allowed=Range(0.0, 10.0, lower_open=True),

@@ -227,14 +227,14 @@ class RobotFormation(FormationParameters, Problem):
         _compile()
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
-        """Return a manoeuvre planned before, with its check and cost made anew."""
+        """Return an earlier manoeuvre, with its check and cost recomputed."""
         weights, tolerance = np.array(self.weights.penalty), self.solver.tolerance
         return assessed(self.task, trajectories, weights, tolerance, np.zeros(0))
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> PolynomialSearch | ArcSearch:
-        """Return the search; the remaining motion of an earlier plan is the first guess."""
+        """Return the search; the remaining motion of an earlier plan is the initial guess."""
         shared: dict[str, Any] = {
             'starts': self.solver.starts,
             'penalty_weights': np.array(self.weights.penalty),

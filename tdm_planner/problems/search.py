@@ -65,7 +65,7 @@ class Search(ABC, Generic[C]):
         return True
 
     def widen(self) -> bool:
-        """Prepare another round after one without a plan; False gives up."""
+        """Prepare another round after one without a plan; False ends the search."""
         return True
 
     def run(self) -> Solution:

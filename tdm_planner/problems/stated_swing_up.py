@@ -163,7 +163,7 @@ class StatedMethod(Search[Solution]):
         return self._previous is not None
 
     def widen(self) -> bool:
-        """Give up: the searches have tried what they can."""
+        """Return False: the searches have tried all they can."""
         return False
 
     def failure(self) -> Infeasible:

@@ -10,7 +10,7 @@
 """
 Method `switching`: the quickest verified swing-up with the torque at its extremes.
 
-Rounds of first guesses, random ones and those that pump, are steered upright, the quickest
+Shooting brings rounds of initial guesses, random and pumping ones, upright. The quickest
 arrivals are polished coarsely, then in order of their time finely, until one passes the
 verification.
 """
@@ -57,8 +57,8 @@ Array = NDArray[np.float64]
 _ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
 _POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
 _PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
-# Shares of the deadline after which no more starts are steered once there are arrivals, none at
-# all, and no more candidates polished coarsely.
+# Shares of the deadline after which shooting tries no more starts once there are arrivals, none
+# at all, and no more candidates polished coarsely.
 _ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
 _WEAK = 0.3  # drive below which a failure is put down to the torque
 _FEWEST_STARTS = 8
@@ -85,7 +85,7 @@ class SwitchingMethod(Search[Candidate]):
 
     `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
     feasible. The `previous` plan's arcs, shifted in time, are tried before all else: the rest of a
-    plan that is under way nearly solves the problem from where the plant is. Steered upright it is
+    plan that is under way nearly solves the problem from where the plant is. After shooting it is
     polished at once, and the first plan that passes the check is taken.
     """
 
@@ -111,7 +111,7 @@ class SwitchingMethod(Search[Candidate]):
         self._arrived = 0
 
     def candidates(self) -> Iterable[Candidate]:
-        """Steer first guesses upright and minimise the times of the quickest arrivals."""
+        """Shoot from initial guesses and minimise the times of the quickest arrivals."""
         if self._previous is not None:
             return self._warm(self._previous)
         arrivals = self._pumped() if self._pumping else self._arrivals()
@@ -253,9 +253,9 @@ class SwitchingMethod(Search[Candidate]):
 
     def _arrivals(self) -> list[Candidate]:
         """
-        Steer rounds of random starts; all distinct arrivals, quickest first.
+        Shoot from rounds of random starts; all distinct arrivals, quickest first.
 
-        Polishing makes up for steering with fewer steps, which most starts are not worth.
+        Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
         """
         budget, found = self.budget, list[Candidate]()
         for _ in range(_ROUNDS):

@@ -32,14 +32,14 @@ FEWEST_ARCS = 4  # as many unknowns as end conditions
 COARSE_STEPS = 12  # RK4 steps an arc while searching,
 FINE_STEPS = 96  # and for the final polish
 _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
-# What is spent on landing: turns of so many iterations, after which those are given up whose sum
+# What is spent on landing: turns of so many iterations, after which those are dropped whose sum
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _CORRECTIONS = 6  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
-_SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are left out
+_SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
 _SUBSTEPS = 8  # RK4 steps between two samples of a trajectory
@@ -83,7 +83,7 @@ class Candidate:
 def steered(
     task: SwingUpTask, batch: ArcBatch, steps: int, budget: Budget, until: float
 ) -> list[Candidate]:
-    """Steer the batch upright, at most until `until` s of the budget; those that arrived."""
+    """Shoot upright, at most until `until` s of the budget; return those that arrived."""
     budget.evaluations += steer(
         task.plant,
         task.start,
@@ -110,7 +110,7 @@ def land(
     enough: float = math.inf,
 ) -> list[Candidate]:
     """
-    Steer the arcs that are not fixed upright; return those that arrive.
+    Shoot upright with the arcs that are not fixed; return those that arrive.
 
     No further turn is begun once it is `late`, or `enough` have arrived.
     """

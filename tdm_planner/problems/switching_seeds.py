@@ -12,7 +12,7 @@ Where the search for switching times starts from: random arcs, a law that pumps,
 
 Torques of random sequences alternate between their extremes from arc to arc; either sign may come
 first. The law of `plants.pendulum_pumping` brings the pendulum near the top: of many variants the
-most promising are kept but for their last arcs, which are steered upright from where they begin.
+most promising are kept but for their last arcs, which shooting adjusts until they end upright.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def pumped(
 def landed_finely(
     task: SwingUpTask, landed: list[Candidate], budget: Budget, late: Late
 ) -> list[Candidate]:
-    """Steer the last arcs of the quickest anew, integrated more finely; those that arrive."""
+    """Shoot the last arcs of the quickest again, integrated more finely; those that arrive."""
     quickest = sorted(landed, key=lambda candidate: candidate.total)[:LANES]
     last = [
         replace(each, fixed=max(each.fixed, each.durations.size - _POLISHED)) for each in quickest

@@ -42,7 +42,7 @@ Arcs: TypeAlias = Candidate[ArcProgram]
 
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _DESPERATE = 12  # random guesses, as long as nothing is found
-_WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is given up
+_WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
 _PROMISING = 1.01  # times the best cost: minima that are polished
 _POLISHED = 2  # of them at most
 _PENALTY, _PENALTY_MANY = 0.5, 3.0
@@ -82,7 +82,7 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
 
     `polynomials` returns a plan by the other method, or raises Infeasible: the guess where robots
     are many, and the last resort. `reserve` is the share of the thrust that burns leave to the
-    feedback. Of a `previous` plan with thrust arcs the rest is the first guess; robots about to
+    feedback. Of a `previous` plan with thrust arcs the rest is the initial guess; robots about to
     arrive keep theirs.
     """
 

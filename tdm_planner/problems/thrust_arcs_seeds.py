@@ -138,7 +138,7 @@ class ArcSeeds:
         _survey(x, program.fleet, times, paths, gas, burns)
         price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
         single = self.task.weights[2] * gas
-        alike = np.zeros(len(every))  # a bow round nobody makes no other minimum
+        alike = np.zeros(len(every))  # a detour that avoids no robot gives no other minimum
         for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
             yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
 

@@ -174,7 +174,7 @@ def compile_following() -> None:
 def _follow(
     wished: Array, lower: Array, upper: Array, steps: Array, first: float, angles: Array
 ) -> None:
-    """Fill `angles` (n,): as wished between the envelopes, in `steps` (n - 1,) at most."""
+    """Fill `angles` (n,): as desired within the envelopes, in `steps` (n - 1,) at most."""
     angle = angles[0] = first
     for k in range(1, wished.size):
         step = steps[k - 1]

@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-What is left of an earlier plan: first guess of the next one, or kept as it is.
+The rest of an earlier plan: initial guess of the next one, or kept unchanged.
 
 An error across the thrust is corrected by turning the thruster away and back; where there is no
 time left for that the rest of the plan is as good as any other, and the feedback about it takes

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The plan that is being carried out, and what of it is still to come."""
+"""The plan that is being executed, and the part of it still to come."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tdm_planner.trajectory import TimedTrajectory
 
 Array = NDArray[np.float64]
 
-_SHORTEST = 1e-3  # s; of less nothing is left that a first guess could be made of
+_SHORTEST = 1e-3  # s; a shorter rest gives no initial guess
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Whether a new plan takes over: only where the old one fails, or is beaten by a margin."""
+"""Whether a new plan supersedes the active one: if that fails or is worse by a margin."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept 
 @dataclass(frozen=True)
 class Outlook:
     """
-    What becomes of the active plan if it is carried on, as foreseen.
+    Predicted outcome of the active plan if its execution continues.
 
     `cost` is the performance index J still to come; `trouble` a sentence where the feedback will
     not keep the plant on it, or a limit is endangered, else empty; `settled` says that the
@@ -37,7 +37,7 @@ class Outlook:
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether the new plan takes over, and why, or why not."""
+    """Whether the new plan supersedes the active one, and why, or why not."""
 
     take_over: bool
     reason: str

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""How plans are carried out: where the trackers will have brought the plant when a plan begins."""
+"""How plans are executed: the plant's state under the trackers, predicted at a plan's start."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Mode(str, Enum):
     """What a tracker does with its plant."""
 
     FOLLOWING = 'following'  # the active plan, or holding its goal
-    RECOVERING = 'recovering'  # the plan was given up, the plant is brought to rest
+    RECOVERING = 'recovering'  # the plan was aborted, the plant is brought to rest
     IDLE = 'idle'  # nothing is commanded
 
 
@@ -80,7 +80,7 @@ class Execution(ABC):
 
     @abstractmethod
     def adopt(self, plan: ActivePlan) -> None:
-        """Do what can be done before a plan is carried out (its gains)."""
+        """Prepare the execution of a plan (compute its gains)."""
 
     @abstractmethod
     def foresee(
@@ -110,7 +110,7 @@ class Execution(ABC):
     @abstractmethod
     def problem_from(self, problem: Any, foreseen: Mapping[str, Foreseen]) -> Problem:
         """
-        Return the same problem with the foreseen states to start from.
+        Return the same problem, with the predicted states as its start.
 
         Raises
         ------

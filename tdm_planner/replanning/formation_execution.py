@@ -213,7 +213,7 @@ class FormationExecution(Execution):
     def problem_from(
         self, problem: RobotFormation, foreseen: Mapping[str, Foreseen]
     ) -> RobotFormation:
-        """Return the manoeuvre from the foreseen states; robots kept at their goal stay there."""
+        """Return the manoeuvre from the predicted states; robots kept at their goal stay there."""
         task = problem.task
         starts = {}
         for i, name in enumerate(task.names):

@@ -107,7 +107,7 @@ class GenericExecution(Execution):
         return [(i, states.index(name)) for i, name in enumerate(self._names) if name in states]
 
     def problem_from(self, problem: Problem, foreseen: Mapping[str, Foreseen]) -> Problem:
-        """Return the same problem from the foreseen numbers."""
+        """Return the same problem, with the predicted state as its start."""
         numbers = zip(self._names, foreseen[VEHICLE].state.tolist(), strict=True)
         starts = {_START + name: value for name, value in numbers}
         return type(problem).from_parameters({**problem.to_parameters(), **starts})

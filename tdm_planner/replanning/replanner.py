@@ -10,8 +10,8 @@
 """
 Receding horizon: look at the active plan, plan anew from where it leads, decide.
 
-A review at the instant t plans from the state foreseen for t + `delay`, when a new plan would take
-over: until then the old one is carried on. Solving has that much time, less what publishing and
+A review at the instant t plans from the state predicted for t + `delay`, when a new plan would
+begin: until then the old one is executed. Solving has that much time, less what publishing and
 accepting a plan take.
 """
 
@@ -74,9 +74,9 @@ class Replanner:
         """
         Take note of the plan that is active from now on, or from its start on.
 
-        It takes over from those before it (`earlier`, where they were adopted elsewhere). By what
+        It supersedes those before it (`earlier`, where they were adopted elsewhere). By what
         the trackers tell, one of these may be found to be active still: a plan that begins too
-        far from the plant is refused.
+        far from the plant is rejected.
         """
         before = self.history if earlier is None else earlier
         self.execution.adopt(plan)

@@ -110,7 +110,7 @@ class SwingUpExecution(Execution):
     def problem_from(
         self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]
     ) -> PendulumSwingUp:
-        """Return the swing-up from the foreseen state."""
+        """Return the swing-up from the predicted state."""
         now = foreseen[VEHICLE]
         torque = float(now.control[0]) if problem.method == 'smooth' else None
         theta, psi, theta_dot, psi_dot = now.state.tolist()

@@ -19,7 +19,7 @@ that swings more slowly than its model is late after a few swings, and no weak m
 forward: s, how far the plan has come, follows the state, and the plan is played at the pendulum's
 own pace, the root of its gravity over the model's, which is estimated on the way. Planned rates
 grow with the pace, planned torques with its square. The regulator
-about upright takes over at the plan's end. It does so before where the plan is lost, if the state
+about upright is active from the plan's end. It is so before where the plan is lost, if the state
 is inside the largest level set of its cost to go, x'P x <= T_max^2 / (K P^-1 K'), in which its
 torque does not saturate.
 """
@@ -189,7 +189,7 @@ class PendulumTracker(TrajectoryTracker):
         return self._action(np.zeros(1), self.upright.gain, state, goal)
 
     def captured(self, motion: Motion, time: float, state: Array) -> bool:
-        """Whether the regulator about upright takes over: at the end, or where it is lost."""
+        """Whether the regulator about upright is active: at the end, or where the plan is lost."""
         if time >= motion.end:
             return True
         away = self.deviation(self.error(state, motion.reference(time)))

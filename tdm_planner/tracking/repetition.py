@@ -29,7 +29,7 @@ class RepetitionWatch:
     Samples that stay the same to the last bit for `window` s, twice or four times as long are
     compared with the motion that the commands sent since must have caused. If that is far beyond
     the noise, the sensor is `stuck`, until it shows another number or the plant should rest. The
-    last commands may be on their way still: they are left out. What happens in gaps of more than
+    last commands may be on their way still: they are ignored. What happens in gaps of more than
     `window` s between samples is not judged.
     """
 
@@ -70,7 +70,7 @@ class RepetitionWatch:
             driven = driven or bool(control.any())
         far = _UNMISTAKABLE * estimator.noise.measurement
         moves = not bool((np.abs(state - sample) <= far).all())
-        # A plant that nobody drives may rest where the model does not.
+        # A plant without commands may rest where the model does not.
         self.stuck = moves and (driven or self.stuck)
         if self.stuck:
             self._begin(stamp)

@@ -30,7 +30,7 @@ class RobotTolerances(Tolerances):
         allowed=POSITIVE,
     )
     path: float = parameter(
-        0.3, 'distance on the way at which the motion is given up', unit='m', allowed=POSITIVE
+        0.3, 'distance from the plan at which the motion is aborted', unit='m', allowed=POSITIVE
     )
 
 
@@ -40,13 +40,13 @@ class RobotFeedback(Validated):
 
     position: float = parameter(
         0.1,
-        'error of the position that is worth all the thrust: less is stiffer',
+        'position error that gives full thrust; smaller is stiffer',
         unit='m',
         allowed=POSITIVE,
     )
     yaw: float = parameter(
         0.1,
-        'error of the yaw that is worth all the torque: less is stiffer',
+        'yaw error that gives full torque; smaller is stiffer',
         unit='rad',
         allowed=POSITIVE,
     )

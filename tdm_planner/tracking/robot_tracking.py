@@ -252,7 +252,7 @@ class RobotTracker(TrajectoryTracker):
 
     def _coasting(self, wish: Wish, error: Array, horizon: float) -> Wish:
         """
-        Return the wish of a robot that coasts for another `horizon` s.
+        Return the desired command of a robot that coasts for another `horizon` s.
 
         What is to be corrected keeps its direction while the thruster turns. Feedback that led
         back sooner would turn it at the regulator's own rate, and a slow thruster after it.
@@ -280,7 +280,7 @@ class RobotTracker(TrajectoryTracker):
         return min(max(self._servo_share * angle / self.parameters.interval, -limit), limit)
 
     def _drive(self, state: Array, wish: Wish) -> Array:
-        """Return controls (3,) that come nearest to the wish."""
+        """Return the controls (3,) nearest to the desired command."""
         limits, plant = self.parameters.limits, self.parameters.plant
         wanted = math.hypot(wish.acceleration[0], wish.acceleration[1])
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])

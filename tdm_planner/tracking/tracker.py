@@ -14,10 +14,10 @@ What every tracker does, whatever the plant: which trajectory is active, and wha
     waiting     a trajectory is accepted, its start lies ahead: nothing is commanded
     tracking    feedforward and feedback along the trajectory
     holding     the end has been reached: feedback about the goal
-    stopped     the motion was given up: nothing is commanded until the next trajectory
+    stopped     the motion was aborted: nothing is commanded until the next trajectory
     recovering  likewise, where a new plan is asked for: the plant is brought to rest first
 
-A trajectory that arrives while another is being tracked or held takes over at its own start.
+A trajectory that arrives while another is being tracked or held supersedes it at its own start.
 Instants are seconds of one clock; which one does not matter.
 """
 
@@ -50,7 +50,7 @@ Array = NDArray[np.float64]
 _CALM_SLACK = 3.0
 # What numerics raise where numbers leave the range in which they can be computed.
 BREAKDOWN = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-_LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is foreseen
+_LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
 _LATELY = 10.0  # s since the end of a plan, in which a tracker that is restarted goes on with it
@@ -207,7 +207,7 @@ class TrajectoryTracker(ABC):
             ) from error
 
     def _check_start(self, motion: Motion, now: float) -> None:
-        """Compare the state expected when `motion` takes over with the planned one."""
+        """Compare the state expected at the start of `motion` with the planned one."""
         at, stale = max(motion.start, now), self.state_age(now) > self.parameters.state_timeout
         if stale or at - now > _LONGEST_FORESEEN:
             return  # nothing to compare with; the comparison is made at the start

@@ -29,17 +29,17 @@ class Tolerances(Validated):
         allowed=POSITIVE,
     )
     path: float = parameter(
-        1.0, 'deviation on the way at which the motion is given up', unit='rad', allowed=POSITIVE
+        1.0, 'deviation from the plan at which the motion is aborted', unit='rad', allowed=POSITIVE
     )
 
 
 @dataclass(frozen=True)
 class ReplanOnDeviation(Validated):
-    """What happens when the motion had to be given up."""
+    """What happens when the motion is aborted."""
 
     on_deviation: bool = parameter(
         False,
-        'when the motion had to be given up, bring the plant to rest and ask for a new plan',
+        'when the motion is aborted, bring the plant to rest and ask for a new plan',
     )
     interval: float = parameter(
         1.0, 'least time between two such requests', unit='s', allowed=POSITIVE

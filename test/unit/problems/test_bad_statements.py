@@ -97,7 +97,7 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
         {'margins': lambda s, t, x, u: {'wall': 1.5 - x[0]}},
         ["the end violates the limit 'wall' by 0.5"],
     ),
-    'a constant limit': ({'margins': lambda s, t, x, u: {'wall': 1.0}}, ["'wall'", 'left out']),
+    'a constant limit': ({'margins': lambda s, t, x, u: {'wall': 1.0}}, ["'wall'", 'remove it']),
     'a jump': ({'final_cost': jerky}, ['final_cost jumps by 1', 'np.tanh']),
     'limits of no control': (
         {'control_limits': lambda s: {'force': (-1.0, 1.0)}},
