@@ -229,7 +229,7 @@ def interruptible() -> Iterator[None]:
     previous = [signal.signal(number, interrupt) for number in SIGNALS]
     try:
         yield
-    except Exception as error:
+    except Exception as error:  # noqa: B902
         # An extension that is being imported makes an ImportError of it.
         if interrupted:
             raise interrupted[0] from error
