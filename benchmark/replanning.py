@@ -111,7 +111,7 @@ def swing_up(
 
 def _planned(loop: RecedingHorizon) -> dict[str, Any]:
     times = [review.solve_time for review in loop.reviews if review.solve_time > 0.0]
-    return {'plans': len(loop.plans), 'refused': len(loop.rejections), 'times': times}
+    return {'plans': len(loop.plans), 'rejected': len(loop.rejections), 'times': times}
 
 
 def pendulum(push: float, seeds: int) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def _figures(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         'plans_mean': float(np.mean([run['plans'] for run in runs])),
         'plans_most': max(run['plans'] for run in runs),
-        'refused': sum(run['refused'] for run in runs),
+        'rejected': sum(run['rejected'] for run in runs),
         'review_median_ms': 1e3 * float(np.median(times)),
         'review_worst_ms': 1e3 * max(times),
     }
@@ -242,6 +242,6 @@ def table(figures: dict[str, Any]) -> str:
 
 def _row(f: dict[str, Any]) -> str:
     return (
-        f'{f["plans_mean"]:12.1f}{f["plans_most"]:6d}{f["refused"]:9d}'
+        f'{f["plans_mean"]:12.1f}{f["plans_most"]:6d}{f["rejected"]:9d}'
         f'{f["review_median_ms"]:13.1f}{f["review_worst_ms"]:7.1f}'
     )
