@@ -209,10 +209,13 @@ def _rate(
 
 def dense_times(trajectory: Trajectory, resolution: float) -> Array:
     """Every sample instant and instants between them, `resolution` s apart or less, not many."""
-    count = math.ceil(min(trajectory.duration / resolution, MOST_INSTANTS)) + 1
-    return np.union1d(
-        np.linspace(trajectory.times[0], trajectory.times[-1], count), trajectory.times
-    )
+    first, last = float(trajectory.times[0]), float(trajectory.times[-1])
+    return np.union1d(even_times(first, last, resolution), trajectory.times)
+
+
+def even_times(first: float, last: float, resolution: float) -> Array:
+    """Return instants from `first` to `last` [s], `resolution` s apart or less, not many."""
+    return np.linspace(first, last, math.ceil(min((last - first) / resolution, MOST_INSTANTS)) + 1)
 
 
 def verify(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
 from tdm_planner.plants.pendulum_kernels import accelerations
-from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import Coefficients
 
 # Real, or complex where derivatives are taken by complex step.
 Values = NDArray[Any]
@@ -83,10 +83,3 @@ def advance_along(
             states[b, node, 1] = psi
             states[b, node, 2] = psi_dot
             states[b, node, 3] = time
-
-
-def compile_arc_kernel(plant: RotaryPendulum) -> None:
-    """Compile the kernel for real and complex numbers, or load it from the disk."""
-    for kind in (np.float64, np.complex128):
-        theta, states = np.array([[0.2, 0.1, 0.0]], dtype=kind), np.zeros((1, 3, 4), dtype=kind)
-        advance_along(plant.coefficients, theta, True, True, np.zeros(2), 1.0, states)

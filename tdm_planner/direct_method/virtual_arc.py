@@ -22,7 +22,7 @@ their coefficients are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 import math
 from typing import Any
@@ -36,8 +36,6 @@ from tdm_planner.direct_method.checks import whole
 Array = NDArray[np.float64]
 
 _MOST_NODES = 100_000
-_NEWTON_STEPS = 6  # of the inversion of t(s), which mostly are enough
-_MOST_STEPS = 186  # of which 60 halve the bracket
 
 
 def chebyshev_nodes(count: int) -> Array:
@@ -82,34 +80,6 @@ def bernstein_basis(degree: int, s: ArrayLike, derivative: int = 0) -> Array:
 def bernstein_integral(degree: int, s: ArrayLike) -> Array:
     """Return the integral of B_0..B_degree from 0 to s (...), (..., degree + 1)."""
     return _products(degree + 1, np.asarray(s, dtype=float)) @ _integrals(degree)
-
-
-def invert_time(
-    time: Callable[[Array], Array],
-    speed_factor: Callable[[Array], Array],
-    wanted: Array,
-    duration: Array | float,
-) -> Array:
-    """
-    Return s (...) in [0, 1] at which `time(s)` is `wanted` (...) s, for many arcs at once.
-
-    `time` runs from 0 to `duration`; `speed_factor` is ds/dt.
-    Times beyond the arc are clipped to it.
-    """
-    wanted = np.clip(wanted, 0.0, duration)
-    low, high = np.zeros(wanted.shape), np.ones(wanted.shape)
-    s = np.asarray(wanted / duration)
-    for step in range(_MOST_STEPS):
-        error = time(s) - wanted
-        found = np.abs(error) <= 1e-14 * duration
-        if found.all():
-            break
-        low, high = np.where(error < 0, s, low), np.where(error < 0, high, s)
-        newton, middle = s - error * speed_factor(s), 0.5 * (low + high)
-        # Later every third step halves the bracket: Newton's alone can be arbitrarily short.
-        inside = (newton >= low) & (newton <= high) & (step < _NEWTON_STEPS or step % 3 < 2)
-        s = np.where(found, s, np.where(inside, newton, middle))
-    return np.asarray(s)
 
 
 def _products(degree: int, s: Array) -> Array:

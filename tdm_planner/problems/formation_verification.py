@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 import itertools
-import math
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_task import FormationTask
 from tdm_planner.trajectory import Interpolation, Trajectory
-from tdm_planner.verification import check, Constraint, judge, MOST_INSTANTS, replay, Verification
+from tdm_planner.verification import check, Constraint, even_times, judge, replay, Verification
 
 Array = NDArray[np.float64]
 
@@ -59,8 +58,7 @@ def assessed(
     `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` the largest penalty that passes.
     """
     last = max(motions[name].duration for name in task.names)
-    count = math.ceil(min(last / _RESOLUTION, MOST_INSTANTS)) + 1
-    times = np.linspace(0.0, last, count)
+    times = even_times(0.0, last, _RESOLUTION)
     robots, every_state = {}, []
     for i, name in enumerate(task.names):
         motion = motions[name]

@@ -15,16 +15,17 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.base import integrate, Plant
+from tdm_planner.plants.base import integrate, Plant, StatedPlant
 
 Array = NDArray[np.float64]
 
 LARGEST_STEP = 5e-3  # s, of a prediction, unless a plant needs shorter ones
 _HISTORY = 2.0  # s of commands that are remembered
+GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
 
@@ -34,6 +35,18 @@ class DifferentiablePlant(Plant, Protocol):
 
     def jacobians(self, state: Array, control: Array) -> tuple[Array, Array]:
         """Return df/dx (..., nx, nx) and df/du (..., nx, nu)."""
+
+
+class PlantWithGains(StatedPlant):
+    """A plant with more states: constant gains of its model, that are estimated with the rest."""
+
+    def __init__(self, plant: StatedPlant) -> None:
+        self._plant = plant
+
+    @property
+    def coefficients(self) -> Any:
+        """Constants of the equations of motion."""
+        return self._plant.coefficients
 
 
 class CommandHistory:

@@ -17,9 +17,14 @@ from typing import Any
 
 import numpy as np
 from tdm_planner.parameters import parameter, Validated
-from tdm_planner.plants.base import StatedPlant
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
-from tdm_planner.tracking.estimator import EstimatorNoise, LARGEST_STEP, StateEstimator
+from tdm_planner.tracking.estimator import (
+    EstimatorNoise,
+    GAIN_UNKNOWN,
+    LARGEST_STEP,
+    PlantWithGains,
+    StateEstimator,
+)
 from tdm_planner.tracking.tracker_parameters import NOISE
 
 _FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
@@ -28,7 +33,6 @@ _RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
 _RATE_FLOOR = 0.1
 _LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
 _GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
-_GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
 
 
 @dataclass(frozen=True)
@@ -49,21 +53,13 @@ class EstimatorParameters(Validated):
     )
 
 
-class EstimatedPendulum(StatedPlant):
+class EstimatedPendulum(PlantWithGains):
     """The pendulum with two more states: gravity's torque and the arm's pull over the model's."""
 
     state_names = (*RotaryPendulum.state_names, 'gravity_gain', 'arm_gain')
     state_units = (*RotaryPendulum.state_units, '', '')
     control_names = RotaryPendulum.control_names
     control_units = RotaryPendulum.control_units
-
-    def __init__(self, plant: RotaryPendulum) -> None:
-        self._plant = plant
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """Constants of the equations of motion."""
-        return self._plant.coefficients
 
     @staticmethod
     def equations(
@@ -89,7 +85,7 @@ def pendulum_estimator(
         rate_noise = _RATE_NOISE * frequency
     measured = [assumed.angle_noise] * 2 + [rate_noise] * 2
     noise = EstimatorNoise(
-        measurement=np.array(measured + [_GAIN_UNKNOWN] * 2),
+        measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
         model=assumed.model_error,
         rate_floor=np.full(6, _RATE_FLOOR * frequency**2),
         driven=np.array([False, False, True, True, False, False]),

@@ -16,9 +16,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.base import StatedPlant
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
-from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
+from tdm_planner.tracking.estimator import (
+    EstimatorNoise,
+    GAIN_UNKNOWN,
+    PlantWithGains,
+    StateEstimator,
+)
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 
 Array = NDArray[np.float64]
@@ -26,24 +30,15 @@ Array = NDArray[np.float64]
 _YAW, _OMEGA, _ALPHA, _THRUST_GAIN, _WHEEL_GAIN = 4, 5, 6, 7, 8
 _GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
 _GAIN_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
-_GAIN_UNKNOWN = 1e3  # nothing measures the gains directly
 
 
-class EstimatedRobot(StatedPlant):
+class EstimatedRobot(PlantWithGains):
     """The floating robot with two more states: what thruster and wheel deliver per command."""
 
     state_names = (*FloatingRobot.state_names, 'thrust_gain', 'torque_gain')
     state_units = (*FloatingRobot.state_units, '', '')
     control_names = FloatingRobot.control_names
     control_units = FloatingRobot.control_units
-
-    def __init__(self, robot: FloatingRobot) -> None:
-        self._robot = robot
-
-    @property
-    def coefficients(self) -> RobotInertia:
-        """Constants of the equations of motion."""
-        return self._robot.coefficients
 
     @staticmethod
     def equations(
@@ -70,7 +65,7 @@ def robot_estimator(parameters: RobotTrackerParameters) -> StateEstimator:
     measured = [assumed.position_noise] * 2 + [assumed.velocity_noise] * 2
     measured += [assumed.angle_noise] * 2 + [assumed.thruster_noise]
     noise = EstimatorNoise(
-        measurement=np.array(measured + [_GAIN_UNKNOWN] * 2),
+        measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
         model=assumed.model_error,
         rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
         driven=np.array([False, False, True, True, False, True, False, False, False]),
