@@ -29,28 +29,38 @@ from tdm_planner.nodes.qos import NEWEST
 _QUEUE = 10
 _NANOSECOND = 1e-9
 _MOST_STEPS = 2  # that simulated time takes at once; where more are due it falls behind
-_LAG = 3  # steps, or intervals between its messages, that a follower may be behind
+_LONGEST_PERIOD = 20  # steps; a follower that publishes again after more of them was away
 _PATIENCE = 2.0  # s of real time after which a silent follower is not waited for any more
 
 
 class _Follower:
-    """A topic whose stamps show the simulated time of another node."""
+    """
+    A topic whose stamps show the simulated time of another node.
 
-    def __init__(self, node: Node, topic: str) -> None:
-        self.stamp = self.interval = 0  # ns
+    A message is due in every step, until one has been waited for in vain: then the node publishes
+    more seldom. What it publishes while time waits for it is no measure, for time waits.
+    """
+
+    def __init__(self, node: Node, topic: str, step: int) -> None:
+        self.step = self.period = step  # ns
+        self.stamp = 0  # ns
         self.heard_at = -math.inf
         node.create_subscription(JointState, topic, self._on_message, NEWEST)
 
     def _on_message(self, message: JointState) -> None:
         stamp = nanoseconds_of(message.header.stamp)
-        self.interval = max(stamp - self.stamp, 0) if self.stamp else 0
+        if self.silent:
+            gap = stamp - self.stamp
+            self.period = gap if self.step < gap <= _LONGEST_PERIOD * self.step else self.step
         self.stamp, self.heard_at = stamp, time.monotonic()
 
-    def lags(self, now: int, step: int) -> bool:
-        """Whether the clock must wait for it at the simulated instant `now` [ns]."""
-        if time.monotonic() - self.heard_at > _PATIENCE:
-            return False
-        return now - self.stamp >= _LAG * max(step, min(self.interval, _LAG * step))
+    @property
+    def silent(self) -> bool:
+        return time.monotonic() - self.heard_at > _PATIENCE
+
+    def lags(self, now: int) -> bool:
+        """Whether its message of the simulated instant `now` [ns], or an earlier one, is due."""
+        return now - self.stamp >= self.period and not self.silent
 
 
 class ClockSource:
@@ -58,9 +68,9 @@ class ClockSource:
     Publishes `/clock` in steps of `step` [s]; the node's own clock shows the same time.
 
     Simulated time begins with the computer's and runs `speed` times as fast. It advances in whole
-    steps and never leaps, so that timers of that period fire in every step. If this process or a
-    publisher of a topic of `followers` does not keep up, time runs slower: a busy computer delays
-    a motion, and does not change it.
+    steps and never leaps, so that timers of that period fire in every step, and waits at each for
+    the publishers of the topics of `followers`. If they or this process do not keep up, time runs
+    slower: a busy computer delays a motion, and does not change it.
     """
 
     def __init__(self, node: Node, step: float, speed: float, followers: Sequence[str]) -> None:
@@ -72,8 +82,8 @@ class ClockSource:
         self._source: Any = TimeSource()
         self._source.ros_time_is_active = True
         self._source.attach_clock(node.get_clock())
-        self._followers = [_Follower(node, topic) for topic in followers]
         self._step = round(step / _NANOSECOND)
+        self._followers = [_Follower(node, topic, self._step) for topic in followers]
         self._time = time.time_ns()
         self._due = 0.0  # steps, with the fraction of the next
         self._last = time.monotonic()
@@ -87,12 +97,12 @@ class ClockSource:
         self._due = min(
             self._due + elapsed * self.speed / (self._step * _NANOSECOND), _MOST_STEPS + 1.0
         )
-        steps = min(math.floor(self._due), _MOST_STEPS)
-        if steps < 1 or any(one.lags(self._time, self._step) for one in self._followers):
-            return
-        self._due -= steps
-        self._time += steps * self._step
-        self._tell()
+        for _ in range(min(math.floor(self._due), _MOST_STEPS)):
+            if any(one.lags(self._time) for one in self._followers):
+                return
+            self._due -= 1.0
+            self._time += self._step
+            self._tell()
 
     def _tell(self) -> None:
         message = Clock(clock=Time(nanoseconds=self._time).to_msg())

@@ -33,6 +33,7 @@ from tdm_planner.starting import NODES as MODULES
 ENOUGH = 10.0  # s for a plan, so that the deadline never decides on a busy machine
 UNHURRIED = ['--set', f'solver.deadline={ENOUGH}']  # for `tdm plan`
 PATIENCE = 60.0  # s that anything may take on a busy machine
+CLOCK_STEP = 0.005  # s, the period of tracker and plant
 MATCHING = 0.4  # s; longer than between two announcements, see DISCOVERY_PROFILE
 SOURCE = Path(__file__).resolve().parents[1]
 DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
@@ -178,7 +179,8 @@ class Ros:
     """
     A ROS domain of the test's own: starts nodes in it, and talks to them with `node`.
 
-    Nothing is served in the background: messages arrive during `spin_until` and `call`.
+    Nothing is served in the background: messages arrive during `spin_until` and `call`, and so
+    does the time of nodes with `use_sim_time` once `drive_clock` was called.
     """
 
     def __init__(self, domain: int, folder: Path, environment: Mapping[str, str]) -> None:
@@ -194,6 +196,7 @@ class Ros:
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._processes: list[NodeProcess] = []
+        self._clock: Any = None
 
     def _make_executor(self) -> Any:
         from rclpy.executors import SingleThreadedExecutor
@@ -233,13 +236,26 @@ class Ros:
         self._processes.append(process)
         return process
 
+    def drive_clock(self, *followers: str) -> None:
+        """Publish `/clock`, and wait at each step for the topics of `followers`, if they live."""
+        from tdm_sim.clock_source import ClockSource
+
+        self._clock = ClockSource(self.node, CLOCK_STEP, 1.0, followers)
+
+    @property
+    def seconds(self) -> float:
+        """Present instant of the nodes' clock [s]."""
+        return float(self.node.get_clock().now().nanoseconds * 1e-9)
+
     def spin_until(self, condition: Callable[[], bool], timeout: float = PATIENCE) -> bool:
         """Serve callbacks until `condition` holds; False when `timeout` s have passed."""
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
                 return False
-            self._executor.spin_once(timeout_sec=0.02)
+            if self._clock is not None:
+                self._clock.advance()
+            self._executor.spin_once(timeout_sec=0.02 if self._clock is None else 0.001)
         return True
 
     def spin_for(self, seconds: float) -> None:

@@ -6,18 +6,23 @@
 # writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
-"""Twenty clients at once for a minute; the strong pendulum's tracker behind a bad link."""
+"""Twenty clients at once; processors that are taken; a tracker behind a bad link."""
 
 from __future__ import annotations
 
 import heapq
 import math
+import os
 from pathlib import Path
+import subprocess
+import sys
 
 from closed_loop import pendulum, pendulum_tracker
 import numpy as np
+from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig
 import pytest
 from ros_harness import Ros
+from tdm_planner.nodes.messages import seconds_of
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory
@@ -34,6 +39,34 @@ def test_every_call_of_many_clients_is_answered(ros: Ros, tmp_path: Path) -> Non
     assert found['answers']['BUSY'] > 0
     for name, (half_way, last) in found['memory [MB]'].items():
         assert last - half_way < GROWTH, name
+
+
+ON_THE_WAY = 0.1  # s that messages may take on a busy machine
+
+
+@pytest.fixture(scope='module')
+def rig(ros: Ros) -> PendulumRig:
+    return PendulumRig(ros, 'busy', planner={'replan.rate': 5.0})
+
+
+@pytest.mark.parametrize('repetition', range(5))
+def test_busy_processes_take_the_processors(rig: PendulumRig, repetition: int) -> None:
+    """Two for every core: in real time, the motion follows the clock all the same."""
+    rig.held_since(rig.plan()[0])
+    count = 2 * (os.cpu_count() or 1)
+    hogs = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(count)]
+    try:
+        began, sent = rig.now, len(rig.commands)
+        rig.fall()
+        held = rig.held_since(began + 0.1)
+        gaps = np.diff([seconds_of(c.header.stamp) for c in rig.commands[sent:]])
+        p99 = float(np.percentile(gaps, 99))
+        note('processors taken', recovered=held - began, commands_p99=p99, longest=gaps.max())
+    finally:
+        for hog in hogs:
+            hog.kill()
+            hog.wait()
+    assert rig.longest_torque() < COMMAND_TIMEOUT + ON_THE_WAY
 
 
 TORQUE = 0.09  # N m
