@@ -101,7 +101,7 @@ def robot_cases(warm: bool, crossings: int = 10) -> Cases:
             )
             for name, motion in plan.solution.trajectories.items()
         }
-        predicted = execution.foresee(plan, seen, elapsed)
+        predicted = execution.predict(plan, seen, elapsed)
         assert isinstance(plan.problem, RobotFormation)
         problem = execution.problem_from(plan.problem, predicted)
         return Case(problem, plan.remainder(elapsed) if warm else None)

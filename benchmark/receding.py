@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.base import Problem
 from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
-from tdm_planner.tracking import Command, Phase, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_sim.simulation import SimulatedPlant
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ class RecedingHorizon:
         for name, vehicle in self.vehicles.items():
             try:
                 vehicle.tracker.accept(plan.solution.trajectories[name], plan.start, now)
-            except TrajectoryRefused as rejection:
+            except TrajectoryRejected as rejection:
                 self.rejections.append(str(rejection))
         self.plans.append(plan)
         if self.replanner is not None:

@@ -56,9 +56,9 @@ def _unhurried() -> Iterator[None]:
         return solve(self, deadline, *args, **options)
 
     def solve_again_unhurried(
-        self: Replanner, problem: Problem, plan: Any, foreseen: Any, at: float, allowed: float
+        self: Replanner, problem: Problem, plan: Any, predicted: Any, at: float, allowed: float
     ) -> Solution:
-        return solve_again(self, problem, plan, foreseen, at, ENOUGH)
+        return solve_again(self, problem, plan, predicted, at, ENOUGH)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Problem, 'solve', solve_unhurried)

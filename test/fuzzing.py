@@ -50,7 +50,7 @@ from tdm_planner.parameters import build, flatten, shown, specifications
 from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.problems.base import Solution
-from tdm_planner.tracking import TrajectoryRefused
+from tdm_planner.tracking import TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.trajectory import Trajectory
@@ -106,7 +106,7 @@ def live_through(history: dict[str, Any]) -> bool:
             elif kind == 'plan':
                 tracker.accept(read_plan(plant, rest[0]), rest[1], now)
                 accepted = True
-        except (InvalidProblem, TrajectoryRefused) as refusal:
+        except (InvalidProblem, TrajectoryRejected) as refusal:
             assert str(refusal)
             assert '\n' not in str(refusal)
         control, limits = tracker.command(now).control, tracker.parameters.limits

@@ -148,8 +148,8 @@ class Replanning:
             logger.error(f'no replanning: {failure}', **_SELDOM)
             return
         self._last = outcome.reason
-        if outcome.refused:
-            kept = ', '.join(outcome.refused)
+        if outcome.rejected:
+            kept = ', '.join(outcome.rejected)
             logger.warning(
                 f'the last plan was rejected by {kept}: the one before is still followed',
                 **_SELDOM,

@@ -46,7 +46,7 @@ from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
 from tdm_planner.parameters import build, ParameterSpec, specifications
-from tdm_planner.tracking import Action, Command, Phase, TrajectoryRefused, TrajectoryTracker
+from tdm_planner.tracking import Action, Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_planner.tracking.tracker import BREAKDOWN
 from tdm_planner.trajectory import NANOSECOND
 from trajectory_msgs.msg import JointTrajectory
@@ -179,7 +179,7 @@ class TrackerNode(ManagedNode):
         if self.configured:
             try:
                 made.adopt(self.tracker)
-            except TrajectoryRefused as error:
+            except TrajectoryRejected as error:
                 raise InvalidProblem(f'the active plan could not be followed: {error}') from None
 
     def values_changed(self, names: frozenset[str]) -> None:
@@ -236,7 +236,7 @@ class TrackerNode(ManagedNode):
                 return
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
-        except (InvalidProblem, TrajectoryRefused) as error:
+        except (InvalidProblem, TrajectoryRejected) as error:
             self._reject(error)
             self._status.rejected(begins, self.tracker)
         else:
@@ -264,7 +264,7 @@ class TrackerNode(ManagedNode):
         """
         newest = self.tracker.newest
         if newest is not None and start < newest.start and self._planners.look() > 1:
-            raise TrajectoryRefused(
+            raise TrajectoryRejected(
                 f'it starts {newest.start - start:.3g} s before the active one; of '
                 f"{self._planners.count} planners' plans the tracker follows the last to start"
             )

@@ -30,7 +30,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import compile_kernels
 from tdm_planner.plants.pendulum_pumping import compile_pump
-from tdm_planner.plants.pendulum_steering import compile_steering
+from tdm_planner.plants.pendulum_shooting import compile_shooting
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import SolverParameters
@@ -151,7 +151,7 @@ class PendulumSwingUp(Problem, Validated):
 
     def prepare(self) -> None:
         """Compile the kernels, or load them."""
-        for compile_them in (compile_kernels, compile_steering, compile_pump, compile_minimiser):
+        for compile_them in (compile_kernels, compile_shooting, compile_pump, compile_minimiser):
             compile_them(self.plant)
         if self.method != 'switching':
             StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc').prepare()

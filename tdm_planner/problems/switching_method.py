@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED
+from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
@@ -39,7 +39,7 @@ from tdm_planner.problems.switching_search import (
     FINE_STEPS,
     land,
     polish,
-    steered,
+    shot,
     trajectory,
     without_short_arcs,
 )
@@ -265,7 +265,7 @@ class SwitchingMethod(Search[Candidate]):
             size = min(_STARTS, self._affordable)
             batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
             until = _STEERED * budget.seconds
-            found += steered(self._task, batch, 2 * self._steps // 3, budget, until)
+            found += shot(self._task, batch, 2 * self._steps // 3, budget, until)
             self._remember_closest(batch)
             self._starts += size
             self._arrived += int((batch.costs < ARRIVED).sum())

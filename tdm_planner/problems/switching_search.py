@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, Effort, steer
+from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED, Effort, shoot
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import arc_program, ArcProgram, evaluate_arcs
@@ -80,11 +80,11 @@ class Candidate:
         return replace(self, durations=np.append(self.head[0], durations))
 
 
-def steered(
+def shot(
     task: SwingUpTask, batch: ArcBatch, steps: int, budget: Budget, until: float
 ) -> list[Candidate]:
     """Shoot upright, at most until `until` s of the budget; return those that arrived."""
-    budget.evaluations += steer(
+    budget.evaluations += shoot(
         task.plant,
         task.start,
         batch,
@@ -135,7 +135,7 @@ def land(
         if late() or not rows.size or np.count_nonzero(batch.costs < ARRIVED) >= enough:
             break
         part = batch.rows(rows)
-        budget.evaluations += steer(
+        budget.evaluations += shoot(
             task.plant, starts[rows], part, task.planned_disk_angle, steps, late, _TURN
         )
         batch.durations[rows], batch.costs[rows] = part.durations, part.costs

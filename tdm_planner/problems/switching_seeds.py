@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.pendulum_lanes import LANES
 from tdm_planner.plants.pendulum_pumping import Laws, NEAR, pump, Pumping
-from tdm_planner.plants.pendulum_steering import ArcBatch
+from tdm_planner.plants.pendulum_shooting import ArcBatch
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_search import Candidate, COARSE_STEPS, FEWEST_ARCS, land
 from tdm_planner.trajectory import Trajectory

@@ -25,13 +25,13 @@ class Outlook:
     """
     Predicted outcome of the active plan if its execution continues.
 
-    `cost` is the performance index J still to come; `trouble` a sentence where the feedback will
+    `cost` is the performance index J still to come; `failure` a sentence where the feedback will
     not keep the plant on it, or a limit is endangered, else empty; `settled` says that the
     feedback about the goal has the plant: there is nothing left to plan.
     """
 
     cost: float = math.inf
-    trouble: str = ''
+    failure: str = ''
     settled: bool = False
 
 
@@ -62,13 +62,13 @@ def decide(outlook: Outlook, changed: bool, new: Solution | None, improvement: f
     that it must save where the old plan would do.
     """
     if new is None:
-        return Decision(False, outlook.trouble or 'no better plan was found')
+        return Decision(False, outlook.failure or 'no better plan was found')
     if not new.verification.ok:
         return Decision(False, 'the new plan did not pass its check')
     if changed:
         return Decision(True, 'the problem has changed')
-    if outlook.trouble:
-        return Decision(True, outlook.trouble)
+    if outlook.failure:
+        return Decision(True, outlook.failure)
     saved = 1.0 - new.cost / outlook.cost if outlook.cost > 0.0 else 0.0
     if saved > improvement:
         return Decision(True, f'it saves {saved:.0%} of the cost still to come')

@@ -53,7 +53,7 @@ class Observation:
 
 
 @dataclass(frozen=True, eq=False)
-class Foreseen:
+class Predicted:
     """
     State (nx,) of a vehicle at a later instant, and the controls (nu,) that act there.
 
@@ -83,13 +83,13 @@ class Execution(ABC):
         """Prepare the execution of a plan (compute its gains)."""
 
     @abstractmethod
-    def foresee(
+    def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Foreseen]:
+    ) -> dict[str, Predicted]:
         """States at the instant `at` [s], by vehicle: measured, then moved under the feedback."""
 
     @abstractmethod
-    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Return what becomes of the active plan if it is carried on from the instant `at`."""
 
     def keeping(
@@ -108,7 +108,7 @@ class Execution(ABC):
         ]
 
     @abstractmethod
-    def problem_from(self, problem: Any, foreseen: Mapping[str, Foreseen]) -> Problem:
+    def problem_from(self, problem: Any, predicted: Mapping[str, Predicted]) -> Problem:
         """
         Return the same problem, with the predicted states as its start.
 

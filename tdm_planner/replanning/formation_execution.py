@@ -34,9 +34,9 @@ from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
-    Foreseen,
     Mode,
     Observation,
+    Predicted,
 )
 from tdm_planner.tracking.estimator import LARGEST_STEP
 from tdm_planner.tracking.motion import Motion
@@ -90,9 +90,9 @@ class FormationExecution(Execution):
             self._motions[name] = tracker, Motion(trajectory, plan.start, law)
         self._adopted = plan
 
-    def foresee(
+    def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Foreseen]:
+    ) -> dict[str, Predicted]:
         """Step every robot under its feedback from the measured state to the instant `at`."""
         if self._adopted is not plan:
             self.adopt(plan)
@@ -102,11 +102,11 @@ class FormationExecution(Execution):
             arrived = float(task.arrived[i]) if task.staying[i] else 0.0
             duration = 0.0 if arrived else plan.solution.trajectories[name].duration
             arrived = max(arrived + plan.elapsed(at) - duration, 0.0)
-            robot = replace(self._foresee(name, observations[name], at), arrived=arrived)
+            robot = replace(self._predict(name, observations[name], at), arrived=arrived)
             found[name] = replace(robot, planned=self._planned(plan, name, robot, at))
         return found
 
-    def _planned(self, plan: ActivePlan, name: str, robot: Foreseen, at: float) -> Sample | None:
+    def _planned(self, plan: ActivePlan, name: str, robot: Predicted, at: float) -> Sample | None:
         """
         Return what the plan has for a robot late on its way and well on it, else None.
 
@@ -120,7 +120,7 @@ class FormationExecution(Execution):
         planned = motion.sample(at)
         return planned if self._near(planned.state, robot.state, _ON_PLAN) else None
 
-    def _foresee(self, name: str, seen: Observation, at: float) -> Foreseen:
+    def _predict(self, name: str, seen: Observation, at: float) -> Predicted:
         tracker, motion = self._motions[name]
         state, time = np.concatenate([seen.state, np.ones(2)]), seen.stamp
         control = np.zeros(3)
@@ -133,32 +133,32 @@ class FormationExecution(Execution):
                 control = tracker.recover(state)
             state[:7] = integrate(self._plant, state[:7], control, step, LARGEST_STEP)
             time += step
-        return Foreseen(state[:7], control, seen.mode)
+        return Predicted(state[:7], control, seen.mode)
 
-    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Carry the deviations on and look at the distances they leave."""
         problem = self._problem(plan)
-        lost = [name for name, robot in foreseen.items() if robot.mode is not Mode.FOLLOWING]
+        lost = [name for name, robot in predicted.items() if robot.mode is not Mode.FOLLOWING]
         if lost:
-            return Outlook(trouble=f"'{lost[0]}' does not follow the active plan any more")
+            return Outlook(failure=f"'{lost[0]}' does not follow the active plan any more")
         end = max(plan.end, at + _GRID)
         times = np.linspace(at, end, max(2, math.ceil((end - at) / _GRID)))
         places = {}
-        for name, robot in foreseen.items():
+        for name, robot in predicted.items():
             away = self._deviation(plan, name, robot, at, times - at)
             peak = float(np.hypot(away[:, 0], away[:, 1]).max())
             if peak > _TRACKED * self._parameters[name].tolerance.path:
-                return Outlook(trouble=f"'{name}' would come {peak:.2g} m off the active plan")
+                return Outlook(failure=f"'{name}' would come {peak:.2g} m off the active plan")
             places[name] = plan.motion(name).sample(times).state[:, :2] + away
-        trouble = self._nearness(problem, places)
-        settled = not trouble and all(
+        failure = self._nearness(problem, places)
+        settled = not failure and all(
             self._at_goal(plan.solution.trajectories[name].states[-1], robot.state)
-            for name, robot in foreseen.items()
+            for name, robot in predicted.items()
         )
-        return Outlook(self._cost(plan, foreseen, at), trouble, settled)
+        return Outlook(self._cost(plan, predicted, at), failure, settled)
 
     def _deviation(
-        self, plan: ActivePlan, name: str, robot: Foreseen, at: float, since: Array
+        self, plan: ActivePlan, name: str, robot: Predicted, at: float, since: Array
     ) -> Array:
         """Deviations (n, 2) m from the plan, `since` (n,) s after the instant `at`."""
         reference = plan.motion(name).reference(at)
@@ -190,19 +190,19 @@ class FormationExecution(Execution):
                 return f"'{one}' and '{other}' would come within {apart.min():.3g} m"
         return ''
 
-    def _cost(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> float:
+    def _cost(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> float:
         """J of what is left of the plan, and the gas that taking the deviations away costs."""
         rest = plan.remainder(at)
         if rest is None:
             return 0.0
-        task = replace(self._problem(plan).task, arrived=np.zeros(len(foreseen)))
+        task = replace(self._problem(plan).task, arrived=np.zeros(len(predicted)))
         arrivals, gas = [], []
         for name in task.names:
             motion = plan.motion(name)
             left = motion.end - at
-            arrivals.append(-foreseen[name].arrived if foreseen[name].arrived else left)
+            arrivals.append(-predicted[name].arrived if predicted[name].arrived else left)
             used = gas_used(task.plant, rest.trajectories[name])
-            drift = foreseen[name].state[2:4] - motion.reference(at)[2:4]
+            drift = predicted[name].state[2:4] - motion.reference(at)[2:4]
             gas.append((used if left > 0.0 else 0.0) + float(np.hypot(*drift)))
         return sum(task.cost_terms(np.array(arrivals), np.array(gas)).values())
 
@@ -211,13 +211,13 @@ class FormationExecution(Execution):
         return plan.problem
 
     def problem_from(
-        self, problem: RobotFormation, foreseen: Mapping[str, Foreseen]
+        self, problem: RobotFormation, predicted: Mapping[str, Predicted]
     ) -> RobotFormation:
         """Return the manoeuvre from the predicted states; robots kept at their goal stay there."""
         task = problem.task
         starts = {}
         for i, name in enumerate(task.names):
-            robot = foreseen[name]
+            robot = predicted[name]
             goal = np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, robot.state[6]])
             x, y, u, v, yaw, omega, alpha = robot.state.tolist()
             torque, thrust = float(robot.control[2]), float(robot.control[0])

@@ -22,7 +22,7 @@ from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.execution import Execution, Foreseen, Observation
+from tdm_planner.replanning.execution import Execution, Observation, Predicted
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 
@@ -51,9 +51,9 @@ class GenericExecution(Execution):
     def adopt(self, plan: ActivePlan) -> None:
         """Nothing to be done."""
 
-    def foresee(
+    def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Foreseen]:
+    ) -> dict[str, Predicted]:
         """Fly on under the planned controls, or carry the deviation from the plan along."""
         seen = observations[VEHICLE]
         motion = plan.solution.trajectory
@@ -64,7 +64,7 @@ class GenericExecution(Execution):
             for number, state in self._compared(motion):
                 flown[number] += then[state] - now[state]
         control = motion.sample(plan.elapsed(at)).control
-        return {VEHICLE: Foreseen(flown, control, seen.mode)}
+        return {VEHICLE: Predicted(flown, control, seen.mode)}
 
     def _flown(self, plan: ActivePlan, seen: Observation, at: float) -> Array | None:
         """Measured numbers at the instant `at` by the equations of motion, where all are known."""
@@ -84,9 +84,9 @@ class GenericExecution(Execution):
         found[order] = replay(DirectPlant(problem), flight, np.array([wait]))[-1]
         return found if np.isfinite(found).all() else None
 
-    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Compare the state with the plan; its cost to go is the problem's to say."""
-        motion, now = plan.solution.trajectory, foreseen[VEHICLE]
+        motion, now = plan.solution.trajectory, predicted[VEHICLE]
         elapsed = plan.elapsed(at)
         cost = plan.problem.cost_to_go(plan.solution, elapsed)
         # Where it is not known, no plan can be said to be cheaper.
@@ -98,7 +98,7 @@ class GenericExecution(Execution):
                 unit = motion.units.get(motion.state_names[state], '')
                 size = f'{abs(away):.3g} {unit}'.rstrip()
                 name = motion.state_names[state]
-                return replace(outlook, trouble=f"'{name}' is {size} away from the active plan")
+                return replace(outlook, failure=f"'{name}' is {size} away from the active plan")
         return outlook
 
     def _compared(self, motion: Trajectory) -> list[tuple[int, int]]:
@@ -106,9 +106,9 @@ class GenericExecution(Execution):
         states = motion.state_names
         return [(i, states.index(name)) for i, name in enumerate(self._names) if name in states]
 
-    def problem_from(self, problem: Problem, foreseen: Mapping[str, Foreseen]) -> Problem:
+    def problem_from(self, problem: Problem, predicted: Mapping[str, Predicted]) -> Problem:
         """Return the same problem, with the predicted state as its start."""
-        numbers = zip(self._names, foreseen[VEHICLE].state.tolist(), strict=True)
+        numbers = zip(self._names, predicted[VEHICLE].state.tolist(), strict=True)
         starts = {_START + name: value for name, value in numbers}
         return type(problem).from_parameters({**problem.to_parameters(), **starts})
 

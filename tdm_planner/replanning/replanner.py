@@ -27,7 +27,7 @@ from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import decide, Outlook, worth_improving
-from tdm_planner.replanning.execution import Execution, Foreseen, Mode, Observation
+from tdm_planner.replanning.execution import Execution, Mode, Observation, Predicted
 
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one
@@ -42,7 +42,7 @@ class Review:
     The outcome of a review; `plan` is the one to take over, None if the old one is kept.
 
     `necessary` says that the old one fails or answers another question; `solve_time` [s] is 0
-    where nothing had to be solved. `refused` holds the vehicles whose trackers were found to have
+    where nothing had to be solved. `rejected` holds the vehicles whose trackers were found to have
     kept the plan before the newest.
     """
 
@@ -51,7 +51,7 @@ class Review:
     outlook: Outlook
     necessary: bool = False
     solve_time: float = 0.0
-    refused: tuple[str, ...] = ()
+    rejected: tuple[str, ...] = ()
 
 
 class Replanner:
@@ -96,28 +96,28 @@ class Replanner:
             return Review(None, 'no plan is under way', Outlook(settled=True))
         if now < newest.start + _TAKEN_OVER and self._kept(newest, observations):
             return Review(None, 'the newest plan is not followed yet', Outlook(settled=True))
-        refused = self._refused(newest, observations)
+        rejected = self._rejected(newest, observations)
         plan = self.plan or newest
         if not self.execution.holds_goal and now >= plan.end:
             return Review(None, 'the plan has come to its end', Outlook(settled=True))
-        trouble = ''
-        if refused and plan is newest:
-            trouble = f"'{refused[0]}' has kept the plan before the active one"
-        review = self._reviewed(plan, problem, observations, now, trouble)
-        return replace(review, refused=tuple(refused))
+        failure = ''
+        if rejected and plan is newest:
+            failure = f"'{rejected[0]}' has kept the plan before the active one"
+        review = self._reviewed(plan, problem, observations, now, failure)
+        return replace(review, rejected=tuple(rejected))
 
     def _kept(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> bool:
         return any(self.execution.keeping(plan, newest, observations) for plan in self._earlier)
 
-    def _refused(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
+    def _rejected(self, newest: ActivePlan, observations: Mapping[str, Observation]) -> list[str]:
         """Vehicles whose trackers keep an earlier plan; where all do, it is active again."""
         for count, earlier in reversed(list(enumerate(self._earlier))):
-            refused = self.execution.keeping(earlier, newest, observations)
-            if refused and len(refused) == len(observations):
+            rejected = self.execution.keeping(earlier, newest, observations)
+            if rejected and len(rejected) == len(observations):
                 self.execution.adopt(earlier)
                 self.plan, self._earlier = earlier, self._earlier[:count]
-            if refused:
-                return refused
+            if rejected:
+                return rejected
         return []
 
     def _reviewed(
@@ -126,24 +126,24 @@ class Replanner:
         problem: Problem,
         observations: Mapping[str, Observation],
         now: float,
-        trouble: str,
+        failure: str,
     ) -> Review:
-        """Review `plan`; `trouble` says what is known to be wrong with it, '' if nothing is."""
+        """Review `plan`; `failure` says what is known to be wrong with it, '' if nothing is."""
         began = time.perf_counter()
         at = now + self.parameters.delay
-        foreseen = self.execution.foresee(plan, observations, at)
-        outlook = self.execution.outlook(plan, foreseen, at)
-        if trouble:
-            outlook = replace(outlook, trouble=trouble, settled=False)
+        predicted = self.execution.predict(plan, observations, at)
+        outlook = self.execution.outlook(plan, predicted, at)
+        if failure:
+            outlook = replace(outlook, failure=failure, settled=False)
         changed = not self.execution.same_question(problem, plan.problem)
-        necessary = changed or bool(outlook.trouble)
+        necessary = changed or bool(outlook.failure)
         if not (necessary or self._may_improve(plan, outlook, now)):
             return Review(None, 'the active plan does', outlook)
         allowed = _SOLVING * self.parameters.delay * (1.0 if necessary else _OPTIONAL)
         allowed -= time.perf_counter() - began
         try:
-            new_problem = self.execution.problem_from(problem, foreseen)
-            new = self._solve(new_problem, plan, foreseen, at, allowed)
+            new_problem = self.execution.problem_from(problem, predicted)
+            new = self._solve(new_problem, plan, predicted, at, allowed)
         except TdmError as error:
             return Review(None, f'{error.code}: {error}', outlook, necessary, self._spent(began))
         decision = decide(outlook, changed, new, self.parameters.improvement)
@@ -167,11 +167,11 @@ class Replanner:
         self,
         problem: Problem,
         plan: ActivePlan,
-        foreseen: Mapping[str, Foreseen],
+        predicted: Mapping[str, Predicted],
         at: float,
         allowed: float,
     ) -> Solution:
-        followed = all(vehicle.mode is Mode.FOLLOWING for vehicle in foreseen.values())
+        followed = all(vehicle.mode is Mode.FOLLOWING for vehicle in predicted.values())
         # Another seed each time: what was not found at the last review may be found now.
         self._reviews += 1
         return problem.solve(

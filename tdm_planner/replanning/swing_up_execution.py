@@ -24,9 +24,9 @@ from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
     Execution,
-    Foreseen,
     Mode,
     Observation,
+    Predicted,
 )
 from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.motion import wrapped
@@ -71,13 +71,13 @@ class SwingUpExecution(Execution):
         self._law = _Law(plan, self._tracker.prepare(plan.solution.trajectory))
         self._late, self._seen = 0.0, plan.start
 
-    def foresee(
+    def predict(
         self, plan: ActivePlan, observations: Mapping[str, Observation], at: float
-    ) -> dict[str, Foreseen]:
+    ) -> dict[str, Predicted]:
         """Roll the feedback law from the measured state to the instant `at`."""
         seen = observations[VEHICLE]
         if at <= seen.stamp:
-            return {VEHICLE: Foreseen(seen.state, np.zeros(1), seen.mode)}
+            return {VEHICLE: Predicted(seen.state, np.zeros(1), seen.mode)}
         if seen.mode is Mode.FOLLOWING:
             self._look(plan, seen.state, seen.stamp)
         table = self._table(plan, seen.mode, seen.stamp, at)
@@ -85,13 +85,13 @@ class SwingUpExecution(Execution):
         control = np.zeros(1)
         if seen.mode is Mode.FOLLOWING:
             control = plan.solution.trajectory.sample(plan.elapsed(at)).control
-        return {VEHICLE: Foreseen(state, control, seen.mode)}
+        return {VEHICLE: Predicted(state, control, seen.mode)}
 
-    def outlook(self, plan: ActivePlan, foreseen: Mapping[str, Foreseen], at: float) -> Outlook:
+    def outlook(self, plan: ActivePlan, predicted: Mapping[str, Predicted], at: float) -> Outlook:
         """Roll the feedback law to the end of the plan and a while about upright."""
-        plant, now = self._plant, foreseen[VEHICLE]
+        plant, now = self._plant, predicted[VEHICLE]
         if now.mode is not Mode.FOLLOWING:
-            return Outlook(trouble='the active plan is not followed any more')
+            return Outlook(failure='the active plan is not followed any more')
         left = max(plan.end - at, 0.0)
         goal = plan.solution.trajectory.states[-1]
         if self._tracker.level(now.state, goal) < 1.0:
@@ -99,19 +99,19 @@ class SwingUpExecution(Execution):
         until = at + left + _SETTLING / plant.natural_frequency
         states = roll_feedback(plant, now.state, self._table(plan, now.mode, at, until))
         if not np.isfinite(states).all() or not self._tracker.level(states[-1], goal) < 1.0:
-            return Outlook(left, trouble='the feedback cannot bring it back to the active plan')
+            return Outlook(left, failure='the feedback cannot bring it back to the active plan')
         assert isinstance(plan.problem, PendulumSwingUp)
         limit = _DISK_SLACK * plan.problem.limits.disk_angle
         furthest = float(np.abs(states[:, 1]).max())
         if furthest > max(limit, abs(float(now.state[1]))):
-            return Outlook(left, trouble=f'the disk would turn to {furthest:.3g} rad')
+            return Outlook(left, failure=f'the disk would turn to {furthest:.3g} rad')
         return Outlook(left)
 
     def problem_from(
-        self, problem: PendulumSwingUp, foreseen: Mapping[str, Foreseen]
+        self, problem: PendulumSwingUp, predicted: Mapping[str, Predicted]
     ) -> PendulumSwingUp:
         """Return the swing-up from the predicted state."""
-        now = foreseen[VEHICLE]
+        now = predicted[VEHICLE]
         torque = float(now.control[0]) if problem.method == 'smooth' else None
         theta, psi, theta_dot, psi_dot = now.state.tolist()
         return replace(problem, start=PendulumStart(theta, psi, theta_dot, psi_dot, torque))

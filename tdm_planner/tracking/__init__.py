@@ -16,7 +16,7 @@ from tdm_planner.tracking.linear_quadratic import (
     time_varying_regulator,
     TimeVaryingRegulator,
 )
-from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRefused
+from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
@@ -34,7 +34,7 @@ __all__ = [
     'RobotTrackerParameters',
     'TimeVaryingRegulator',
     'TrackerParameters',
-    'TrajectoryRefused',
+    'TrajectoryRejected',
     'TrajectoryTracker',
     'discrete_regulator',
     'discretise',

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.tracking.estimator import DifferentiablePlant
 from tdm_planner.tracking.linear_quadratic import time_varying_regulator
-from tdm_planner.tracking.motion import TrajectoryRefused
+from tdm_planner.tracking.motion import TrajectoryRejected
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class PlanLaw:
 
         Raises
         ------
-        TrajectoryRefused
+        TrajectoryRejected
             If there is no feedback along the plan.
 
         """
@@ -92,11 +92,11 @@ class PlanLaw:
         try:
             regulator = time_varying_regulator(a, b, *weights, terminal, step)
         except ValueError as error:
-            raise TrajectoryRefused(
+            raise TrajectoryRejected(
                 f'there is no feedback along the trajectory: {error}'
             ) from None
         if not np.isfinite(regulator.gains).all():
-            raise TrajectoryRefused('there is no finite feedback along the trajectory')
+            raise TrajectoryRejected('there is no finite feedback along the trajectory')
         costs = regulator.costs_to_go[:-1]
         return cls(trajectory, Feedforward(trajectory), regulator.gains, costs, step)
 

@@ -30,13 +30,13 @@ _LONGEST_MOTION = 3600.0  # s for which gains are prepared
 _SAME = 1e-9  # s, and in units of states and controls: rounding on the way through messages
 
 
-class TrajectoryRefused(TdmError):
+class TrajectoryRejected(TdmError):
     """A trajectory cannot be tracked; the active one stays. The message is one sentence."""
 
     code: ClassVar[str] = 'TRAJECTORY_REFUSED'
 
 
-class TrajectoryMissed(TrajectoryRefused):
+class TrajectoryMissed(TrajectoryRejected):
     """It could have been tracked, but the plant is elsewhere, or it is over."""
 
 
@@ -128,7 +128,7 @@ def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: fl
 
     Raises
     ------
-    TrajectoryRefused
+    TrajectoryRejected
         If it cannot; TrajectoryMissed if it is over.
 
     """
@@ -137,7 +137,7 @@ def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: fl
         ('controls', trajectory.control_names, plant.control_names),
     ):
         if has != tuple(wanted):
-            raise TrajectoryRefused(
+            raise TrajectoryRejected(
                 f'the trajectory has {kind} {", ".join(has)}; expected {", ".join(wanted)}'
             )
     if not math.isfinite(start) or start + trajectory.duration <= now:
@@ -150,13 +150,13 @@ def check_trajectory(plant: Named, trajectory: Trajectory, start: float, now: fl
         ('lasts', trajectory.duration, _LONGEST_MOTION),
     ):
         if seconds > most:
-            raise TrajectoryRefused(
+            raise TrajectoryRejected(
                 f'the trajectory {what} {"in " * (what == "starts")}{seconds:.3g} s: must not '
                 f'be more than {most:g} s'
             )
     largest = max(np.abs(part).max() for part in (trajectory.states, trajectory.controls))
     if largest > LARGEST:
-        raise TrajectoryRefused(
+        raise TrajectoryRejected(
             f'the trajectory holds the value {largest:.3g}: must not be beyond {LARGEST:g}'
         )
 

@@ -103,7 +103,7 @@ class RobotLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Wish:
+class DesiredCommand:
     """
     What the robot should do now, from plan and feedback.
 
@@ -199,7 +199,7 @@ class RobotTracker(TrajectoryTracker):
         error = self.error(state, reference)
         near = float(state[_ALPHA] - error[_ALPHA] - reference[_ALPHA])  # whole turns apart
         reach = law.reach(elapsed + interval)
-        wish = self._wish(
+        desired = self._desired(
             acceleration=-self._stiffness * error[:2] - self._damping * error[2:4],
             torque=torque + self._yaw_feedback(error),
             alpha=float(after[_ALPHA]) + near,
@@ -210,12 +210,14 @@ class RobotTracker(TrajectoryTracker):
             horizon = self._station if horizon == math.inf else max(horizon, self._shortest)
             if left == 0.0:
                 onward = None if onward is None else onward + near
-                wish = replace(self._coasting(wish, error, horizon), onward=onward)
+                desired = replace(self._coasting(desired, error, horizon), onward=onward)
             else:
                 self._correcting = False
                 wanted = -self._off(error, horizon) / max(left, _PULSE * interval)
-                wish = replace(wish, acceleration=wanted)
-        control = self._drive(state, replace(wish, acceleration=driven[2:4] + wish.acceleration))
+                desired = replace(desired, acceleration=wanted)
+        control = self._drive(
+            state, replace(desired, acceleration=driven[2:4] + desired.acceleration)
+        )
         return self._action(control, np.array([thrust, 0.0, torque]), error, reference)
 
     def hold(self, motion: Motion, time: float, state: Array) -> Action:
@@ -224,33 +226,37 @@ class RobotTracker(TrajectoryTracker):
         goal[[2, 3, _OMEGA]] = 0.0
         goal[_ALPHA] = state[_ALPHA]
         error = self.error(state, goal)
-        wish = self._wish(np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE)
-        control = self._drive(state, self._coasting(wish, error, self._station))
+        desired = self._desired(
+            np.zeros(2), self._yaw_feedback(error), float(state[_ALPHA]), _FREE
+        )
+        control = self._drive(state, self._coasting(desired, error, self._station))
         return self._action(control, np.zeros(3), error, goal)
 
     def recover(self, state: Array) -> Array:
         """Brake."""
         still = np.zeros(7)
         still[[0, 1, _YAW, _ALPHA]] = state[[0, 1, _YAW, _ALPHA]]
-        wish = self._wish(
+        desired = self._desired(
             acceleration=-self._damping * state[2:4],
             torque=self._yaw_feedback(self.error(state, still)),
             alpha=float(state[_ALPHA]),
             reach=_FREE,
         )
-        return self._drive(state, wish)
+        return self._drive(state, desired)
 
     def calm(self, state: Array, slack: float) -> bool:
         """Whether the robot drifts and turns slowly."""
         speed, turn = math.hypot(state[2], state[3]), abs(state[_OMEGA])
         return speed < slack * _CALM_SPEED and turn < slack * _CALM_TURN
 
-    def _wish(self, acceleration: Array, torque: float, alpha: float, reach: Reach) -> Wish:
+    def _desired(
+        self, acceleration: Array, torque: float, alpha: float, reach: Reach
+    ) -> DesiredCommand:
         feedback = self.parameters.feedback
         quiet = feedback.deadband * self._largest
-        return Wish(acceleration, torque, alpha, reach, quiet, feedback.misalignment)
+        return DesiredCommand(acceleration, torque, alpha, reach, quiet, feedback.misalignment)
 
-    def _coasting(self, wish: Wish, error: Array, horizon: float) -> Wish:
+    def _coasting(self, desired: DesiredCommand, error: Array, horizon: float) -> DesiredCommand:
         """
         Return the desired command of a robot that coasts for another `horizon` s.
 
@@ -262,7 +268,7 @@ class RobotTracker(TrajectoryTracker):
         level = _SETTLED * allowed if self._correcting else allowed
         self._correcting = math.hypot(off[0], off[1]) * horizon > level
         pulse = off / (_PULSE * self.parameters.interval) if self._correcting else np.zeros(2)
-        return replace(wish, acceleration=-pulse, quiet=0.0, aligned=_ALIGNED)
+        return replace(desired, acceleration=-pulse, quiet=0.0, aligned=_ALIGNED)
 
     @staticmethod
     def _off(error: Array, horizon: float) -> Array:
@@ -279,26 +285,26 @@ class RobotTracker(TrajectoryTracker):
         limit = self.parameters.limits.thruster_rate
         return min(max(self._servo_share * angle / self.parameters.interval, -limit), limit)
 
-    def _drive(self, state: Array, wish: Wish) -> Array:
+    def _drive(self, state: Array, desired: DesiredCommand) -> Array:
         """Return the controls (3,) nearest to the desired command."""
         limits, plant = self.parameters.limits, self.parameters.plant
-        wanted = math.hypot(wish.acceleration[0], wish.acceleration[1])
+        wanted = math.hypot(desired.acceleration[0], desired.acceleration[1])
         alpha, heading = float(state[_ALPHA]), float(state[_YAW] + state[_ALPHA])
-        off = math.atan2(wish.acceleration[1], wish.acceleration[0]) - heading
+        off = math.atan2(desired.acceleration[1], desired.acceleration[0]) - heading
         off = float(wrapped(np.asarray(off)))
         turn = off
-        if wish.onward is not None:
-            onward, other = wish.onward - alpha, off - math.copysign(math.tau, off)
+        if desired.onward is not None:
+            onward, other = desired.onward - alpha, off - math.copysign(math.tau, off)
             if abs(other) + abs(onward - other) < abs(off) + abs(onward - off):
                 turn = other
-        target = wish.alpha if wanted <= wish.quiet else alpha + turn
-        if wish.reach.lower <= wish.reach.upper:
-            target = min(max(target, wish.reach.lower), wish.reach.upper)
+        target = desired.alpha if wanted <= desired.quiet else alpha + turn
+        if desired.reach.lower <= desired.reach.upper:
+            target = min(max(target, desired.reach.lower), desired.reach.upper)
         rate = self._servo(target - alpha)
         thrust = 0.0
-        if abs(off) < wish.aligned:
+        if abs(off) < desired.aligned:
             thrust = plant.mass * wanted * math.cos(off) / actuator_gains(state)[0]
-        torque = wish.torque / actuator_gains(state)[1]
+        torque = desired.torque / actuator_gains(state)[1]
         return np.array(
             [
                 min(thrust, limits.thrust),

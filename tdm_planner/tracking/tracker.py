@@ -39,7 +39,7 @@ from tdm_planner.tracking.motion import (
     Motion,
     Phase,
     TrajectoryMissed,
-    TrajectoryRefused,
+    TrajectoryRejected,
 )
 from tdm_planner.tracking.repetition import RepetitionWatch
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
@@ -175,7 +175,7 @@ class TrajectoryTracker(ABC):
 
         Raises
         ------
-        TrajectoryRefused
+        TrajectoryRejected
             If it lies in the past, is not this plant's, or the state is too far from it. A tracker
             that has just started then does what it does when it gives a motion up: the plan was
             followed by another, or by itself before a restart.
@@ -202,7 +202,7 @@ class TrajectoryTracker(ABC):
             with np.errstate(all='ignore'):
                 return self.prepare(trajectory)
         except BREAKDOWN as error:
-            raise TrajectoryRefused(
+            raise TrajectoryRejected(
                 f'no feedback along the trajectory can be computed: {" ".join(str(error).split())}'
             ) from error
 
@@ -212,7 +212,7 @@ class TrajectoryTracker(ABC):
         if stale or at - now > _LONGEST_FORESEEN:
             return  # nothing to compare with; the comparison is made at the start
         if self.phase in (Phase.TRACKING, Phase.HOLDING) or self.unquiet:
-            expected = self._foreseen(now, at)
+            expected = self._predicted_state(now, at)
         else:
             # From now on nothing is commanded.
             self.history.add(now, self.nothing)
@@ -226,7 +226,7 @@ class TrajectoryTracker(ABC):
             return self._restless
         return self.phase is Phase.RECOVERING and not self.wants_plan
 
-    def _foreseen(self, now: float, at: float) -> Array:
+    def _predicted_state(self, now: float, at: float) -> Array:
         """State (nx,) at the instant `at` [s] if this tracker goes on as it does."""
         state, time = self.estimator.predict(now), now
         # Held for much longer than an interval the feedback would not follow a quick swing.
@@ -351,7 +351,7 @@ class TrajectoryTracker(ABC):
         self.following = None
         try:
             self._compare(motion, state, time)
-        except TrajectoryRefused as refusal:
+        except TrajectoryRejected as refusal:
             if waiting:
                 self.give_up(str(refusal))
             else:
@@ -365,7 +365,7 @@ class TrajectoryTracker(ABC):
 
         Raises
         ------
-        TrajectoryRefused
+        TrajectoryRejected
             If there are none for an active trajectory.
 
         """

@@ -34,7 +34,7 @@ from tdm_planner.tracking import (
     RobotTracker,
     RobotTrackerParameters,
     TrackerParameters,
-    TrajectoryRefused,
+    TrajectoryRejected,
     TrajectoryTracker,
 )
 from tdm_planner.tracking.stated_tracking import StatedTracker
@@ -84,7 +84,7 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
 
     Raises
     ------
-    TrajectoryRefused
+    TrajectoryRejected
         If a tracker does not accept the plan.
     InvalidProblem
         If no tracker for plants of the problem is known.
@@ -187,7 +187,7 @@ def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str,
     for seed in range(how.seeds):
         try:
             mission = fly(problem, solution, how, seed)
-        except TrajectoryRefused as rejection:
+        except TrajectoryRejected as rejection:
             lost = lost or str(rejection)
             continue
         verdict = judge(mission)

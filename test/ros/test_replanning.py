@@ -199,12 +199,12 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped,
     """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
     assert rig.stands_up()
     assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']
-    told, refused = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REJECTED))
+    told, rejected = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REJECTED))
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     answer = rig.plan()
     sentence = f'plan {answer["plan_id"]} is not followed by pendulum: the tracker says why'
     ros.spin_for(0.5)  # it begins after .3 s, and trackers have another .3 s to tell
-    assert rig.tracker.output.count(REJECTED) > refused
+    assert rig.tracker.output.count(REJECTED) > rejected
     assert sentence not in rig.planner.output
     assert ros.spin_until(lambda: rig.planner.output.count(NOT_TAKEN) > told), rig.planner.output
     ros.spin_for(0.5)

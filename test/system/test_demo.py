@@ -136,7 +136,7 @@ def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_wh
 def test_a_plant_of_one_s_own_flies(ros: Ros, tmp_path: Path) -> None:
     """From a module that Python finds: planned, tracked, held, recorded, reported."""
     path = os.pathsep.join([str(SOURCE / 'docs' / 'plants'), ros.environment['PYTHONPATH']])
-    successful(demo(ros, tmp_path, 'moon_lander:MoonLander', PYTHONPATH=path))
+    successful(demo(ros, tmp_path, 'moon_lander:MoonLander', '--speed=0.9', PYTHONPATH=path))
     plan = load_plan(tmp_path / 'out' / 'plan.json')
     assert plan['verification']['ok']
     assert abs(plan['states']['h'][-1]) < 1e-2

@@ -31,7 +31,7 @@ from tdm_planner.nodes import planning
 from tdm_planner.nodes.answers import plan_answer
 from tdm_planner.nodes.planning import Failure, make_plan
 from tdm_planner.replanning import ActivePlan
-from tdm_planner.tracking import TrajectoryRefused
+from tdm_planner.tracking import TrajectoryRejected
 
 BEGIN = 1_700.0  # s
 
@@ -227,7 +227,7 @@ def test_a_fault_of_the_program_is_internal_and_has_its_traceback() -> None:
 
 
 def test_an_error_of_the_package_keeps_its_code_and_has_no_traceback() -> None:
-    for error in (Inactive('not active'), Busy('solving'), TrajectoryRefused('too far')):
+    for error in (Inactive('not active'), Busy('solving'), TrajectoryRejected('too far')):
         made = Failure.of(error)
         assert (made.code, made.reason, made.trace) == (error.code, str(error), '')
     assert Inactive.code == 'INACTIVE'

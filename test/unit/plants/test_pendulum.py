@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants import pendulum_steering, PendulumInertia, RotaryPendulum
+from tdm_planner.plants import pendulum_shooting, PendulumInertia, RotaryPendulum
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
@@ -34,7 +34,7 @@ from tdm_planner.plants.pendulum_kernels import (
 )
 from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
 from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
-from tdm_planner.plants.pendulum_steering import ArcBatch, ARRIVED, steer
+from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED, shoot
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_seeds import laws
 from tdm_planner.tracking.motion import wrapped
@@ -174,7 +174,7 @@ def test_states_are_accurate():
 
 def test_steering_arrives_upright_within_the_limit():
     batch = random_batch(60)
-    steer(PLANT, START, batch, 2.0, 12, NEVER)
+    shoot(PLANT, START, batch, 2.0, 12, NEVER)
     arrived = np.flatnonzero(batch.costs < ARRIVED)
     assert arrived.size >= 3
     for index in arrived:
@@ -232,19 +232,19 @@ def test_sine_and_cosine(angle):
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
-    monkeypatch.setattr(pendulum_steering, '_cores', lambda: 1)
-    count = steer(PLANT, START, one, 2.0, 12, NEVER)
-    monkeypatch.setattr(pendulum_steering, '_cores', lambda: cores)
-    steer_arcs, used, all_started = pendulum_steering.steer_arcs, set(), threading.Barrier(threads)
+    monkeypatch.setattr(pendulum_shooting, '_cores', lambda: 1)
+    count = shoot(PLANT, START, one, 2.0, 12, NEVER)
+    monkeypatch.setattr(pendulum_shooting, '_cores', lambda: cores)
+    shoot_arcs, used, all_started = pendulum_shooting.shoot_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
         if threading.get_ident() not in used:
             used.add(threading.get_ident())
             all_started.wait(60.0)
-        return steer_arcs(*arguments)
+        return shoot_arcs(*arguments)
 
-    monkeypatch.setattr(pendulum_steering, 'steer_arcs', noted)
-    assert steer(PLANT, START, many, 2.0, 12, NEVER) == count
+    monkeypatch.setattr(pendulum_shooting, 'shoot_arcs', noted)
+    assert shoot(PLANT, START, many, 2.0, 12, NEVER) == count
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)
     np.testing.assert_array_equal(one.costs, many.costs)
@@ -253,7 +253,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
 def test_steering_stops_when_told():
     batch = random_batch(170)
     before = batch.durations.copy()
-    assert steer(PLANT, START, batch, 2.0, 12, lambda: True) == 0
+    assert shoot(PLANT, START, batch, 2.0, 12, lambda: True) == 0
     np.testing.assert_array_equal(batch.durations, before)
 
 

@@ -215,7 +215,7 @@ def asked_at(
         for name, motion in plan.solution.trajectories.items()
     }
     execution = FormationExecution(FORMATION)
-    return execution.problem_from(asked, execution.foresee(plan, seen, at))
+    return execution.problem_from(asked, execution.predict(plan, seen, at))
 
 
 def test_a_robot_about_to_arrive_keeps_its_motion(crossing: ActivePlan) -> None:

@@ -22,7 +22,7 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_steering import ARRIVED, steer
+from tdm_planner.plants.pendulum_shooting import ARRIVED, shoot
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
 from tdm_planner.problems.switching_motion import (
@@ -116,7 +116,7 @@ def arrivals(disk_angle: float) -> list[tuple[ArcProgram, np.ndarray]]:
     """Programs with a motion each that arrives, the quickest first."""
     task = SwingUpTask(PLANT, START, 0.09, 0.09, disk_angle, 0)
     batch = starts(task, np.random.default_rng(0), 200, 6)
-    steer(PLANT, START, batch, disk_angle, 12, lambda: False)
+    shoot(PLANT, START, batch, disk_angle, 12, lambda: False)
     found = []
     totals = np.where(batch.costs < ARRIVED, batch.durations.sum(axis=1), np.inf)
     for index in np.argsort(totals)[:5]:

@@ -93,7 +93,7 @@ def test_a_state_that_left_the_plan_makes_another_necessary() -> None:
     at = plan.start + 10.0
     review = made.review(FAR, seen(plan, at, (-200.0, 0.0)), at)
     assert review.necessary
-    assert "'x' is 200 m away from the active plan" in review.outlook.trouble
+    assert "'x' is 200 m away from the active plan" in review.outlook.failure
     assert review.plan is not None, review.reason
     assert review.plan.start == pytest.approx(at + delay)
     assert review.plan.solution.verification.ok
@@ -107,10 +107,10 @@ def test_where_not_all_is_measured_the_deviation_is_carried_along(plan: ActivePl
     execution, at = GenericExecution(('x',), 0.05), plan.start + 0.4
     x = float(plan.solution.trajectory.sample(0.4).state[0])
     observed = {VEHICLE: Observation(np.array([x + 0.1]), at, Mode.FOLLOWING)}
-    foreseen = execution.foresee(plan, observed, at + 0.3)
+    predicted = execution.predict(plan, observed, at + 0.3)
     expected = plan.solution.trajectory.sample(0.7).state[0] + 0.1
-    assert foreseen[VEHICLE].state[0] == pytest.approx(expected, abs=1e-9)
-    assert "'x'" in execution.outlook(plan, foreseen, at + 0.3).trouble
+    assert predicted[VEHICLE].state[0] == pytest.approx(expected, abs=1e-9)
+    assert "'x'" in execution.outlook(plan, predicted, at + 0.3).failure
 
 
 def test_a_cheaper_plan_takes_over_and_another_question_is_answered() -> None:

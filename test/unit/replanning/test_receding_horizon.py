@@ -134,13 +134,13 @@ def test_the_next_review_but_one_mends_a_refusal(plan: ActivePlan) -> None:
         loop.tick()
         assert loop.time < 3.0
     tracker.parameters = usual
-    refused = loop.plans[-1]
-    while len(loop.plans) < 3 and loop.time < refused.start + 3.0:
+    rejected = loop.plans[-1]
+    while len(loop.plans) < 3 and loop.time < rejected.start + 3.0:
         loop.tick()
-    assert any(review.refused for review in loop.reviews)
+    assert any(review.rejected for review in loop.reviews)
     # Seen when the plans have parted, at the next review; the new plan follows.
     mended = loop.plans[2]
-    assert mended.start < refused.start + 1.0 + 2 / PARAMETERS.rate + PARAMETERS.delay
+    assert mended.start < rejected.start + 1.0 + 2 / PARAMETERS.rate + PARAMETERS.delay
     run(loop, mended.end + 1.0)
     assert tracker.phase is Phase.HOLDING
     assert float(plant.state[0]) == pytest.approx(math.tau * (1 - turns), abs=0.05)

@@ -38,7 +38,7 @@ from tdm_planner.verification import Verification
 SETTINGS = settings(max_examples=100)
 COSTS, SHARES = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
 OUTLOOKS = st.builds(
-    Outlook, cost=COSTS, trouble=st.sampled_from(['', 'it falls']), settled=st.booleans()
+    Outlook, cost=COSTS, failure=st.sampled_from(['', 'it falls']), settled=st.booleans()
 )
 PARAMETERS = ReplanParameters(rate=5.0, delay=0.4)
 
@@ -56,7 +56,7 @@ def test_a_verified_plan_takes_over_if_it_is_necessary_or_saves_its_share(
     assert decision.reason
     if not verified:
         assert not decision.take_over
-    elif changed or outlook.trouble:
+    elif changed or outlook.failure:
         assert decision.take_over
     elif abs(ratio - (1.0 - improvement)) > 1e-9:
         saves = outlook.cost > 0.0 and ratio < 1.0 - improvement
@@ -160,14 +160,14 @@ def test_a_plan_that_all_refuse_is_forgotten_once_it_has_begun_for_a_while(
     later = replace(swing, start=0.5)
     replanner.adopt(later)
     early = replanner.review(SWING, following(swing, 0.51), 0.52)
-    assert (early.plan, early.refused, replanner.plan) == (None, (), later)
+    assert (early.plan, early.rejected, replanner.plan) == (None, (), later)
     seen = following(swing, 0.9)
     review = replanner.review(SWING, seen, 0.9)
-    assert review.refused == (VEHICLE,)
+    assert review.rejected == (VEHICLE,)
     assert replanner.plan is swing
     assert replanner.history == (swing,)
     assert not review.necessary
-    assert not replanner.review(SWING, seen, 0.9).refused
+    assert not replanner.review(SWING, seen, 0.9).rejected
 
 
 def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
@@ -182,7 +182,7 @@ def test_the_robots_that_keep_their_plan_are_named_and_it_is_mended() -> None:
     replanner.adopt(first)
     replanner.adopt(later)
     review = replanner.review(FORMATION, seen, at)
-    assert review.refused == ('robot1',)
+    assert review.rejected == ('robot1',)
     assert review.necessary
-    assert 'robot1' in review.outlook.trouble
+    assert 'robot1' in review.outlook.failure
     assert replanner.plan is later

@@ -37,7 +37,7 @@ from tdm_planner.tracking import (
     PendulumTracker,
     PendulumTrackerParameters,
     Phase,
-    TrajectoryRefused,
+    TrajectoryRejected,
 )
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
@@ -198,7 +198,7 @@ def test_the_hold_outlasts_a_refusal_and_ends_with_a_push_until_the_next_plan(
 ) -> None:
     loop.run(1.2)
     assert loop.tracker.phase is Phase.HOLDING
-    with pytest.raises(TrajectoryRefused):
+    with pytest.raises(TrajectoryRejected):
         loop.tracker.accept(plan, loop.now + 0.2, loop.now)
     loop.run(0.5)
     assert held(loop, 0.5)
@@ -230,7 +230,7 @@ def test_refusals_name_what_is_wrong(plan: Trajectory) -> None:
         (replace(plan, states=moved(plan.states, 1.0, 0, 0, 0)), 105.0, r'tolerance\.start'),
         (plan, 100.0 - 0.9 * plan.duration, r'tolerance\.path'),
     ):
-        with np.errstate(all='ignore'), pytest.raises(TrajectoryRefused, match=words):
+        with np.errstate(all='ignore'), pytest.raises(TrajectoryRejected, match=words):
             tracker.accept(refused, start, 100.0)
         assert tracker.phase is Phase.IDLE
         assert not tracker.command(100.0).control.any()
@@ -340,7 +340,7 @@ def test_parameters_that_give_no_feedback_are_refused(plan: Trajectory) -> None:
     tracker = pendulum_tracker()
     tracker.observe(plan.states[0], 0.0)
     tracker.accept(plan, 0.1, 0.01)
-    with pytest.raises(TrajectoryRefused, match='no feedback'):
+    with pytest.raises(TrajectoryRejected, match='no feedback'):
         pendulum_tracker(plant__com_distance=10.0).adopt(tracker)
     for wrong in ({'tolerance__path': -1.0}, {'weights__torque': 0.0}):
         (name,) = wrong
@@ -412,7 +412,7 @@ def test_a_restarted_tracker_goes_on_where_it_has_missed_a_plan_lately(
     tracker.observe(HANGING, 100.0)
     if since < 0.0:
         plan = replace(plan, states=moved(plan.states, 1.0, 0.0, 0.0, 0.0))
-    with pytest.raises(TrajectoryRefused):
+    with pytest.raises(TrajectoryRejected):
         tracker.accept(plan, 100.0 - since, 100.0)
     assert tracker.phase is phase
     command = tracker.command(100.01)

@@ -19,7 +19,7 @@ from closed_loop import Loop, robot
 import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.tracking import Phase, TrajectoryRefused
+from tdm_planner.tracking import Phase, TrajectoryRejected
 from tdm_planner.tracking.robot_estimation import EstimatedRobot
 from tdm_planner.trajectory import Trajectory
 
@@ -198,7 +198,7 @@ def test_a_robot_carried_away_is_given_up_and_brakes_where_a_new_plan_is_wanted(
     if not on_deviation:
         assert loop.tracker.phase is Phase.STOPPED
         assert not loop.controls[-1].any()
-        with pytest.raises(TrajectoryRefused, match=r'tolerance\.start'):
+        with pytest.raises(TrajectoryRejected, match=r'tolerance\.start'):
             loop.tracker.accept(plan, loop.now + 1.0, loop.now)
         return
     assert loop.tracker.phase is Phase.RECOVERING

@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What is foreseen is what trackers do, what will fail is seen in time; the rest of plans."""
+"""What is predicted is what trackers do, what will fail is seen in time; the rest of plans."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def outlook(
     execution: Execution, plan: ActivePlan, at: float, states: Mapping[str, np.ndarray]
 ) -> Outlook:
     seen = {name: Observation(state, at, Mode.FOLLOWING) for name, state in states.items()}
-    return execution.outlook(plan, execution.foresee(plan, seen, at), at)
+    return execution.outlook(plan, execution.predict(plan, seen, at), at)
 
 
 def seen_on(plan: ActivePlan, at: float, away: float | np.ndarray = 0.0) -> dict[str, Observation]:
@@ -85,10 +85,10 @@ def states_at(plan: ActivePlan, at: float) -> dict[str, np.ndarray]:
         (Mode.FOLLOWING, True, False),
     ],
 )
-def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
+def test_the_pendulum_is_predicted_where_its_own_tracker_takes_it(
     swing: ActivePlan, mode: Mode, tuned: bool, known: bool
 ) -> None:
-    """With the defaults in place of a tuned tracker's weights it is foreseen elsewhere."""
+    """With the defaults in place of a tuned tracker's weights it is predicted elsewhere."""
     tracker = pendulum_tracker(1.2 * WEAK, **TUNED) if tuned else pendulum_tracker(WEAK)
     away, begin = ([0.05, 0.1, 0.15, 0.5], 0.2) if tuned else ([0.05, 0.05, 0.3, 0.3], 0.6)
     vehicle = pendulum(tracker, swing.solution.trajectory.states[0] + away)
@@ -105,23 +105,23 @@ def test_the_pendulum_is_foreseen_where_its_own_tracker_takes_it(
         tracker.give_up('test')
     seen = {VEHICLE: Observation(vehicle.plant.state, loop.time, mode)}
     execution = SwingUpExecution(SWING, tracker.parameters if tuned and known else None)
-    foreseen = execution.foresee(swing, seen, loop.time + 0.2)[VEHICLE]
+    predicted = execution.predict(swing, seen, loop.time + 0.2)[VEHICLE]
     for _ in range(40):
         loop.tick()
-    missed = np.abs(foreseen.state - vehicle.plant.state)
+    missed = np.abs(predicted.state - vehicle.plant.state)
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all() == known, missed
 
 
-def test_a_pendulum_that_is_late_on_its_plan_is_foreseen_late(swing: ActivePlan) -> None:
+def test_a_pendulum_that_is_late_on_its_plan_is_predicted_late(swing: ActivePlan) -> None:
     """Its tracker lets the plan wait."""
     at, late = 0.5 * swing.solution.duration, 0.04
     seen = {VEHICLE: Observation(states_at(swing, at - late)[VEHICLE], at, Mode.FOLLOWING)}
-    foreseen = SwingUpExecution(SWING).foresee(swing, seen, at + 0.1)[VEHICLE]
-    missed = np.abs(foreseen.state - states_at(swing, at + 0.1 - late)[VEHICLE])
+    predicted = SwingUpExecution(SWING).predict(swing, seen, at + 0.1)[VEHICLE]
+    missed = np.abs(predicted.state - states_at(swing, at + 0.1 - late)[VEHICLE])
     assert (missed < [5e-3, 5e-3, 0.1, 0.1]).all(), missed
 
 
-def test_robots_are_foreseen_where_their_trackers_take_them(flight: ActivePlan) -> None:
+def test_robots_are_predicted_where_their_trackers_take_them(flight: ActivePlan) -> None:
     away = np.array([0.01, -0.01, 0.002, 0.002, 0.01, 0.0, 0.0])
     vehicles = {
         name: robot(part.states[0] + away) for name, part in flight.solution.trajectories.items()
@@ -134,38 +134,38 @@ def test_robots_are_foreseen_where_their_trackers_take_them(flight: ActivePlan) 
         name: Observation(vehicle.plant.state, loop.time, Mode.FOLLOWING)
         for name, vehicle in vehicles.items()
     }
-    foreseen = FormationExecution(FORMATION).foresee(flight, seen, loop.time + 0.3)
+    predicted = FormationExecution(FORMATION).predict(flight, seen, loop.time + 0.3)
     for _ in range(15):
         loop.tick()
     for name, vehicle in vehicles.items():
-        missed = np.abs(foreseen[name].state - vehicle.plant.state)[:6]
+        missed = np.abs(predicted[name].state - vehicle.plant.state)[:6]
         assert (missed < [2e-3, 2e-3, 5e-3, 5e-3, 2e-2, 2e-2]).all(), missed
 
 
-def test_a_tuned_robot_is_foreseen_with_its_own_gains(flight: ActivePlan) -> None:
+def test_a_tuned_robot_is_predicted_with_its_own_gains(flight: ActivePlan) -> None:
     at, stiff = 4.0, build(RobotTrackerParameters, {'feedback.yaw': 0.01})
     seen = seen_on(flight, at, 0.05 * np.eye(7)[4])
-    usual = FormationExecution(FORMATION).foresee(flight, seen, at + 0.5)
-    tuned = FormationExecution(FORMATION, {'robot1': stiff}).foresee(flight, seen, at + 0.5)
+    usual = FormationExecution(FORMATION).predict(flight, seen, at + 0.5)
+    tuned = FormationExecution(FORMATION, {'robot1': stiff}).predict(flight, seen, at + 0.5)
     assert abs(tuned['robot1'].state[4] - usual['robot1'].state[4]) > 1e-3
     np.testing.assert_array_equal(tuned['robot2'].state, usual['robot2'].state)
 
 
 @pytest.mark.parametrize(
-    ('share', 'away', 'trouble'),
+    ('share', 'away', 'failure'),
     [
         *((share, [0.01, 0.01, 0.05, 0.05], '') for share in (0.1, 0.4, 0.7)),
         (0.5, [-0.3, 0.0, -8.0, 0.0], 'cannot bring it back'),
     ],
 )
 def test_a_plan_that_is_followed_is_kept_and_what_the_feedback_cannot_mend_is_seen(
-    swing: ActivePlan, share: float, away: list[float], trouble: str
+    swing: ActivePlan, share: float, away: list[float], failure: str
 ) -> None:
     at = share * swing.solution.duration
     state = states_at(swing, at)[VEHICLE] + away
     seen = outlook(SwingUpExecution(SWING), swing, at, {VEHICLE: state})
-    assert bool(seen.trouble) == bool(trouble)
-    assert trouble in seen.trouble
+    assert bool(seen.failure) == bool(failure)
+    assert failure in seen.failure
     assert seen.cost == pytest.approx(swing.solution.duration - at)
 
 
@@ -175,7 +175,7 @@ def test_upright_and_held_all_is_settled_and_a_fall_is_seen(swing: ActivePlan) -
     for away, settled in (([0.01, 0.05, 0.1, 0.1], True), ([1.5, 0.0, 8.0, 0.0], False)):
         seen = outlook(execution, swing, at, {VEHICLE: goal + away})
         assert seen.settled == settled
-        assert bool(seen.trouble) != settled
+        assert bool(seen.failure) != settled
 
 
 def test_a_push_towards_another_robot_is_seen(flight: ActivePlan) -> None:
@@ -189,7 +189,7 @@ def test_a_push_towards_another_robot_is_seen(flight: ActivePlan) -> None:
         towards = states['robot2'][:2] - states['robot1'][:2]
         states['robot1'][2:4] += speed * towards / np.linalg.norm(towards)
         seen = outlook(FormationExecution(FORMATION), flight, at, states)
-        assert bool(seen.trouble) == (speed > 0.0), seen
+        assert bool(seen.failure) == (speed > 0.0), seen
 
 
 @pytest.mark.parametrize(('name', 'axis'), [('robot2', 0), ('robot3', 1)])
@@ -201,16 +201,16 @@ def test_what_leads_near_a_wall_is_seen(
     states = states_at(flight, 0.0)
     states[name][axis] += away
     seen = outlook(FormationExecution(narrow), replace(flight, problem=narrow), 0.0, states)
-    assert (f"'{name}' would come" in seen.trouble) == (away > 0.0)
-    assert ('near a wall' in seen.trouble) == (away > 0.0)
+    assert (f"'{name}' would come" in seen.failure) == (away > 0.0)
+    assert ('near a wall' in seen.failure) == (away > 0.0)
 
 
 def test_robots_held_at_their_goals_stay_there(flight: ActivePlan) -> None:
     execution, at = FormationExecution(FORMATION), flight.end + 2.0
     away = np.array([0.005, -0.005, 0.002, 0.0, 0.01, 0.0, 0.0])
-    foreseen = execution.foresee(flight, seen_on(flight, at, away), at)
-    assert execution.outlook(flight, foreseen, at).settled
-    new = execution.problem_from(FORMATION, foreseen)
+    predicted = execution.predict(flight, seen_on(flight, at, away), at)
+    assert execution.outlook(flight, predicted, at).settled
+    new = execution.problem_from(FORMATION, predicted)
     assert new.task.staying.all()
     assert (new.task.arrived > 1.9).all()
 
@@ -221,11 +221,11 @@ def test_plans_of_robots_begin_with_the_thruster_where_it_is(
 ) -> None:
     asked = replace(FORMATION, end_accelerations=ends)
     execution, at = FormationExecution(FORMATION), 4.0
-    foreseen = execution.foresee(flight, seen_on(flight, at), at + 0.15)
-    new = execution.problem_from(asked, foreseen).solve(deadline=60.0)
+    predicted = execution.predict(flight, seen_on(flight, at), at + 0.15)
+    new = execution.problem_from(asked, predicted).solve(deadline=60.0)
     assert new.verification.ok
     limits = FORMATION.limits
-    for name, now in foreseen.items():
+    for name, now in predicted.items():
         first = new.trajectories[name]
         np.testing.assert_allclose(first.states[0], now.state, atol=1e-9)
         torque, thrust = first.control('torque')[0], first.control('thrust')[0]

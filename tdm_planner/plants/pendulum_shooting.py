@@ -202,13 +202,13 @@ def _propose(
     longest: float,
     floor: float,
     damping: float,
-    refused: int,
+    rejected: int,
     factor: Array,
     step: Array,
     trial: Array,
 ) -> tuple[float, int]:
     """Fill `trial`; return the damping used and the number of steps rejected so far."""
-    while refused < TRIES:
+    while rejected < TRIES:
         if _damped_step(arcs, normal, gradient, durations, damping, floor, factor, step):
             size = np.abs(step[:arcs]).max()
             if size < 1e9:
@@ -216,13 +216,13 @@ def _propose(
                 for p in range(arcs):
                     trial[p] = max(durations[p] + scale * step[p], 0.0)
                 break
-        refused += 1
+        rejected += 1
         damping *= 6.0
-    return damping, refused
+    return damping, rejected
 
 
 @compiled
-def steer_arcs(
+def shoot_arcs(
     k: Coefficients,
     starts: Array,
     durations: Array,
@@ -251,7 +251,7 @@ def steer_arcs(
     trials, held, begins = np.zeros((most, LANES)), np.zeros((most, LANES)), np.zeros(STATE)
     normal, gradient = np.empty((LANES, most, most)), np.empty((LANES, most))
     damping, longest, floor = np.empty(LANES), np.empty(LANES), 1e-3 * w0 * w0
-    accepted, refused = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
+    accepted, rejected = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
     residual, row, trial = np.empty(4 + most), np.empty(most), np.empty(most)
     factor, step = np.empty((most, most)), np.empty(most)
     queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
@@ -264,7 +264,7 @@ def steer_arcs(
                 b = queue[taken]
                 taken += 1
                 in_lane[lane], costs[b] = b, np.inf
-                damping[lane], accepted[lane], refused[lane] = 1e-3, -1, 0
+                damping[lane], accepted[lane], rejected[lane] = 1e-3, -1, 0
                 longest[lane] = min(0.2 * durations[b].sum() + 0.2 / w0, effort.reach / w0)
                 trials[:, lane], held[:, lane] = durations[b], torques[b]
                 begins[lane::LANES] = starts[b]
@@ -287,7 +287,7 @@ def steer_arcs(
                 for p in range(n):
                     durations[b, p] = trials[p, lane]
                 accepted[lane] += 1
-                refused[lane] = 0
+                rejected[lane] = 0
                 if accepted[lane] > 0:
                     damping[lane] = max(0.1 * damping[lane], 1e-9)
                 _normal_equations(
@@ -295,7 +295,7 @@ def steer_arcs(
                     normal[lane], gradient[lane],
                 )  # fmt: skip
             else:
-                refused[lane] += 1
+                rejected[lane] += 1
                 damping[lane] *= 6.0
             best, done = costs[b], accepted[lane]
             hopeless = (done >= EARLY and best > effort.early_cost) or (
@@ -305,17 +305,17 @@ def steer_arcs(
             if hopeless or enough or not best < 1e12:
                 in_lane[lane] = -1
                 continue
-            damping[lane], refused[lane] = _propose(
+            damping[lane], rejected[lane] = _propose(
                 n, normal[lane], gradient[lane], durations[b], longest[lane], floor,
-                damping[lane], refused[lane], factor, step, trial,
+                damping[lane], rejected[lane], factor, step, trial,
             )  # fmt: skip
             for p in range(n):
                 trials[p, lane] = trial[p]
-            if refused[lane] >= TRIES:
+            if rejected[lane] >= TRIES:
                 in_lane[lane] = -1
 
 
-def steer(
+def shoot(
     plant: RotaryPendulum,
     start: Array,
     batch: ArcBatch,
@@ -345,7 +345,7 @@ def steer(
                 break
             rows = slice(first, first + _CHUNK)
             part = batch.rows(rows)
-            rollouts += steer_arcs(
+            rollouts += shoot_arcs(
                 plant.coefficients,
                 starts[rows],
                 part.durations,
@@ -366,12 +366,12 @@ def steer(
         return sum(pool.map(work, range(workers)))
 
 
-def compile_steering(plant: RotaryPendulum) -> None:
+def compile_shooting(plant: RotaryPendulum) -> None:
     """Compile the kernels or load them from the disk."""
     start = np.array([0.1, 0.0, 0.0, 0.0])
     durations, torques = np.full((1, 4), 1e-3), np.zeros((1, 4))
     batch = ArcBatch(durations, np.array([4]), torques, np.zeros(1), np.full(1, np.inf))
-    steer(plant, start, batch, 1.0, 2, lambda: False)
+    shoot(plant, start, batch, 1.0, 2, lambda: False)
 
 
 def _cores() -> int:
