@@ -11,6 +11,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import json
+import traceback
 from typing import ClassVar
 
 
@@ -94,3 +97,34 @@ ERRORS: tuple[type[TdmError], ...] = (
     Inactive,
     PlannerFault,
 )
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is no plan; `trace` is the traceback of a fault of the program, else empty."""
+
+    code: str
+    reason: str
+    trace: str = ''
+
+    @classmethod
+    def of(cls, error: Exception) -> Failure:
+        """Return the failure that an exception stands for: what is no TdmError is INTERNAL."""
+        text = ' '.join(str(error).split())
+        if isinstance(error, TdmError):
+            return cls(error.code, text)
+        trace = ''.join(traceback.format_exception(error))
+        return cls(PlannerFault.code, f'{type(error).__name__}: {text}', trace)
+
+    @property
+    def sentence(self) -> str:
+        """Return the reason, and INTERNAL before it where the program is at fault."""
+        return f'{self.code}: {self.reason}' if self.trace else self.reason
+
+    def __str__(self) -> str:
+        """Return code and reason, and the traceback where there is one."""
+        return '\n'.join(filter(None, [f'{self.code}: {self.reason}', self.trace]))
+
+    def to_json(self) -> str:
+        """Return the answer to the request, one line."""
+        return json.dumps({'code': self.code, 'reason': self.reason})

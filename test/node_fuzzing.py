@@ -213,14 +213,14 @@ class SixNodes:
         assert len(results) == (1 if atomically else len(items))
         for result in results:
             assert bool(result.reason) != result.successful, result
-            assert 'internal error' not in result.reason, (items, result.reason)
+            assert 'INTERNAL' not in result.reason, (items, result.reason)
             assert '\n' not in result.reason
         return results
 
     def plan(self, space: str) -> bool:
         fine, answer = self.ros.trigger(f'{space}/plan', PATIENCE)
         assert fine or answer['code'] in CODES
-        assert fine or 'internal error' not in answer['reason'], answer
+        assert fine or 'INTERNAL' not in answer['reason'], answer
         return fine
 
     def plan_with(self, space: str, items: list[Parameter]) -> None:

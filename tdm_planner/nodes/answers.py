@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.planning import Failure
+from tdm_planner.exceptions import Failure
 from tdm_planner.nodes.services import Answer
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES

@@ -23,14 +23,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 import math
 import time
-import traceback
 from typing import Any
 
 from lifecycle_msgs.msg import State
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
 from rosgraph_msgs.msg import Clock
-from tdm_planner.exceptions import InvalidProblem, TdmError
+from tdm_planner.exceptions import Failure, InvalidProblem, TdmError
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
@@ -234,7 +233,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         try:
             self._give_up()
         except Exception as error:  # noqa: B902
-            self.get_logger().error(f'after the error: {_sentence(error)}')
+            self.get_logger().error(f'after the error: {Failure.of(error).sentence}')
             self._enter('finalized')
             return TransitionCallbackReturn.FAILURE
         self._enter('unconfigured')
@@ -252,9 +251,9 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         try:
             action()
         except Exception as error:  # noqa: B902
-            self._setback = f'cannot {what}: {_sentence(error)}'
-            trace = '' if isinstance(error, TdmError) else traceback.format_exc()
-            self.get_logger().error('\n'.join(filter(None, [self._setback, trace])))
+            failure = Failure.of(error)
+            self._setback = f'cannot {what}: {failure.sentence}'
+            self.get_logger().error('\n'.join(filter(None, [self._setback, failure.trace])))
             if undo is None or not isinstance(error, TdmError):
                 return TransitionCallbackReturn.ERROR
             undo()
@@ -302,10 +301,3 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         faults = [*filter(None, [self._setback]), *self.faults()]
         message = '; '.join([self._stage, *dict.fromkeys(faults)])
         return Report(Level.ERROR if faults else Level.OK, message)
-
-
-def _sentence(error: Exception) -> str:
-    text = ' '.join(str(error).split())
-    if isinstance(error, TdmError):
-        return text
-    return f'internal error: {type(error).__name__}: {text}'

@@ -23,7 +23,7 @@ from rclpy.clock import Clock, ClockType, TimeJump
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Busy, Inactive, InvalidProblem
+from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.answers import (
     MovedGoal,
@@ -39,7 +39,7 @@ from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import Failure, make_plan
+from tdm_planner.nodes.planning import make_plan
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import Answer, create_deferred_service
@@ -71,17 +71,12 @@ class Planner(ManagedNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', 'planning', _REQUEST, **options)
-        self._problem_class: type[Problem] | None = load_problem(self.parameter_values['problem'])
+        self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
         self._adapter: Adapter | None = None
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, publish)
-        self._fault = ''
-        try:
-            self._declare_problem()
-        except InvalidProblem as error:
-            self._problem_class, self._fault = None, str(error)
-            self.get_logger().error(self._fault)
+        self._declare_problem()
         self.warn_of_unknown_overrides()
         self._plan: ActivePlan | None = None
         self._plan_id = 0
@@ -104,13 +99,12 @@ class Planner(ManagedNode):
         self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
         for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
             create_deferred_service(self, kind, name, self._on_request)
-        if self._problem_class is not None:
-            self._adapter = Adapter(self, self._time, self._problem_class, self.parameter_values)
-            self._adapter.accept_requests(
-                lambda changes, purpose, done: self._on_request(MovedGoal(changes, purpose), done)
-            )
-            if self._adapter.recognises:
-                Recovery(self, self._adapter.vehicles.values(), self._recover)
+        self._adapter = Adapter(self, self._time, self._problem_class, self.parameter_values)
+        self._adapter.accept_requests(
+            lambda changes, purpose, done: self._on_request(MovedGoal(changes, purpose), done)
+        )
+        if self._adapter.recognises:
+            Recovery(self, self._adapter.vehicles.values(), self._recover)
         self._replanning.set_up(self._adapter, self.parameter_values)
         self._first = self.create_timer(
             0.0, self._on_first, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -135,8 +129,7 @@ class Planner(ManagedNode):
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Reject values for which the problem cannot say which parameters it has."""
-        if self._problem_class is not None:
-            self._problem_class.parameter_specifications(values)
+        self._problem_class.parameter_specifications(values)
 
     def values_changed(self, names: frozenset[str]) -> None:
         """Let changed parameters act from the next request on."""
@@ -149,8 +142,6 @@ class Planner(ManagedNode):
 
     def _declare_problem(self) -> None:
         """Declare the problem's parameters; which exist may depend on values (robots' names)."""
-        if self._problem_class is None:
-            return
         wanted = self._problem_class.parameter_specifications
         while not (found := wanted(self.parameter_values)).keys() <= self.parameter_values.keys():
             self.declare(found)
@@ -168,13 +159,12 @@ class Planner(ManagedNode):
     def _prepare(self) -> None:
         """Prepare what does not depend on a request; in the queue's thread."""
         try:
-            if self._problem_class is not None:
-                self._problem_class.from_parameters({}).prepare()
-                gc.freeze()  # exempt loaded modules from garbage collection, see `run`
-                self.get_logger().info(f'ready to plan for {self._problem_class.name}')
+            self._problem_class.from_parameters({}).prepare()
+            gc.freeze()  # exempt loaded modules from garbage collection, see `run`
+            self.get_logger().info(f'ready to plan for {self._problem_class.name}')
         except Exception as error:  # noqa: B902
             # The first request fails in the same way, and its answer gives the reason.
-            self.get_logger().error(f'preparing the problem failed: {Failure.of(error).reason}')
+            self.get_logger().error(f'preparing the problem failed: {Failure.of(error)}')
         self._prepared = True
 
     # Requests. Every one passes _on_request, PlanQueue.request, _next and _run, make_plan,
@@ -193,7 +183,7 @@ class Planner(ManagedNode):
                     "the planner is inactive: 'ros2 lifecycle set "
                     f"{self.get_fully_qualified_name()} activate' lets it plan"
                 )
-            if faults or problem_class is None or adapter is None:
+            if faults or adapter is None:
                 raise InvalidProblem('; '.join(faults))
             if isinstance(message, SetParametersAtomically.Request):
                 request = replace(request, own=self._own_parameters(message.parameters))
@@ -365,10 +355,6 @@ class Planner(ManagedNode):
             for name, age in self._adapter.ages(now).items():
                 values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(level, message, values)
-
-    def faults(self) -> list[str]:
-        """Return the faults for which every request is rejected until they are corrected."""
-        return [*filter(None, [self._fault]), *super().faults()]
 
     def _state(self) -> tuple[Level, str]:
         faults = self.faults()

@@ -12,10 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-import json
 import time
-import traceback
 from typing import Any
 
 from tdm_planner.exceptions import (
@@ -41,32 +38,6 @@ _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
 _SECOND = 1_000_000_000  # ns
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why there is no plan; `trace` is the traceback of a fault of the program, else empty."""
-
-    code: str
-    reason: str
-    trace: str = ''
-
-    @classmethod
-    def of(cls, error: Exception) -> Failure:
-        """Return the failure that an exception stands for: what is no TdmError is INTERNAL."""
-        text = ' '.join(str(error).split())
-        if isinstance(error, TdmError):
-            return cls(error.code, text)
-        trace = ''.join(traceback.format_exception(error))
-        return cls('INTERNAL', f'{type(error).__name__}: {text}', trace)
-
-    def __str__(self) -> str:
-        """Return code and reason, and the traceback where there is one."""
-        return '\n'.join(filter(None, [f'{self.code}: {self.reason}', self.trace]))
-
-    def to_json(self) -> str:
-        """Return the answer to the request, one line."""
-        return json.dumps({'code': self.code, 'reason': self.reason})
 
 
 def make_plan(

@@ -16,12 +16,11 @@ from types import MappingProxyType
 from typing import Any
 
 from rclpy.timer import Timer
-from tdm_planner.exceptions import NoState
+from tdm_planner.exceptions import Failure, NoState
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import Failure
 from tdm_planner.parameters import build
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.request import ReplanParameters

@@ -31,7 +31,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.services import answer_malformed_requests, answer_reliably
 from tdm_planner.parameter_files import parse_yaml
 from tdm_planner.parameters import ParameterSpec, Range
@@ -168,10 +168,10 @@ class ParameterNode(Node):
                 return SetParametersResult(successful=True)
             result = super().set_parameters_atomically(changed)
         except Exception as error:  # noqa: B902
-            reason = ' '.join(str(error).split())
-            if not isinstance(error, InvalidProblem):
-                reason = f'internal error: {type(error).__name__}: {reason}'
-            result = SetParametersResult(successful=False, reason=reason)
+            failure = Failure.of(error)
+            if failure.trace:
+                self.get_logger().error(failure.trace)
+            result = SetParametersResult(successful=False, reason=failure.sentence)
         if not result.successful:
             self.get_logger().warning(f'rejected: {result.reason}')
         return result

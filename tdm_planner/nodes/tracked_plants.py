@@ -34,6 +34,7 @@ from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 _NOT_OF_THE_PLANT = ('solver', 'start')
+_NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 
 
 def stated_problem(name: str) -> type[DirectProblem]:
@@ -67,7 +68,7 @@ def with_parameters_of(
         If both have one of the same name.
 
     """
-    mine = {item.name for item in dataclasses.fields(base)}
+    mine = {item.name for item in dataclasses.fields(base)} | _NODE
     added: list[tuple[str, Any, Any]] = []
     kind: Any = problem
     field: Any = dataclasses.field

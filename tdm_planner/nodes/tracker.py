@@ -28,7 +28,7 @@ from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Failure, InvalidProblem, TdmError
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
@@ -138,7 +138,7 @@ class TrackerNode(ManagedNode):
         self._activated = time.monotonic()
         self._status.begin()
         if self._newest is not None:
-            self.tracker.observe(*self._newest)
+            self._observe(*self._newest)
         self._intake.look()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
@@ -209,7 +209,13 @@ class TrackerNode(ManagedNode):
             return
         self._newest = state, at
         if self.active:
+            self._observe(state, at)
+
+    def _observe(self, state: Array, at: float) -> None:
+        try:
             self.tracker.observe(state, at)
+        except Exception as error:  # noqa: B902
+            self._ignore_state(self._internal(error))
 
     def _ignore_state(self, reason: str) -> None:
         self._states_ignored += 1
@@ -220,7 +226,7 @@ class TrackerNode(ManagedNode):
         try:
             self._intake.offer(data)
         except InvalidProblem as error:
-            self._reject(error)
+            self._reject(str(error))
 
     def _look_at(self, offered: ReceivedPlan) -> None:
         """Accept or reject a plan; ignore the active one, which a restarted planner repeats."""
@@ -236,8 +242,9 @@ class TrackerNode(ManagedNode):
                 return
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
-        except (InvalidProblem, TrajectoryRejected) as error:
-            self._reject(error)
+        except Exception as error:  # noqa: B902
+            told = isinstance(error, TdmError)
+            self._reject(str(error) if told else self._internal(error))
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
@@ -250,11 +257,17 @@ class TrackerNode(ManagedNode):
             )
         self._diagnostics.update()
 
-    def _reject(self, error: Exception) -> None:
+    def _reject(self, reason: str) -> None:
         """Report why a trajectory is rejected."""
         self._rejected += 1
-        self._rejection = f'trajectory rejected: {error}'
+        self._rejection = f'trajectory rejected: {reason}'
         self.get_logger().error(self._rejection)
+
+    def _internal(self, error: Exception) -> str:
+        """Log a fault of the program with its traceback; return it as a sentence."""
+        failure = Failure.of(error)
+        self.get_logger().error(str(failure), throttle_duration_sec=WARNING_PERIOD)
+        return failure.sentence
 
     def _check_latest(self, start: float) -> None:
         """
@@ -276,7 +289,10 @@ class TrackerNode(ManagedNode):
             self._rate.tick()
         self._intake.look()
         now, stamp = self._time.now(), self.get_clock().now()
-        command = self.tracker.command(now)
+        try:
+            command = self.tracker.command(now)
+        except Exception as fault:  # noqa: B902; the actuators must be off now
+            command = self.tracker.break_down(now, self._internal(fault))
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)

@@ -35,7 +35,7 @@ Integers = NDArray[np.intp]
 # Sum of squares at which a start has arrived, and the effort spent on one.
 ARRIVED = 1e-12
 _TARGET = 1e-20
-_CHUNK = 50  # starts between two looks at the clock
+_CHUNK = 50  # starts between two looks at the clock, with the usual steps
 EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squares
 TRIES = 6  # ever more damped steps tried from one point
 
@@ -333,7 +333,8 @@ def shoot(
     is asked between chunks and ends it early. Returns the number of integrations. The result does
     not depend on the number of cores.
     """
-    chunks = range(0, batch.arcs.size, _CHUNK)
+    size = max(LANES, round(_CHUNK / plant.quickness))
+    chunks = range(0, batch.arcs.size, size)
     workers = max(1, min(_cores() - 1, len(chunks)))
     starts = np.empty((batch.arcs.size, 4))
     starts[:] = start
@@ -343,7 +344,7 @@ def shoot(
         for first in chunks[worker::workers]:
             if stop():
                 break
-            rows = slice(first, first + _CHUNK)
+            rows = slice(first, first + size)
             part = batch.rows(rows)
             rollouts += shoot_arcs(
                 plant.coefficients,

@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 # Below this share of A J the mass matrix's determinant is lost in rounding.
 _SMALLEST_DETERMINANT = 1e-9
 _MOST_ACROSS = 100.0  # times the inertia upright that steps account for
+_MOST_QUICK = 32.0  # times the usual steps; with more of them no plan would be in time
 
 
 class Coefficients(NamedTuple):
@@ -210,7 +211,7 @@ class RotaryPendulum(Validated, StatedPlant):
     @property
     def quickness(self) -> float:
         """
-        How many times as many steps as usual a light disk's quick swings take; at least 1.
+        How many times as many steps as usual a light disk's quick swings take; 1 to 32.
 
         The disk turns with the pendulum. Where that has most of the inertia it does so within a
         small angle about upright and hanging.
@@ -219,7 +220,8 @@ class RotaryPendulum(Validated, StatedPlant):
         scale = self.determinant + k.arm**2
         across = (k.disk_sine - k.disk_cosine) / (k.disk + k.disk_cosine)
         across = min(max(across, 1.0), _MOST_ACROSS)
-        return max(1.0, 0.5 * math.sqrt(across * scale / self.determinant))
+        quick = 0.5 * math.sqrt(across * scale / self.determinant)
+        return min(max(1.0, quick), _MOST_QUICK)
 
     def disk_acceleration(self, torque: float) -> float:
         """Acceleration that a torque gives the disk with the pendulum upright [rad/s^2]."""

@@ -159,7 +159,7 @@ class Problem(ABC):
         try:
             with np.errstate(all='ignore'):
                 return cls.from_values(values)
-        except ArithmeticError as error:
+        except (OverflowError, FloatingPointError) as error:
             name = _most_extreme(values)
             raise InvalidProblem(
                 f"parameter '{name}' = {values.get(name)} cannot be computed with beside the "

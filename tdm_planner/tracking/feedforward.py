@@ -91,7 +91,7 @@ class PlanLaw:
         a, b = plant.jacobians(sample.state, sample.control)
         try:
             regulator = time_varying_regulator(a, b, *weights, terminal, step)
-        except ValueError as error:
+        except np.linalg.LinAlgError as error:
             raise TrajectoryRejected(
                 f'there is no feedback along the trajectory: {error}'
             ) from None

@@ -58,7 +58,7 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
 
     Raises
     ------
-    ValueError
+    numpy.linalg.LinAlgError
         If (a, b) cannot be stabilised.
 
     """
@@ -67,7 +67,9 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     try:
         cost_to_go = np.asarray(solve_discrete_are(a, b, q, r), dtype=float)
     except np.linalg.LinAlgError as error:
-        raise ValueError(f'the Riccati equation has no stabilising solution: {error}') from None
+        raise np.linalg.LinAlgError(
+            f'the Riccati equation has no stabilising solution: {error}'
+        ) from None
     gain = np.linalg.solve(r + b.T @ cost_to_go @ b, b.T @ cost_to_go @ a)
     return Regulator(np.asarray(gain), cost_to_go)
 
@@ -81,7 +83,7 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
 
     Raises
     ------
-    ValueError
+    numpy.linalg.LinAlgError
         If the matrices are not finite, or so large that the exponential is not.
 
     """
@@ -91,7 +93,9 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     block[..., :nx, nx:] = b * step
     largest = float(np.abs(block).sum(axis=-1).max(initial=0.0))
     if not largest < _LARGEST_NORM:
-        raise ValueError(f'no transition over {step:g} s can be computed: the rates are too large')
+        raise np.linalg.LinAlgError(
+            f'no transition over {step:g} s can be computed: the rates are too large'
+        )
     halvings = max(0, math.ceil(math.log2(max(largest, 1e-300) / _SERIES_NORM)))
     block /= 2.0**halvings
     identity = np.eye(nx + nu)

@@ -108,7 +108,7 @@ class PendulumTracker(TrajectoryTracker):
         a, b = self.parameters.plant.linearise('upright')
         try:
             return discrete_regulator(a, b, self._q, self._r, self.parameters.interval)
-        except ValueError as error:
+        except np.linalg.LinAlgError as error:
             raise InvalidProblem(
                 "parameters 'plant.*', 'weights.*' and 'limits.torque' allow no feedback about "
                 f'upright: {error}'

@@ -134,7 +134,7 @@ class StatedTracker(TrajectoryTracker):
         a, b = plant.jacobians(state, control)
         try:
             found = discrete_regulator(a, b, q, r, self.parameters.interval)
-        except ValueError:
+        except np.linalg.LinAlgError:
             return None, nowhere
         return Hold(state, control, found.gain), found.cost_to_go
 

@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 _CALM_SLACK = 3.0
 # What numerics raise where numbers leave the range in which they can be computed.
-BREAKDOWN = (ArithmeticError, ValueError, np.linalg.LinAlgError)
+BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
 _CLOCK_TOLERANCE = 1e-3  # s; what the clock may be set back without a word
 _LONGEST_FORESEEN = 10.0  # s ahead; for a later start the comparison is made when it has come
@@ -274,9 +274,9 @@ class TrajectoryTracker(ABC):
                 action = self._act(acts_at, state)
                 control = self._idle(state) if action is None else action.control
         except BREAKDOWN as error:  # the command is to be zero now, not when the node has died
-            return self._broken_down(acts_at, ' '.join(str(error).split()))
+            return self.break_down(now, ' '.join(str(error).split()))
         if not np.isfinite(control).all():
-            return self._broken_down(acts_at, 'a value is not a finite number')
+            return self.break_down(now, 'a value is not a finite number')
         self.history.add(acts_at, control)
         return Command(control, self.phase, action, self._broke_down(now) or self.reason)
 
@@ -296,11 +296,11 @@ class TrajectoryTracker(ABC):
                 return self.recover(state)
         return self.nothing
 
-    def _broken_down(self, acts_at: float, what: str) -> Command:
-        """Give the motion up, forget the state and command nothing."""
+    def break_down(self, now: float, what: str) -> Command:
+        """Abort the motion, forget the state and command nothing; `what` says why."""
         self.stop(f'the feedback broke down: {what}')
         self.estimator.reset()
-        return self._nothing(acts_at, self.reason)
+        return self._nothing(now + self.parameters.command_delay, self.reason)
 
     def _nothing(self, acts_at: float, problem: str) -> Command:
         self.history.add(acts_at, self.nothing)

@@ -131,6 +131,13 @@ def test_all_of_it_is_recorded_and_ended_by_one_interrupt(
     assert (tmp_path / 'bag/metadata.yaml').is_file()
 
 
+def test_what_cannot_be_started_ends_the_launch(launch: Callable[..., Launched]):
+    """robot_state_publisher is not installed where this looks for packages."""
+    launched = launch('pendulum')
+    assert launched.ended() == 1
+    assert 'robot_state_publisher' in launched.output
+
+
 def test_a_launch_ends_with_its_plant(launch: Callable[..., Launched]):
     launched = launch('pendulum', 'description:=false')
     launched.wait_for(lambda: 'planner]: active' in launched.output)

@@ -337,7 +337,7 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
     manager.become(Transition.TRANSITION_CONFIGURE, 'inactive')
     assert not manager.change(Transition.TRANSITION_ACTIVATE)
     assert manager.state() == 'unconfigured'
-    said = 'cannot activate: internal error: RuntimeError: something broke'
+    said = 'cannot activate: INTERNAL: RuntimeError: something broke'
     assert said in process.output
     assert manager.says(said)
     manager.bring_up()
@@ -350,7 +350,7 @@ def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
     assert commands
     assert not manager.change(Transition.TRANSITION_DEACTIVATE)
     assert manager.state() == 'unconfigured'
-    assert 'cannot deactivate: internal error: RuntimeError: something else' in process.output
+    assert 'cannot deactivate: INTERNAL: RuntimeError: something else' in process.output
     assert silent(ros, commands)
     assert commands[-1].effort[0] == 0.0
     manager.bring_up()

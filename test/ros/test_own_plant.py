@@ -19,6 +19,7 @@ from double_integrator import DoubleIntegrator
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
+from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
@@ -27,6 +28,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.markers import LIFETIME
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.parameters import parameter
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -150,3 +152,28 @@ def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
 def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:
     with pytest.raises(Exception, match='or a stated problem such as my_module:MyProblem'):
         ros.start('tdm_planner.nodes.tracker', {'kind': 'hovercraft'}, namespace='own')
+
+
+@dataclass(frozen=True)
+class Kind(Rail):
+    """A parameter has the name of one of the tracker's own."""
+
+    name: ClassVar[str] = 'kind'
+
+    kind: float = parameter(1.0, 'whatever')
+
+
+@pytest.mark.parametrize(
+    ('node', 'problem', 'says'),
+    [
+        ('plant', 'crane', "'problem' = 'crane' is not allowed"),
+        ('tracker', f'{__name__}:Kind', "parameter 'kind' of Kind is one of the node's own"),
+    ],
+)
+def test_what_cannot_be_simulated_or_tracked_ends_the_node(
+    ros: Stepped, node: str, problem: str, says: str
+) -> None:
+    name = 'kind' if node == 'tracker' else 'problem'
+    with pytest.raises(InvalidProblem) as raised:
+        ros.start(MODULES[node], {name: problem}, namespace='fatal')
+    assert says in str(raised.value)

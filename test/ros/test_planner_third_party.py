@@ -261,14 +261,23 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
 
 
 @pytest.mark.parametrize(
-    ('problem', 'says'),
+    ('says', 'parameters'),
     [
-        ('pendulum_swingup', 'such as my_module:MyProblem (did you mean pendulum_swing_up?)'),
-        ('3', "parameter 'problem' = 3 is not allowed: must be a string"),
-        (f'{__name__}:CartStart', 'is not a subclass of tdm_planner.problems.Problem'),
+        (
+            'such as my_module:MyProblem (did you mean pendulum_swing_up?)',
+            {'problem': 'pendulum_swingup'},
+        ),
+        ("parameter 'problem' = 3 is not allowed: must be a string", {'problem': '3'}),
+        (
+            'is not a subclass of tdm_planner.problems.Problem',
+            {'problem': f'{__name__}:CartStart'},
+        ),
+        ("'robots'", {'problem': 'robot_formation', 'robots': ['a', 'a']}),
     ],
 )
-def test_without_its_problem_there_is_no_node(planners: Planners, problem: str, says: str) -> None:
+def test_without_its_problem_there_is_no_node(
+    planners: Planners, says: str, parameters: dict[str, Any]
+) -> None:
     with pytest.raises(InvalidProblem) as error:
-        planners.start('fatal', {'problem': problem})
+        planners.start('fatal', parameters)
     assert says in str(error.value)

@@ -431,3 +431,29 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
     assert list(scout.commands[-1].name) == ['thruster', 'reaction_wheel']
     assert list(scout.errors[-1].name) == ['x', 'y', 'yaw', 'thruster', 'reaction_wheel']
     assert np.hypot(*np.array([e.position[:2] for e in scout.errors[taken:]]).T).max() < 0.05
+
+
+def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
+    ros: Stepped, plan: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*arguments: Any) -> Any:
+        raise KeyError('a bug')
+
+    idle = Bench(ros, 'broken')
+    idle.script_states()
+    idle.theta = math.pi
+    assert idle.says('idle', level=OK)
+    tracker = idle.tracker.node.tracker
+    plans = idle.publisher('trajectory', JointTrajectory)
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker, 'prepare', broken)
+        plans.publish(message(ros, plan))
+        assert idle.says("trajectory rejected: INTERNAL: KeyError: 'a bug'")
+    with monkeypatch.context() as patch:
+        patch.setattr(tracker.estimator, 'predict', broken)
+        assert idle.says("the feedback broke down: INTERNAL: KeyError: 'a bug'", level=ERROR)
+        assert idle.commands[-1].effort[0] == 0.0
+    assert 'Traceback' in idle.tracker.output
+    plans.publish(message(ros, plan))
+    assert idle.says('waiting')
+    ros.log.clear()  # or it would be taken for a crash

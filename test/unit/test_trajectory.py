@@ -168,8 +168,9 @@ def test_every_kind_of_bad_plan_is_caught(changes, words):
         ([[0.0, 0.0], [0.7, 1.0], [1.0, 0.0]], 'x as written differs by 0.2 from the replay'),
     ],
 )
-def test_a_state_whose_end_is_free_is_checked_before(states, words):
-    free = np.array([np.inf, 1e-6])
+@pytest.mark.parametrize('allowed', [np.inf, 10.0])
+def test_a_state_whose_end_is_free_or_wide_is_checked_before(states, words, allowed):
+    free = np.array([allowed, 1e-6])
     start = np.zeros(2)
     assert verify(PLANT, bang_bang(), np.ones(2), free, LIMITS[:1], start=start).reasons == (
         'v ends 1 m/s from the goal (allowed 1e-06)',

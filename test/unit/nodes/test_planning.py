@@ -22,6 +22,7 @@ import pytest
 from tdm_planner.exceptions import (
     Busy,
     DeadlineExceeded,
+    Failure,
     Inactive,
     Infeasible,
     InvalidProblem,
@@ -29,7 +30,7 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.nodes import planning
 from tdm_planner.nodes.answers import plan_answer
-from tdm_planner.nodes.planning import Failure, make_plan
+from tdm_planner.nodes.planning import make_plan
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.tracking import TrajectoryRejected
 
