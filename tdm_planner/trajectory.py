@@ -117,14 +117,14 @@ class Trajectory:
 
     @cached_property
     def switches(self) -> NDArray[np.intp]:
-        """Indices of the samples at which a held control jumps, (m,); none of other controls."""
+        """Return the samples (m,) at which a held control jumps; none of other controls."""
         if self.interpolation != 'zero_order_hold':
             return np.zeros(0, dtype=np.intp)
         return np.flatnonzero((np.diff(self.controls[:-1], axis=0) != 0).any(axis=1)) + 1
 
     @property
     def smooth_pieces(self) -> list[int]:
-        """Indices of the samples between which the controls run smoothly, both ends included."""
+        """Return the samples between which the controls run smoothly, both ends included."""
         last = self.times.size - 1
         if self.interpolation == 'linear':
             return list(range(last + 1))
