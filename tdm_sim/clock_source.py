@@ -81,7 +81,8 @@ class ClockSource:
         self._publisher = node.create_publisher(Clock, CLOCK_TOPIC, _QUEUE)
         self._source: Any = TimeSource()
         self._source.ros_time_is_active = True
-        self._source.attach_clock(node.get_clock())
+        clock: Any = node.get_clock()
+        self._source.attach_clock(clock)
         self._step = round(step / _NANOSECOND)
         self._followers = [_Follower(node, topic, self._step) for topic in followers]
         self._time = time.time_ns()

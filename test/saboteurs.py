@@ -158,7 +158,9 @@ def swapped_robots(patch: Patch, rng: Generator, size: float) -> None:
     """Let robots fly each other's trajectories."""
 
     def swapped(motions: Motions) -> Motions:
-        return dict(zip(motions, rng.permutation(list(motions.values())), strict=True))
+        order = rng.permutation(len(motions))
+        flown = list(motions.values())
+        return {name: flown[k] for name, k in zip(motions, order.tolist(), strict=True)}
 
     _formations(patch, swapped)
 

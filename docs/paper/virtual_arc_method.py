@@ -31,7 +31,7 @@ from tdm_planner.plants.pendulum_shooting import ArcBatch
 from tdm_planner.problems import Solution
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_search import FINE_STEPS, steered, trajectory
+from tdm_planner.problems.switching_search import FINE_STEPS, shot, trajectory
 from tdm_planner.trajectory import Trajectory
 from virtual_arc_program import VirtualArcProgram
 
@@ -202,7 +202,7 @@ class VirtualArcMethod(Search[ArcCandidate]):
             np.array([float(program.turns)]),
             np.full(1, np.inf),
         )
-        arrived = steered(self._task, batch, FINE_STEPS, self.budget, math.inf)
+        arrived = shot(self._task, batch, FINE_STEPS, self.budget, math.inf)
         return trajectory(self._task, arrived[0]) if arrived else None
 
     def _monotone(self, motion: Trajectory) -> bool:

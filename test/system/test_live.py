@@ -46,7 +46,7 @@ if chromium() is None:
 LONG = 180.0  # s that anything may take: drawing in space by software is slow
 DESKTOP, PHONE = (800, 500), (390, 700)
 LOCAL = ('http://127.0.0.1', 'ws://127.0.0.1', 'blob:', 'data:', 'chrome:')
-RELAXED = {  # for a machine that draws by software beside
+RELAXED: dict[str, dict[str, Any]] = {  # for a machine that draws by software beside
     'planner': {'start': {'max_age': 2.0}, 'solver': {'deadline': ENOUGH}},
     'tracker': {'rate': 50.0, 'state_timeout': 1.0},
     'robot_plant': {'rate': 50.0, 'command_timeout': 1.0},

@@ -109,12 +109,14 @@ def test_every_kind_of_file_and_plant(
     # names of another plant
     foreign = replace(swing_up[1].trajectory, state_names=('x', 'theta', 'v', 'theta_dot'))
     other = replace(swing_up[1], trajectories={'cart': foreign})
+    another: Any = Foreign(), other
     for planned, ending, start in (
         (swing_up, '.png', b'\x89PNG'),
-        ((Foreign(), other), '.pdf', b'%PDF'),
+        (another, '.pdf', b'%PDF'),
         (formation, '.svg', b'<?xml'),
     ):
         path = tmp_path / f'plan{ending}'
-        plot_solution(*planned, path)
+        problem, plan = planned
+        plot_solution(problem, plan, path)
         assert path.read_bytes().startswith(start)
     assert (tmp_path / 'plan.svg').stat().st_size > 50_000

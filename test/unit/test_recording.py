@@ -62,7 +62,8 @@ def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int 
         if room:
             fill(writer, room)
         else:  # SQLite says that the disk is full beyond so many pages.
-            connection = writer._writer.storage.conn
+            storage: Any = writer._writer.storage
+            connection = storage.conn
             connection.execute('PRAGMA max_page_count=400')
         count = written(writer, 10_000, 1000)
         assert 500 < count < 10_000

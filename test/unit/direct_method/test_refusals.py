@@ -111,7 +111,7 @@ CASES = [
     (lambda: PowerProducts([(0, 1)]), 'exponent of (0, 1) = 0 is not allowed'),
     (lambda: PowerProducts('ab'), ''),
     # Outputs, durations, integrated states.
-    (lambda: Output(shapes='start'), 'family of shapes'),
+    (lambda: Output(shapes='start'), 'family of shapes'),  # type: ignore[arg-type]
     (lambda: Output(start={0: 0.0, -1: 1.0}), 'order of a derivative given'),
     (lambda: Output(scale=0.0), 'must be a positive number'),
     (lambda: Integrated(0.0, scale=0.0), 'must be a positive number'),

@@ -17,7 +17,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from tdm_planner.drawing import Box, Disc, Line
+from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_sim.live.drag_handles import drag_handles_of, pulled
@@ -54,7 +54,7 @@ def test_axes_and_rotations_are_inverse(axis: tuple[float, ...], angle: float) -
 
 
 def test_what_a_shape_becomes() -> None:
-    shapes = [
+    shapes: list[Shape] = [
         Line(((0.0, 0.0), (3.0, 4.0))),
         Disc((1.0, 2.0), 0.5, 'reach'),
         Disc((1.0, 2.0, 3.0), 0.5),
@@ -76,7 +76,7 @@ def test_what_a_shape_becomes() -> None:
 
 
 def test_groups_keep_their_number_and_a_ghost_has_bodies_only() -> None:
-    shapes = [Disc((0.0, 0.0), 0.1), Line(((0.0, 0.0), (1.0, 0.0)), 'limit')]
+    shapes: list[Shape] = [Disc((0.0, 0.0), 0.1), Line(((0.0, 0.0), (1.0, 0.0)), 'limit')]
     found = picture([(shapes, GHOST), (shapes, GHOST)], 0.1)
     ((_, solids),) = found.solids.items()
     assert solids.groups.tolist() == [0, 1]
@@ -126,6 +126,7 @@ def test_the_ring_of_the_pendulum_points_along_the_rod() -> None:
     view, values = view_of(problem), {'initial.theta': 0.7, 'initial.psi': -0.4}
     states = {'theta': np.float64(0.7), 'psi': np.float64(-0.4)}
     _, rod = view.drawing(states, {})
+    assert isinstance(rod, Line)
     pivot, tip = (np.array(point, dtype=float) for point in rod.points)
     place, turn = drag_handles_of(problem)[1].pose(values)
     assert place == pytest.approx(pivot)

@@ -177,7 +177,7 @@ def test_a_newer_task_supersedes_one_that_waits(tasks: TaskThread) -> None:
     tasks.submit('drag', first, carried_out.append)
     assert begun.wait(PATIENCE)
     for number in range(5):
-        tasks.submit('drag', lambda number=number: f'drag {number}', carried_out.append)
+        tasks.submit('drag', f'drag {number}'.__str__, carried_out.append)
     tasks.submit('push', lambda: 'push', carried_out.append)
     tasks.submit('last', lambda: '', lambda _: done.set())
     go_on.set()
@@ -202,7 +202,8 @@ def test_what_cannot_be_done_is_told_and_the_next_is_done(
         raise error
 
     tasks.submit('drag', fail, texts.append)
-    tasks.submit('next', lambda: 'done', lambda text: (texts.append(text), done.set()))
+    tasks.submit('next', lambda: 'done', texts.append)
+    tasks.submit('last', lambda: '', lambda _: done.set())
     assert done.wait(PATIENCE)
     assert texts == [told, 'done']
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from pathlib import Path
 import time
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -44,11 +45,13 @@ def test_only_own_pages_may_ask(origin: str, host: str, may: bool) -> None:
 def test_a_page_from_elsewhere_is_turned_away() -> None:
     server = run._server('127.0.0.1', 0)
     address = f'ws://127.0.0.1:{server.get_port()}'
-    words = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
+    words: dict[str, Any] = {'subprotocols': [f'viser-v{viser.__version__}'], 'proxy': None}
+    own_page: Any = 'http://localhost:8080'
+    evil_page: Any = 'http://evil.example'
     try:
-        with connect(address, origin='http://localhost:8080', **words) as own:
+        with connect(address, origin=own_page, **words) as own:
             assert own.recv(timeout=20.0)
-        evil = connect(address, origin='http://evil.example', **words)
+        evil = connect(address, origin=evil_page, **words)
         with evil as other, pytest.raises(ConnectionClosed):
             other.recv(timeout=20.0)
     finally:
@@ -57,8 +60,9 @@ def test_a_page_from_elsewhere_is_turned_away() -> None:
 
 def test_a_node_that_ends_is_started_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, '_RESTART', 0.0)
-    scene = SimpleNamespace(nodes=lambda: [('clock', 'calendar', ['2026'])])
-    with run.Nodes(scene, tmp_path) as nodes:
+    scene: Any = SimpleNamespace(nodes=lambda: [('clock', 'calendar', ['2026'])])
+    nodes = run.Nodes(scene, tmp_path)
+    with nodes:
         first = nodes.identifiers['clock']
         told = ''
         end = time.monotonic() + 30.0

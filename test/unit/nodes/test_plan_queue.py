@@ -184,7 +184,7 @@ class Restarted:
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
         this: Any = self
         recovery = other_planners.Recovery(this, [], lambda *found: self.taken.append(found))
-        self.told = recovery._on_found
+        self.told: Callable[[Any, int], None] = recovery._on_found
 
     def create_timer(self, period: float, ring: Callable[[], None]) -> Callable[[], None]:
         self.timers.append(ring)
@@ -252,7 +252,7 @@ class Robot(Vehicle):
         self._plant = PlannedRobots(RobotFormation, {})
         self._angles = np.isin(np.arange(7), (4, 6))
         self.fresh = lambda *_: (state, measured)  # type: ignore[method-assign]
-        self.followed = lambda _: plan  # type: ignore[method-assign]
+        self.followed = lambda _: plan  # type: ignore[method-assign, assignment]
 
 
 def predict(plan, state, measured, start):

@@ -177,7 +177,8 @@ def values(kind: Any, source: str = 'measured', delay: float = 0.4) -> dict[str,
 
 def plan(kind: Any, adapter: Any = None, **request: Any) -> ActivePlan:
     clock: Any = Problem.clock
-    made = make_plan(kind, values(kind, **request), adapter or Adapter(), clock)
+    given: Any = adapter or Adapter()
+    made = make_plan(kind, values(kind, **request), given, clock)
     assert clock.now() <= made.start
     return made
 

@@ -187,7 +187,8 @@ class TestPendulum(ReadableReport):
 
     def test_the_pendulum_stands_where_the_markers_put_it(self, page: Page) -> None:
         views = {'side': lambda p: (p[1], -p[2]), 'top': lambda p: (p[1], p[0])}
-        plant = self.mission.vehicles[0].view.problem.plant
+        problem: Any = self.mission.vehicles[0].view.problem
+        plant = problem.plant
         for t in (0.0, 0.37, 1.1, 2.0):
             page.set_time(t)
             theta, psi = pendulum_states(t)[:2]
