@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import json
+import math
 import os
 from pathlib import Path
 import shutil
@@ -47,9 +48,10 @@ SPEED = ParameterSpec(
     range=Range(0.05, 10.0),
 )
 
-_START_LIMIT = 30.0  # s for every node to be up and connected
+_START_LIMIT = 60.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its kernels
 _RETRY = 0.2  # s between requests while states are on their way
+_SILENCE = 30.0  # s without a state, after which the demo ends
 _OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
 _REAL_TIME = 0.02  # what the speed of simulated time may differ from 1 without a word
 _PLAN_KEYS = ('problem', 'duration', 'cost', 'penalty', 'solve_time', 'evaluations', 'cost_terms',
@@ -172,7 +174,9 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
             progress.phase(answer['summary'])
             if not wait(lambda: scene.planned, _ANSWER_LIMIT):
                 raise DemoFailed('the planner answered, but no plan was published')
-            wait(lambda: scene.over, scene.longest / min(scene.speed, 1.0))
+            heard = -math.inf
+            while wait(lambda: scene.over or scene.now > heard, _SILENCE) and not scene.over:
+                heard = scene.now
             progress.phase('ending the nodes')
             codes = processes.end()
     finally:

@@ -236,9 +236,9 @@ class Scene:
         return float(stamp['sec'] + 1e-9 * stamp['nanosec'])
 
     @property
-    def longest(self) -> float:
-        """Time [s] from the answer to the end of the demo, at most."""
-        return 30.0 + float(self._plan['duration']) + self._view.settling + HOLD_TIME
+    def now(self) -> float:
+        """Instant [s] of the newest state, in the plants' time; -inf before the first."""
+        return self._now
 
     @property
     def over(self) -> bool:
