@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import json
 import math
 import os
@@ -175,7 +176,7 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
             if not wait(lambda: scene.planned, _ANSWER_LIMIT):
                 raise DemoFailed('the planner answered, but no plan was published')
             heard = -math.inf
-            while wait(lambda: scene.over or scene.now > heard, _SILENCE) and not scene.over:
+            while wait(partial(scene.goes_on_from, heard), _SILENCE) and not scene.over:
                 heard = scene.now
             progress.phase('ending the nodes')
             codes = processes.end()

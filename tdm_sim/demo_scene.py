@@ -240,6 +240,10 @@ class Scene:
         """Instant [s] of the newest state, in the plants' time; -inf before the first."""
         return self._now
 
+    def goes_on_from(self, instant: float) -> bool:
+        """Whether a state newer than of the instant [s] was heard, or the demo is over."""
+        return self.over or self._now > instant
+
     @property
     def over(self) -> bool:
         """Whether the goal has been held long enough, or it is too late for it."""
