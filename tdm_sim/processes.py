@@ -23,7 +23,7 @@ from types import TracebackType
 from tdm_planner.exceptions import TdmError
 from tdm_planner.starting import uninterrupted
 
-_GRACE = 8.0  # seconds a process gets to end on SIGINT before it is killed
+_GRACE = 30.0  # seconds a process gets to end on SIGINT before it is killed
 
 
 class ProcessFailed(TdmError):
