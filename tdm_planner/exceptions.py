@@ -101,7 +101,7 @@ ERRORS: tuple[type[TdmError], ...] = (
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no plan; `trace` is the traceback of a fault of the program, else empty."""
+    """What an exception tells; `trace` is the traceback of a fault of the program, else empty."""
 
     code: str
     reason: str

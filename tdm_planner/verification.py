@@ -348,8 +348,8 @@ def judge(
     allowed = consistency
     if allowed is None:
         # A wide goal allows no motion that is written far off the one that is flown.
-        free = ~np.isfinite(tolerance)
-        allowed = np.where(free, usual, np.minimum(tolerance, _WIDEST * usual))
+        wide = np.minimum(tolerance, _WIDEST * usual)
+        allowed = np.where(np.isfinite(tolerance), wide, usual)
     written = np.searchsorted(times, trajectory.times)
     drift = np.abs(states[written] - trajectory.states).max(axis=0)
     reasons += [

@@ -176,20 +176,20 @@ class Planner(ManagedNode):
         request = Request(message, send)
         if isinstance(message, MovedGoal):
             request = replace(request, title=f'{message.purpose} rejected')
-        problem_class, adapter, faults = self._problem_class, self._adapter, self.faults()
         try:
             if not self.active:
                 raise Inactive(
                     "the planner is inactive: 'ros2 lifecycle set "
                     f"{self.get_fully_qualified_name()} activate' lets it plan"
                 )
-            if faults or adapter is None:
+            if faults := self.faults():
                 raise InvalidProblem('; '.join(faults))
+            assert self._adapter is not None  # it is made before the planner is active
             if isinstance(message, SetParametersAtomically.Request):
                 request = replace(request, own=self._own_parameters(message.parameters))
             values = {**self.parameter_values, **request.changes}
             self._queue.request(
-                partial(make_plan, problem_class, values, adapter, self._time),
+                partial(make_plan, self._problem_class, values, self._adapter, self._time),
                 partial(self._settle, request),
             )
             self._diagnostics.update()

@@ -28,7 +28,7 @@ from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tdm_planner.exceptions import Failure, InvalidProblem, TdmError
+from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWatch, seconds_by
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
@@ -215,7 +215,7 @@ class TrackerNode(ManagedNode):
         try:
             self.tracker.observe(state, at)
         except Exception as error:  # noqa: B902
-            self._ignore_state(self._internal(error))
+            self._ignore_state(self._told(error))
 
     def _ignore_state(self, reason: str) -> None:
         self._states_ignored += 1
@@ -243,8 +243,7 @@ class TrackerNode(ManagedNode):
             self._check_latest(start)
             self.tracker.accept(trajectory, start, now)
         except Exception as error:  # noqa: B902
-            told = isinstance(error, TdmError)
-            self._reject(str(error) if told else self._internal(error))
+            self._reject(self._told(error))
             self._status.rejected(begins, self.tracker)
         else:
             self._accepted += 1
@@ -263,10 +262,11 @@ class TrackerNode(ManagedNode):
         self._rejection = f'trajectory rejected: {reason}'
         self.get_logger().error(self._rejection)
 
-    def _internal(self, error: Exception) -> str:
-        """Log a fault of the program with its traceback; return it as a sentence."""
+    def _told(self, error: Exception) -> str:
+        """Return an error as a sentence; of a fault of the program, log the traceback."""
         failure = Failure.of(error)
-        self.get_logger().error(str(failure), throttle_duration_sec=WARNING_PERIOD)
+        if failure.trace:
+            self.get_logger().error(str(failure), throttle_duration_sec=WARNING_PERIOD)
         return failure.sentence
 
     def _check_latest(self, start: float) -> None:
@@ -291,8 +291,9 @@ class TrackerNode(ManagedNode):
         now, stamp = self._time.now(), self.get_clock().now()
         try:
             command = self.tracker.command(now)
-        except Exception as fault:  # noqa: B902; the actuators must be off now
-            command = self.tracker.break_down(now, self._internal(fault))
+        except Exception as fault:  # noqa: B902
+            # The actuators must be off now, not when the node has died.
+            command = self.tracker.break_down(now, self._told(fault))
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)

@@ -172,7 +172,7 @@ def test_states_are_accurate():
         np.testing.assert_allclose(states[index + 1], expected, rtol=0, atol=1e-9)
 
 
-def test_steering_arrives_upright_within_the_limit():
+def test_shooting_arrives_upright_within_the_limit():
     batch = random_batch(60)
     shoot(PLANT, START, batch, 2.0, 12, NEVER)
     arrived = np.flatnonzero(batch.costs < ARRIVED)
@@ -250,7 +250,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
     np.testing.assert_array_equal(one.costs, many.costs)
 
 
-def test_steering_stops_when_told():
+def test_shooting_stops_when_told():
     batch = random_batch(170)
     before = batch.durations.copy()
     assert shoot(PLANT, START, batch, 2.0, 12, lambda: True) == 0
