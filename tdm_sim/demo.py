@@ -51,6 +51,7 @@ SPEED = ParameterSpec(
 
 _START_LIMIT = 60.0  # s for every node to be up and connected
 _ANSWER_LIMIT = 120.0  # s for the planner to answer: it may have to compile its kernels
+_LOOK = 0.05  # s between looks at the processes, at what is awaited, and of the live line
 _RETRY = 0.2  # s between requests while states are on their way
 _SILENCE = 30.0  # s without a state, after which the demo ends
 _OWN_FILES = ('bag', 'log', 'parameters.yaml', 'plan.json', 'report.html')
@@ -135,7 +136,9 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
     context = Context()
     rclpy.init(context=context)
     executor = SingleThreadedExecutor(context=context)
-    node = rclpy.create_node('demo', namespace=scene.namespace, context=context)
+    node = rclpy.create_node(
+        'demo', namespace=scene.namespace, context=context, start_parameter_services=False
+    )
     executor.add_node(node)
     scene.listen(node)
     client = node.create_client(Trigger, 'plan')
@@ -148,8 +151,10 @@ def _conduct(scene: Scene, output: Path, progress: Progress) -> list[str]:
                     if time.monotonic() > end:
                         return False
                     processes.check()
-                    executor.spin_once(timeout_sec=0.05)
                     progress.update(scene.status())
+                    look = time.monotonic() + _LOOK
+                    while (left := look - time.monotonic()) > 0.0:
+                        executor.spin_once(timeout_sec=left)
                 return True
 
             progress.phase('starting ' + ', '.join(name for name, _, _ in scene.nodes()))

@@ -169,26 +169,24 @@ class Scene:
         return commands
 
     def listen(self, node: Node) -> None:
-        """Subscribe to the diagnostics, the plan, and every plant's motion."""
+        """Subscribe to diagnostics, the plan, the first plant's state, every tracker's error."""
         self.connections.listen(node)
         node.create_subscription(String, f'{self.namespace}/plan_summary', self._on_plan, LATCHED)
+        first = f'{self.plants[0].namespace}/joint_states'  # all plants have one clock
+        node.create_subscription(JointState, first, self._on_state, qos_profile_sensor_data)
         for plant in self.plants:
-            for topic, take in (
-                ('joint_states', self._on_state),
-                ('tracking_error', self._on_error),
-            ):
-                node.create_subscription(
-                    JointState,
-                    f'{plant.namespace}/{topic}',
-                    partial(take, plant.namespace),
-                    qos_profile_sensor_data,
-                )
+            node.create_subscription(
+                JointState,
+                f'{plant.namespace}/tracking_error',
+                partial(self._on_error, plant.namespace),
+                qos_profile_sensor_data,
+            )
 
     def _on_plan(self, message: String) -> None:
         self._plan = json.loads(message.data)
 
-    def _on_state(self, space: str, message: JointState) -> None:
-        self._now = max(self._now, seconds_of(message.header.stamp))
+    def _on_state(self, message: JointState) -> None:
+        self._now = seconds_of(message.header.stamp)
 
     def _on_error(self, space: str, message: JointState) -> None:
         found = {}

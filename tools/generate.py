@@ -43,7 +43,8 @@ Written by `make config` from the declarations in the code: the values are the d
 The planner's plant and limits are what it believes, the plant node's what is simulated."""
 
 ROBOTS_TITLE = """Robots: one planner, tracker and simulated plant of each robot, in any namespace.
-Written by `make config` from the declarations in the code: the values are the defaults.
+Written by `make config` from the declarations in the code: the values are the defaults, but for
+`rate`: motions of many seconds need no more than 100 Hz, and each robot is two processes.
 The simulated robots stand at <robot>.start to begin with."""
 
 AIR_BEARING_TITLE = """Robots of 10.5 kg on an air-bearing floor, driven by cold gas (slow).
@@ -51,6 +52,9 @@ Bevilacqua et al., Int. J. Aerospace Eng. 2011, 308245.
   tdm plan robots --params config/robots_air_bearing.yaml -o plan.json
   ros2 launch tdm_planner robots.launch.py params_file:=config/robots_air_bearing.yaml
 Written by `make config` from the declarations in the code."""
+
+# Of the robots' nodes [Hz].
+ROBOTS_RATE: Values = {'rate': 100.0}
 
 
 def pendulum_file() -> str:
@@ -75,8 +79,8 @@ def robots_file(title: str, planner: Values, actuators: Values) -> str:
     }
     nodes: dict[str, tuple[Specifications, Values]] = {
         'planner': (declared['planner robots'], {'problem': RobotFormation.name, **planner}),
-        'tracker': (declared['tracker robot'], {'kind': 'robot', **actuators}),
-        'robot_plant': (plant, actuators),
+        'tracker': (declared['tracker robot'], {'kind': 'robot', **ROBOTS_RATE, **actuators}),
+        'robot_plant': (plant, {**ROBOTS_RATE, **actuators}),
     }
     return parameter_file(nodes, title)
 
