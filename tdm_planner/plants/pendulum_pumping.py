@@ -38,6 +38,7 @@ from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
+_INERTIA = 1.5  # times the share of the pendulum's inertia that is left: a share of the step
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
@@ -51,7 +52,8 @@ class Pumping(NamedTuple):
     What all variants share.
 
     `torque` [N m], `psi_max` [rad], `w0` [rad/s], `turn` the goal's number of turns, NaN for the
-    nearest; a motion lasts at most `longest` / w0, integrated in steps of at most `step` [s].
+    nearest; a motion lasts at most `longest` / w0, integrated in steps of at most `step` [s],
+    shorter where the disk turns with the pendulum.
     """
 
     torque: float
@@ -101,32 +103,37 @@ def _wanted(
     w: float,
     v: float,
     held: float,
-) -> tuple[float, bool]:
-    """Torque by the law, and whether the disk's limit asks for it; `held` where nothing does."""
+) -> tuple[float, bool, float]:
+    """
+    Torque by the law, `held` where nothing asks for another; whether the disk's limit asks for it.
+
+    Last the share of the pendulum's inertia that the disk, turning with it, leaves.
+    """
     sine, cosine = sine_and_cosine(theta)
     j0, b = k.disk + k.disk_cosine, k.arm * cosine
     j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
     free = k.pendulum / (k.pendulum * j0 - k.arm * k.arm)  # psi'' by torque, upright or hanging
+    inertia = 1.0 - b * b / (k.pendulum * j)
     if psi * v > 0.0:
         stop = -p.torque if v > 0.0 else p.torque
         braked = quick_accelerations(k, theta, w, v, stop)[1]
         slower = max(-braked if v > 0.0 else braked, 0.15 * p.torque * free)
         if abs(psi) + 0.5 * v * v / slower > law.brake[n] * p.psi_max:
-            return stop, True
+            return stop, True, inertia
     level = law.share[n] * p.torque
     unit = level * free / (p.w0 * p.w0)  # of Q
     bend = math.sqrt(max((k.disk_sine - k.disk_cosine) / j0, 1e-9))
     place = psi + k.arm / (j0 * bend) * math.atan(bend * sine)
     momentum = j * v + b * w
-    energy = 0.5 * (k.pendulum - b * b / j) * w * w / k.gravity + cosine
+    energy = 0.5 * k.pendulum * inertia * w * w / k.gravity + cosine
     pumping = -cosine * (w / p.w0 + law.lead[n] * sine)
     pumping /= math.sqrt(max(2.0 * (energy + 1.0), 1e-4))
     pumping *= max(-1.0, min(1.0, (1.0 - energy) / law.band[n]))
     centring = law.on_place[n] * place + law.on_momentum[n] * momentum / (j0 * p.w0)
     balance = pumping - centring / unit
     if abs(balance) < 1e-12:
-        return held, False
-    return (level if balance > 0.0 else -level), False
+        return held, False, inertia
+    return (level if balance > 0.0 else -level), False, inertia
 
 
 @compiled
@@ -144,7 +151,7 @@ def _pumped(
     level = law.share[n] * p.torque
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
     crossing = math.sqrt(min(p.psi_max, 3.0) / (level * free))
-    h = min(p.step, _SHARE_OF_DISK * crossing)
+    longest = min(p.step, _SHARE_OF_DISK * crossing)
     theta, psi, w, v = start[0], start[1], start[2], start[3]
     held, stage, hold = law.first[n] * level, 0, law.hold[n] * slowness(k) / w0
     if hold == 0.0:
@@ -153,7 +160,7 @@ def _pumped(
     arc, age, total = 0, 0.0, 0.0
     nearest, promise, since, arcs, last = np.inf, np.inf, 0.0, 0, 0.0
     while total < p.longest / w0:
-        want, braking = _wanted(k, p, law, n, theta, psi, w, v, held)
+        want, braking, inertia = _wanted(k, p, law, n, theta, psi, w, v, held)
         if stage == 0 and total >= hold:
             stage = _PUMPS
         if stage == _PUMPS and want * law.first[n] < 0.0:
@@ -167,6 +174,8 @@ def _pumped(
                 break
             durations[arc], torques[arc] = age, held
             arc, age, held = arc + 1, 0.0, want
+        # The disk's turns are quick where they take most of it, and many swings magnify errors.
+        h = min(longest, _INERTIA * inertia * p.step)
         theta, psi, w, v = runge_kutta(k, theta, psi, w, v, held, h)
         age += h
         total += h

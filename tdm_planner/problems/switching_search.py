@@ -42,6 +42,7 @@ _DISTINCT = 2e-3  # relative difference of the total times of two different cand
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
+_FINER_HEAD = 2.0  # times the steps, at most: quick swings magnify errors
 _SUBSTEPS = 8  # RK4 steps between two samples of a trajectory
 
 
@@ -151,7 +152,8 @@ def land(
 def along_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
     """States (n, 4) along the arcs that stay as they are, every 1 / w0 / `steps` or oftener."""
     durations, torques = candidate.head
-    parts = np.ceil(durations * task.plant.natural_frequency * steps).astype(np.intp) + 1
+    finely = steps * task.plant.natural_frequency * min(task.plant.quickness, _FINER_HEAD)
+    parts = np.ceil(durations * finely).astype(np.intp) + 1
     pieces = np.repeat(durations / parts, parts)
     states: Array = roll_states(task.plant, task.start, pieces, np.repeat(torques, parts), 2)
     return states

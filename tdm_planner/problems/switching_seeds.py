@@ -43,7 +43,7 @@ Late = Callable[[], bool]
 VARIANTS, _AT_ONCE = 128, 8  # simulated, and so many of them between two looks at the clock
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
-_PUMP_STEP, _FINEST = 0.09, 5.0  # of 1/w0, of its integration; by how much finer at most
+_PUMP_STEP, _FINEST = 0.09, 2.5  # of 1/w0, of its integration; by how much finer at most
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive

@@ -219,6 +219,7 @@ def rig(size: float, arm: float, disk: float, across: float, torque: float, angl
         (rig(0.5, 1.0, 2.0, 0.3, 0.06, 3.0), 20),  # weak: more swings than anybody would guess
         (rig(0.1, 1.0, 0.1, 0.1, 0.3, 2.5), 5),  # swings are quick where the disk is free
         (rig(2.0, 0.6, 0.5, 4.0, 0.4, 2.5), 5),  # slow
+        (rig(2.0, 1.95, 0.043, 0.049, 0.14, 1.0), 20),  # the disk turns with the pendulum
         (rig(0.3, 0.5, 20.0, 0.3, 0.3, 2.0), 256),  # weaker still
     ],
 )
