@@ -98,7 +98,8 @@ def planner_killed(rig: PendulumRig) -> dict[str, float]:
     late = ros.subscribe(f'{space}/trajectory', JointTrajectory, LATCHED)
     summaries = ros.subscribe(f'{space}/plan_summary', String, LATCHED)
     rig.wait(lambda: late and summaries)
-    assert late[-1].header.stamp == plan.header.stamp
+    starts = [[seconds_of(p.header.stamp) for p in plans] for plans in (late, rig.followed)]
+    assert late[-1].header.stamp == plan.header.stamp, f'{starts}\n{rig.story()}'
     assert [p.positions for p in late[-1].points] == [p.positions for p in plan.points]
     assert [p.effort for p in late[-1].points] == [p.effort for p in plan.points]
     assert json.loads(summaries[-1].data)['verification']['ok']

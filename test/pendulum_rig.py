@@ -226,7 +226,7 @@ class PendulumRig:
         longest, missed = 0.0, 0
         acting = rows[rows[:, 3] != 0.0]
         for at, _, _, torque in acting:
-            end = int(np.searchsorted(given, at))
+            end = int(np.searchsorted(given, at, 'right'))  # simulated time stands still
             begin = int(np.searchsorted(given, at - LONGEST_LOOK))
             (same,) = np.nonzero(np.abs(asked[begin:end] - torque) < 1e-9)
             if same.size:
