@@ -38,7 +38,8 @@ from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-_INERTIA = 1.5  # times the share of the pendulum's inertia that is left: a share of the step
+# Times the share of the pendulum's inertia that is left: a share of the step; and the least.
+_INERTIA, _LEAST = 1.5, 0.06
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
@@ -175,7 +176,7 @@ def _pumped(
             durations[arc], torques[arc] = age, held
             arc, age, held = arc + 1, 0.0, want
         # The disk's turns are quick where they take most of it, and many swings magnify errors.
-        h = min(longest, _INERTIA * inertia * p.step)
+        h = min(longest, max(_INERTIA * inertia, _LEAST) * p.step)
         theta, psi, w, v = runge_kutta(k, theta, psi, w, v, held, h)
         age += h
         total += h

@@ -40,7 +40,7 @@ _WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
 Late = Callable[[], bool]
 
-VARIANTS, _AT_ONCE = 128, 8  # simulated, and so many of them between two looks at the clock
+VARIANTS, _AT_ONCE = 128, 8  # simulated, and so many between two looks at the clock, or fewer
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
 _PUMP_STEP, _FINEST = 0.09, 2.5  # of 1/w0, of its integration; by how much finer at most
@@ -204,10 +204,11 @@ def _swings(
     longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
     step = _PUMP_STEP / w0 / min(task.plant.quickness, _FINEST)
     common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest, step)
-    for first in range(0, VARIANTS, _AT_ONCE):
+    some = max(1, round(_AT_ONCE / task.plant.quickness))
+    for first in range(0, VARIANTS, some):
         if enough(int(np.count_nonzero(distances < NEAR))):
             break
-        rows = slice(first, first + _AT_ONCE)
+        rows = slice(first, first + some)
         pump(
             task.plant.coefficients, task.start, common, Laws(*(each[rows] for each in variants)),
             durations[rows], torques[rows], arcs[rows], distances[rows],
