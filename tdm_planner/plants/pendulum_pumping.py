@@ -40,6 +40,7 @@ Integers = NDArray[np.intp]
 
 # Times the share of the pendulum's inertia that is left: a share of the step; and the least.
 _INERTIA, _LEAST = 1.5, 0.06
+_MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
@@ -160,7 +161,9 @@ def _pumped(
     away = n % 8 == 0  # the others may not stay near the top where they begin there
     arc, age, total = 0, 0.0, 0.0
     nearest, promise, since, arcs, last = np.inf, np.inf, 0.0, 0, 0.0
-    while total < p.longest / w0:
+    for _ in range(_MOST_STEPS):
+        if total >= p.longest / w0:
+            break
         want, braking, inertia = _wanted(k, p, law, n, theta, psi, w, v, held)
         if stage == 0 and total >= hold:
             stage = _PUMPS

@@ -66,7 +66,7 @@ def discrete_regulator(a: Array, b: Array, q: Array, r: Array, step: float) -> R
     q, r = q * step, r * step
     try:
         cost_to_go = np.asarray(solve_discrete_are(a, b, q, r), dtype=float)
-    except np.linalg.LinAlgError as error:
+    except (np.linalg.LinAlgError, ValueError) as error:  # where its pencil cannot be ordered
         raise np.linalg.LinAlgError(
             f'the Riccati equation has no stabilising solution: {error}'
         ) from None
