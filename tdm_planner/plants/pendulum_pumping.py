@@ -153,7 +153,7 @@ def _pumped(
     level = law.share[n] * p.torque
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
     crossing = math.sqrt(min(p.psi_max, 3.0) / (level * free))
-    longest = min(p.step, _SHARE_OF_DISK * crossing)
+    largest_step = min(p.step, _SHARE_OF_DISK * crossing)
     theta, psi, w, v = start[0], start[1], start[2], start[3]
     held, stage, hold = law.first[n] * level, 0, law.hold[n] * slowness(k) / w0
     if hold == 0.0:
@@ -178,8 +178,8 @@ def _pumped(
                 break
             durations[arc], torques[arc] = age, held
             arc, age, held = arc + 1, 0.0, want
-        # The disk's turns are quick where they take most of it, and many swings magnify errors.
-        h = min(longest, max(_INERTIA * inertia, _LEAST) * p.step)
+        # Swings are quick where the disk takes most of the inertia; many of them magnify errors.
+        h = min(largest_step, max(_INERTIA * inertia, _LEAST) * p.step)
         theta, psi, w, v = runge_kutta(k, theta, psi, w, v, held, h)
         age += h
         total += h
