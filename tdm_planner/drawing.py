@@ -114,6 +114,11 @@ def points_of(shape: Shape, count: int) -> Array:
     return moved
 
 
+def way_of(shape: Shape, count: int) -> Array:
+    """Return where the last point of a line, or a centre, is at `count` instants, (n, 2 or 3)."""
+    return _placed(shape.points[-1] if isinstance(shape, Line) else shape.centre, count)
+
+
 def _placed(point: Point, count: int) -> Array:
     """Return a point at every instant, (count, 2 or 3)."""
     parts = [np.broadcast_to(np.asarray(part, dtype=float), count) for part in point]

@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.drawing import COLOURS, Disc, LIMIT, Line, points_of, Shape, SWITCH
+from tdm_planner.drawing import COLOURS, Disc, LIMIT, points_of, Shape, SWITCH, way_of
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.trajectory import Trajectory
@@ -186,8 +186,7 @@ def _picture(part: SubFigure, view: PlantView, plans: Plans) -> None:
     for name, plan in plans.items():
         for shape in _drawn(view, plan, np.linspace(0.0, end, _INSTANTS)):
             if shape.trail:
-                way = Line([shape.centre] if not isinstance(shape, Line) else shape.points)
-                ground.plot(*points_of(way, _INSTANTS)[:, -1].T, color=colours[name])
+                ground.plot(*way_of(shape, _INSTANTS).T, color=colours[name])
         for shape in _drawn(view, plan, np.linspace(0.0, end, _BODIES)):
             _draw_shape(ground, shape, _BODIES, colours[name])
     ground.set_aspect('equal')

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -97,6 +98,12 @@ class Acrobot(DirectProblem, Validated):
 
     def running_cost(self, t, x, u):
         return u[0] ** 2
+
+    def drawing(self, x):
+        first, second = x[0], x[0] + x[1]
+        elbow = np.sin(first), 0.0, -np.cos(first)
+        tip = elbow[0] + self.length * np.sin(second), 0.0, elbow[2] - self.length * np.cos(second)
+        return Line(((0.0, 0.0, 0.0), elbow)), Line((elbow, tip), trail=True)
 
 
 VARIATIONS = (

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -84,6 +85,12 @@ class Auv(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        place, nose = (x[0], x[1]), (x[0] + 3.0 * x[2], x[1] + 3.0 * x[3])  # 3 s through the water
+        rows = np.linspace(-1.0, 1.0, 9) * max(abs(self.start.x), abs(self.start.y))
+        current = [Line(((0.0, y), (5.0 * self.shear * y, y)), 'reach') for y in rows]
+        return *current, Line((place, nose)), Disc(place, 0.6, trail=True)
 
 
 VARIATIONS = (

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -94,6 +95,13 @@ class BallAndBeam(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        r, c, s, ball = x[0], np.cos(x[2]), np.sin(x[2]), 0.06 * self.half
+        ends = [(k * self.half * c, 0.0, k * self.half * s) for k in (-1.0, 1.0)]
+        centre = r * c - 1.2 * ball * s, 0.0, r * s + 1.2 * ball * c
+        post = Line(((0.0, 0.0, 0.0), (0.0, 0.0, -0.5 * self.half)))
+        return post, Line(ends), Disc(centre, ball, trail=True)
 
 
 VARIATIONS = (

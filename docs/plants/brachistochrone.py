@@ -32,6 +32,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import brentq
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -75,6 +76,10 @@ class Brachistochrone(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        straight = Line(((0.0, 0.0, 0.0), (self.across, 0.0, -self.down)), 'reach')
+        return straight, Disc((x[0], 0.0, -x[1]), 0.03, trail=True)
 
 
 def cycloid_time(across: float, down: float, gravity: float) -> float:

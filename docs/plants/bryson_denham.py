@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -68,6 +69,11 @@ class BrysonDenham(DirectProblem, Validated):
 
     def running_cost(self, t, x, u):
         return 0.5 * u[0] ** 2
+
+    def drawing(self, x):
+        size = 0.2 * self.wall
+        wall = Line(((self.wall, -size), (self.wall, size)), 'limit')
+        return wall, Box((x[0] - size / 2.0, 0.0), (size, size), trail=True)
 
 
 VARIATIONS = (

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Box, Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -96,6 +97,13 @@ class Crane(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        at, a, b = (x[0], 0.0, 0.0), self.hook_rope, self.load_rope
+        hook = x[0] + a * np.sin(x[1]), 0.0, -a * np.cos(x[1])
+        load = hook[0] + b * np.sin(x[2]), 0.0, hook[2] - b * np.cos(x[2])
+        rail = Line(((self.start.x, 0.0, 0.0), (self.goal, 0.0, 0.0)), 'limit')
+        return rail, Box(at, (0.6, 0.4, 0.3)), Line((at, hook, load)), Disc(load, 0.3, trail=True)
 
 
 VARIATIONS = (

@@ -26,6 +26,7 @@ import math
 from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -69,6 +70,10 @@ class DoubleIntegrator(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        rail = Line(((self.start.x, 0.0, 0.0), (0.0, 0.0, 0.0)), 'limit')
+        return rail, Box((x[0], 0.0, 0.05), (0.2, 0.1, 0.1), trail=True)
 
 
 def table(counts: tuple[int, ...]) -> dict[int, float]:

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -85,6 +86,11 @@ class GoddardRocket(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return -x[0]
+
+    def drawing(self, x):
+        size = 1e-3  # large enough to be seen beside its way
+        hull = Box((0.0, 0.0, x[0] + size / 2.0), (size / 4.0, size / 4.0, size), trail=True)
+        return Line(((-size, 0.0, 0.0), (size, 0.0, 0.0)), 'limit'), hull
 
 
 VARIATIONS = (

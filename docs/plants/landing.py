@@ -39,6 +39,7 @@ from typing import ClassVar
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
 
@@ -143,6 +144,13 @@ class Landing(DirectProblem, Validated):
 
     def running_cost(self, t, x, u):
         return self.comfort * (u[1] ** 2 - 2.0 * u[1] * np.cos(u[2]) + 1.0)
+
+    def drawing(self, x):
+        end, size = self.goal, 24.0  # of an aircraft that can be seen beside its way
+        far = end.x + 150.0 * np.cos(end.heading), end.y + 150.0 * np.sin(end.heading), 0.0
+        hull = Box(x[:3], (size, size / 8.0, size / 8.0), turn=x[5], trail=True)
+        wings = Box(x[:3], (size / 6.0, size, size / 20.0), turn=x[5])
+        return Line(((end.x, end.y, 0.0), far), 'limit'), hull, wings
 
 
 def table(counts: tuple[int, ...], orders: tuple[int, ...]) -> dict[tuple[int, int], Solution]:

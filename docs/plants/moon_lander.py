@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -73,6 +74,11 @@ class MoonLander(DirectProblem, Validated):
 
     def running_cost(self, t, x, u):
         return u[0]
+
+    def drawing(self, x):
+        ground = Line(((-3.0, 0.0, 0.0), (3.0, 0.0, 0.0)), 'limit')
+        legs = [Line(((0.3 * k, 0.0, x[0] + 0.6), (0.7 * k, 0.0, x[0]))) for k in (-1.0, 1.0)]
+        return ground, *legs, Box((0.0, 0.0, x[0] + 0.9), (1.0, 1.0, 0.6), trail=True)
 
 
 def least_fuel(problem: MoonLander) -> float:

@@ -25,6 +25,7 @@ import math
 from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Disc
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -68,6 +69,9 @@ class RoundTheObstacle(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        return Disc((0.0, 0.0), self.radius, 'limit'), Disc((x[0], x[1]), 0.05, trail=True)
 
 
 def shortest_time(distance: float, radius: float, speed: float) -> float:

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -45,7 +46,6 @@ class CarStart(Validated):
 class Overtaking(DirectProblem, Validated):
     """Pass a slower car."""
 
-    name = 'overtaking'
     state_names, state_units = ('x', 'y', 'heading', 'v'), ('m', 'm', 'rad', 'm/s')
     control_names, control_units = ('a', 'steering'), ('m/s^2', 'rad')
 
@@ -85,8 +85,7 @@ class Overtaking(DirectProblem, Validated):
         return v**2 * np.tan(steering) / self.wheelbase
 
     def derivative(self, x, u):
-        _, _, heading, v = x
-        return v * np.cos(heading), v * np.sin(heading), self.side(v, u[1]) / v, u[0]
+        return x[3] * np.cos(x[2]), x[3] * np.sin(x[2]), self.side(x[3], u[1]) / x[3], u[0]
 
     def control_limits(self):
         return {'a': (-self.grip, self.grip), 'steering': (-self.lock, self.lock)}
@@ -103,6 +102,10 @@ class Overtaking(DirectProblem, Validated):
 
     def running_cost(self, t, x, u):
         return 1.0 + self.comfort * (u[0] ** 2 + self.side(x[3], u[1]) ** 2)
+
+    def drawing(self, x):
+        edges = [Line(((self.start.x, y), (self.goal, y)), 'limit') for y in (-2.0, 6.0)]
+        return *edges, Box((x[0], x[1]), (4.5, 1.8), turn=x[2], trail=True)
 
 
 VARIATIONS = (

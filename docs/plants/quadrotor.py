@@ -29,6 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
@@ -101,6 +102,12 @@ class Quadrotor(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def drawing(self, x):
+        turn = np.linspace(0.0, 2.0 * np.pi, 40)
+        rims = [(d, np.hypot(self.radius, self.bevel * d)) for d in (-0.4, 0.0, 0.4)]
+        ways = [[(d, r * np.cos(a), self.height + r * np.sin(a)) for a in turn] for d, r in rims]
+        return *(Line(way, 'limit') for way in ways), Disc(x[:3], 0.12, trail=True)
 
 
 VARIATIONS = (

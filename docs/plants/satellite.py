@@ -25,8 +25,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tdm_planner.direct_method import Duration, Output
+from tdm_planner.drawing import Box, Line, points_of
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
+
+# What is drawn, in the axes of the body: the edges of its hull and panels, and an antenna.
+HULL = points_of(Box((0.0, 0.0, 0.0), (0.6, 0.6, 0.9)), 1)[0]
+PANELS = points_of(Box((0.0, 0.0, 0.0), (2.6, 0.5, 0.02)), 1)[0]
+ANTENNA = (0.0, 0.0, 0.45), (0.5, 0.0, 1.0)
 
 
 def dot(a, b):
@@ -106,6 +112,15 @@ class Satellite(DirectProblem, Validated):
 
     def final_cost(self, t, x):
         return t
+
+    def turned(self, s, v):
+        """Return where a vector of the body points in space."""
+        k, across = 4.0 / (1.0 + dot(s, s)) ** 2, cross(s, v)
+        return mixed((1.0, v), (k * (1.0 - dot(s, s)), across), (2.0 * k, cross(s, across)))
+
+    def drawing(self, x):
+        ways = [[self.turned(x[:3], v) for v in way] for way in (HULL, PANELS, ANTENNA)]
+        return Line(ways[0]), Line(ways[1]), Line(ways[2], trail=True)
 
 
 VARIATIONS = (

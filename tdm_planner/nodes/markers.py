@@ -30,7 +30,7 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
-from tdm_planner.drawing import Box, Disc, Drawn, Line, points_of, Shape
+from tdm_planner.drawing import Box, Disc, Drawn, Line, points_of, Shape, way_of
 from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]
@@ -299,8 +299,7 @@ def _in_motion(way: DrawnPath, states: Array) -> Sequence[Shape]:
 
 def _followed(shape: Shape, count: int) -> Array:
     """Return where the end of a line, or a centre, is at `count` instants, (count, 3)."""
-    points = points_of(shape, count)
-    places = points.mean(axis=1) if isinstance(shape, Box) else points[:, -1]
+    places = way_of(shape, count)
     return np.pad(places, ((0, 0), (0, 3 - places.shape[1])))
 
 
@@ -309,7 +308,8 @@ def _size(shapes: Iterable[Shape]) -> float:
     extents = [1e-3]
     corners = []
     for shape in shapes:
-        corners += points_of(shape, 1)[0][:, :2].tolist()
+        points = points_of(shape, 1)[0]
+        corners += np.pad(points, ((0, 0), (0, 3 - points.shape[1]))).tolist()
         extents += [shape.radius] if isinstance(shape, Disc) else []
     extents += np.ptp(corners, axis=0).tolist() if corners else []
     return float(max(extents))

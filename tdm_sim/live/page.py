@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from tdm_planner.drawing import Box, points_of
+from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
 from tdm_sim.live.drag_handles import drag_handles_of, DragHandle, Pose
@@ -189,9 +189,7 @@ class Page:
             goals.append((rig.drawn(trajectory.states[-1]), GOAL))
             for shape in rig.drawn(trajectory.states[thin]):
                 if shape.trail:
-                    points = points_of(shape, thin.size)
-                    way = points.mean(axis=1) if isinstance(shape, Box) else points[:, -1]
-                    paths.append((way, rig.colour(name) or PATH))
+                    paths.append((way_of(shape, thin.size), rig.colour(name) or PATH))
             along += list(trajectory.states[thin[:: max(thin.size // _PLACES, 1)]])
         if not rig.view.surroundings():
             self._place_camera(along)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from acrobot import Acrobot
 from builtin_interfaces.msg import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -28,6 +29,7 @@ from tdm_planner.nodes.markers import (
     Picture,
     plan_markers,
 )
+from tdm_planner.plant_views import view_of
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
@@ -100,6 +102,12 @@ def test_a_jet_leaves_against_the_force_of_the_thruster() -> None:
     assert scene['body', 0].scale.x == pytest.approx(0.3)
     ring = [math.hypot(p.x - 1.0, p.y - 2.0) for p in scene['reach', 2].points]
     np.testing.assert_allclose(ring, 0.2)
+
+
+def test_lines_are_as_thick_whichever_way_a_plant_points() -> None:
+    acrobot = view_of(Acrobot())
+    hanging, level = (shown(acrobot, [angle, 0.0, 0.0, 0.0]) for angle in (0.0, math.pi / 2))
+    assert hanging['body', 0].scale.x == pytest.approx(level['body', 0].scale.x)
 
 
 def test_a_trail_follows_keeps_its_distance_and_forgets() -> None:

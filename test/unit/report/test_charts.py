@@ -32,7 +32,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 from recordings import SECOND
-from tdm_planner.drawing import Box, Line, points_of
+from tdm_planner.drawing import Box, Line, points_of, way_of
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_sim.report.animation import (
     frame_times,
@@ -157,8 +157,10 @@ def test_any_plant_is_shown_by_its_drawing() -> None:
         assert corners[k, :, 0].max() == pytest.approx(x + high if k == 0 else high)
         assert corners[k, :, 2].min() == pytest.approx(0.8)
     assert points_of(drawn[1], 2)[1].tolist() == [[2.0, 0.0, 1.0], [2.0, 0.0, 0.0]]
-    plane = points_of(Box((0.0, 0.0), (2.0, 1.0)), 1)
-    assert plane.shape == (1, 5, 2)
+    flat = Box((3.0, np.array([0.0, 1.0])), (2.0, 1.0), turn=0.3)
+    assert points_of(flat, 2).shape == (2, 5, 2)
+    assert way_of(flat, 2).tolist() == [[3.0, 0.0], [3.0, 1.0]]
+    assert way_of(drawn[1], 2).tolist() == [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
 
 
 def test_frames_are_bounded_and_hold_the_starts_and_ends_of_plans() -> None:
