@@ -1,14 +1,7 @@
 # Copyright 2026 The tdm_planner authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
-# in compliance with the License. You may obtain a copy of the License at
-# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
-# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
-# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
-# language governing permissions and limitations under the License.
-
+# SPDX-License-Identifier: Apache-2.0
 """
-Write what follows from the code: parameter files and views in config/, parts of docs/.
+Write what follows from the code: files in config/, tables and a figure of docs/.
 
 make config        (python tools/generate.py)
 python tools/generate.py --check   exit 1 where a file is not up to date
@@ -29,6 +22,7 @@ from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
 from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz
+from tools.architecture import figure
 from tools.node_tables import parameters_by_node, Specifications
 from tools.pages import documentation
 from tools.parameter_texts import parameter_file
@@ -114,6 +108,7 @@ def generated() -> dict[Path, str]:
         config / 'foxglove' / 'pendulum.json': pendulum_foxglove(),
         config / 'foxglove' / 'robots.json': robots_foxglove(DEFAULT_ROBOTS),
         config / 'security' / 'policy.xml': policy(),
+        ROOT / 'docs' / 'images' / 'architecture.svg': figure(),
         **documentation(ROOT / 'docs'),
     }
 

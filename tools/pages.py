@@ -1,12 +1,5 @@
 # Copyright 2026 The tdm_planner authors
-#
-# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
-# in compliance with the License. You may obtain a copy of the License at
-# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
-# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
-# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
-# language governing permissions and limitations under the License.
-
+# SPDX-License-Identifier: Apache-2.0
 """
 The documentation's generated parts: what stands between markers in its pages.
 
@@ -30,6 +23,7 @@ from tdm_planner.nodes.planning import CODES
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan
+from tools.architecture import upward
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.node_tables import (
@@ -107,6 +101,7 @@ def fragment(name: str) -> str:
         'all-parameters': lambda: parameter_names(parameters_by_node()),
         'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
         'python': python_modules,
+        'upward-imports': upward,
     }
     return made[name]()
 

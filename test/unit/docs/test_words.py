@@ -86,6 +86,14 @@ def test_no_page_is_long() -> None:
     assert {name: lines for name, lines in long.items() if lines > 400} == {}
 
 
+def test_architecture_names_files_that_exist() -> None:
+    page = (ROOT / 'docs/architecture.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`((?:tdm_planner|tdm_sim|nodes|tools)/[\w/.]*)`', page))
+    assert len(named) > 15
+    places = (ROOT, ROOT / 'tdm_planner')
+    assert not [name for name in named if not any((place / name).exists() for place in places)]
+
+
 def texts() -> Iterator[str]:
     """Yield every text of the sources, `...` in the place of values."""
     files = [*(ROOT / 'tdm_planner').rglob('*.py'), *(ROOT / 'tdm_sim').rglob('*.py')]
