@@ -49,8 +49,9 @@ class NodeProcesses:
     ) -> None:
         """Run ``python -m MODULE ARGUMENTS`` under a name; `within` is put before the command."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        again = name in self._processes  # why it ended before is in the log
         # A signal between start and registration would leave the process running.
-        with self._log(name).open('wb') as output, uninterrupted():
+        with self._log(name).open('ab' if again else 'wb') as output, uninterrupted():
             self._processes[name] = subprocess.Popen(
                 [*within, sys.executable, '-m', module, *arguments],
                 env=self.environment,

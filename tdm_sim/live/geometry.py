@@ -46,6 +46,7 @@ _FLAT: dict[Style, float] = {
     'reach': 0.15,
 }  # height of a disc in widths
 _WIDTH = 0.007  # of a tube, as a share of the drawing's size
+_THIN = 0.2  # along y, as a share of its size, of what moves in the plane of x and z
 
 
 class Look(NamedTuple):
@@ -228,7 +229,7 @@ class View(NamedTuple):
 
 
 def view_on(shapes: Iterable[Shape]) -> View:
-    """Return a view on shapes: on the plane from above, in space from the side."""
+    """Return a view on shapes: on the plane from above, on x and z from the front."""
     corners, flat = [], True
     for shape in shapes:
         points = points_of(shape, 1)[0]
@@ -240,8 +241,12 @@ def view_on(shapes: Iterable[Shape]) -> View:
         found[:, 2] = 0.0
     low, high = found.min(axis=0), found.max(axis=0)
     target, size = 0.5 * (low + high), max(float((high - low).max()), 1e-3)
-    away = np.array([0.0, -0.35, 0.85]) if flat else np.array([1.1, -1.1, 0.7])
-    return View(target + size * away, target, size, float(low[2]))
+    away = [1.1, -1.1, 0.7]
+    if flat:
+        away = [0.0, -0.35, 0.85]
+    elif high[1] - low[1] < _THIN * size:
+        away = [0.0, -1.0, 0.25]
+    return View(target + size * np.array(away), target, size, float(low[2]))
 
 
 def colour_of(number: int, count: int) -> Colour | None:

@@ -100,7 +100,7 @@ class Operations:
 
         def act() -> str:
             self._note('making a report ...')
-            file = self._recordings.report()
+            file = self._recordings.report(self._values(PLANNING).get('problem', ''))
             offer(file)
             return f'report in {file}'
 

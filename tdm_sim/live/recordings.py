@@ -28,8 +28,8 @@ class ReportFailed(TdmError):
 class Recordings:
     """Bags of a namespace in a folder, each recorded by a `tdm record` of its own."""
 
-    def __init__(self, folder: Path, namespace: str, problem: str = '') -> None:
-        self._folder, self._namespace, self._problem = folder, namespace, problem
+    def __init__(self, folder: Path, namespace: str) -> None:
+        self._folder, self._namespace = folder, namespace
         self._recorder = NodeProcesses(folder / 'log')
         self._number = 0
         self.last: Path | None = None
@@ -52,9 +52,11 @@ class Recordings:
         """End the recording."""
         self._recorder.end()
 
-    def report(self) -> Path:
+    def report(self, problem: str) -> Path:
         """
         Make a report on the last recording, which ends if it has not.
+
+        `problem` is the planner's. Reports load no class that only a recording names.
 
         Raises
         ------
@@ -68,8 +70,8 @@ class Recordings:
             self.stop()
         file = self.last.with_suffix('.html')
         words = ['report', str(self.last), '-o', str(file), '--namespace', self._namespace, '-q']
-        if ':' in self._problem:
-            words += ['--problem', self._problem]
+        if ':' in problem:
+            words += ['--problem', problem]
         done = subprocess.run(
             [sys.executable, '-m', 'tdm_planner.cli', *words], capture_output=True, text=True
         )

@@ -40,6 +40,7 @@ LOCAL = '127.0.0.1'
 _CURVES = 5  # frames between updates of the curves
 _NEWS = 12  # frames between updates of what is read
 _RESTART = 2.0  # s, the least time between two starts of a node
+_TOLD = 5.0  # s from a restart that it is told of
 
 
 def run_live(
@@ -66,21 +67,21 @@ def run_live(
     require_one_ros()
     with ExitStack() as stack:
         nodes = None
-        namespace, problem = attach or '', ''
+        namespace = attach or ''
         if plant is not None:
             os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
             output.mkdir(parents=True, exist_ok=True)
             scene = make_scene(plant, parameters, output)
             if not scene.file.exists():
                 scene.file.write_text('/**:\n  ros__parameters: {}\n')
-            namespace, problem = scene.namespace, plant
+            namespace = scene.namespace
             nodes = Nodes(scene, output / 'log')
             stack.enter_context(nodes)
         listener = stack.enter_context(_served(namespace))
         server = _server(host, port)
         stack.callback(server.stop)
         title = f'tdm live {namespace}'
-        page = Page(server, listener, Recordings(output, namespace, problem), title)
+        page = Page(server, listener, Recordings(output, namespace), title)
         stack.callback(page.close)
         address = f'http://{host}:{server.get_port()}'
         print(f'{address} (Ctrl-C ends it)', flush=True)
@@ -115,17 +116,18 @@ class Nodes(NodeProcesses):
         super().__init__(folder)
         self._commands = {name: (module, words) for name, module, words in scene.nodes()}
         self._started: dict[str, float] = {}
+        self._told: dict[str, str] = {}
         for name in self._commands:
             self._begin(name)
 
     def keep_up(self) -> str:
-        """Restart what has ended; returns a sentence about it, '' if nothing has."""
-        told = []
+        """Restart what has ended; returns what is to be told of it for some seconds, or ''."""
+        now = time.monotonic()
         for name, code in self.ended().items():
-            told.append(f'{name} ended with exit code {code}: {self.last_line(name)}')
-            if time.monotonic() - self._started[name] > _RESTART:
+            self._told[name] = f'{name} ended with exit code {code}: {self.last_line(name)}'
+            if now - self._started[name] > _RESTART:
                 self._begin(name)
-        return '; '.join(told)
+        return '; '.join(t for n, t in self._told.items() if now - self._started[n] < _TOLD)
 
     def _begin(self, name: str) -> None:
         module, words = self._commands[name]

@@ -97,6 +97,14 @@ def test_built_in_plants_are_seen_whole(kind: type) -> None:
     assert places[:, 2].min() >= seen.floor - 1e-9
 
 
+def test_what_moves_in_an_upright_plane_is_seen_from_the_front() -> None:
+    upright = view_on([Line(((0.0, 0.0, 0.0), (3.0, 0.0, 2.0))), Disc((3.0, 0.0, 2.0), 0.2)])
+    assert upright.camera[0] == upright.target[0]
+    assert upright.camera[1] < -upright.size / 2
+    deep = view_on([Line(((0.0, 0.0, 0.0), (3.0, 2.0, 2.0)))])
+    assert deep.camera[0] > deep.target[0]
+
+
 angle = st.floats(-6.0, 6.0)
 
 
