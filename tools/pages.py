@@ -101,6 +101,7 @@ def fragment(name: str) -> str:
         'all-parameters': lambda: parameter_names(parameters_by_node()),
         'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
         'python': python_modules,
+        'json-keys': all_json_keys,
         'upward-imports': upward,
     }
     return made[name]()
@@ -128,6 +129,18 @@ def all_topics() -> str:
         gives, takes = (', '.join(sides[side]) for side in ('gives', 'takes'))
         rows.append(f'| `{topic}` | `{types[0]}` | {gives} | {takes} |')
     return '\n'.join(rows) + '\n'
+
+
+def all_json_keys() -> str:
+    """Return the keys of all documents as one table."""
+    found: dict[str, list[str]] = {}
+    for where, keys in zip(
+        ('answer', 'failure', 'summary', 'file'), json_keys().values(), strict=True
+    ):
+        for key in keys:
+            found.setdefault(key.replace('*', '<name>'), [JSON_KEYS[key]]).append(where)
+    rows = [f'| `{key}` | {", ".join(where)} | {text} |' for key, (text, *where) in found.items()]
+    return '\n'.join(['| key | in | what it is |', '| --- | --- | --- |', *rows, ''])
 
 
 @cache

@@ -5,9 +5,8 @@ Ask one planner for swing-ups, by many clients, for as long as told: who is answ
 
     python -m tools.soak --minutes 60 --clients 20
 
-Planner, tracker and plant run as processes; after every executed plan the plant is
-reset. Printed are the answers by their code, how late they came, and the memory of every process
-from half-way on.
+Planner, tracker and plant run as processes; the plant is reset after every plan. Printed are the
+answers by their code, their latency, and the memory of every process half-way and at the end.
 """
 
 from __future__ import annotations
