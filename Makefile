@@ -91,12 +91,13 @@ demo: $(READY)
 live: $(READY)
 	@$(BIN)/tdm live '$(PLANT)'
 
-# Real processes come last, one test at a time: they need both cores.
-test: IN_TURN = $(filter test/system%,$(TESTS))
-test: IN_PARALLEL = $(filter-out test/system%,$(TESTS))
+# Tests with real processes come last: each of them starts several. Their time is simulated, or waits.
+test: PROCESSES = $(filter test/system%,$(TESTS))
+test: OTHERS = $(filter-out test/system%,$(TESTS))
+test: PARALLEL = --numprocesses auto --dist loadfile --max-worker-restart 0
 test: $(READY)-test
-	$(if $(IN_PARALLEL),@$(BIN)/python -m pytest --numprocesses auto --dist loadfile --max-worker-restart 0 $(IN_PARALLEL))
-	$(if $(IN_TURN),@$(BIN)/python -m pytest --timeout 300 --override-ini timeout_method=signal $(IN_TURN))
+	$(if $(OTHERS),@$(BIN)/python -m pytest $(PARALLEL) $(OTHERS))
+	$(if $(PROCESSES),@$(BIN)/python -m pytest $(PARALLEL) --override-ini timeout_method=signal $(PROCESSES))
 
 # What fuzzing finds is printed as JSON, to be kept in test/fuzz_corpus.json.
 nightly: $(READY)-test
