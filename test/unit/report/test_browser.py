@@ -164,6 +164,7 @@ class ReadableReport(Report):
         for selector in ('h1', '#summary', '#scene svg', '.chart .main-svg', '#play', '#time'):
             box = page.find(selector).rect
             assert min(box['width'], box['height']) > 10, selector
+        assert 'none' not in page.each('.vehicle', 'getComputedStyle(e).stroke')
 
     def test_the_slider_moves_the_animation(self, page: Page) -> None:
         page.set_time(0.0)
