@@ -179,7 +179,7 @@ def common_arguments() -> list[DeclareLaunchArgument]:
         ),
         argument('bag', '', 'folder to record to; empty: named after namespace and time'),
         argument(
-            'respawn', 'true', 'start a tracker that has died anew, up to three times', switch=True
+            'respawn', 'true', 'restart a tracker that dies, up to three times', switch=True
         ),
         argument(
             'use_sim_time',
