@@ -178,9 +178,7 @@ def common_arguments() -> list[DeclareLaunchArgument]:
             switch=True,
         ),
         argument('bag', '', 'folder to record to; empty: named after namespace and time'),
-        argument(
-            'respawn', 'true', 'restart a tracker that dies, up to three times', switch=True
-        ),
+        argument('respawn', 'true', 'restart a tracker that dies, up to three times', switch=True),
         argument(
             'use_sim_time',
             'false',
