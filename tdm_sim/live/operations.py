@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 import time
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 from tdm_planner.exceptions import Busy
 from tdm_sim.live.drag_handles import DragHandle, Pose, pulled
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
-from tdm_sim.live.recordings import Recordings
+from tdm_sim.live.recordings import RecordingFailed, Recordings
 from tdm_sim.live.rig import Rig
 from tdm_sim.live.sliders import Slider
 from tdm_sim.live.task_thread import LONGEST, start_delay, TaskThread, Told
@@ -47,7 +48,8 @@ class Operations:
         """Drop the waiting tasks, and end a recording."""
         self._plant_tasks.close()
         self._file_tasks.close()
-        self._recordings.stop()
+        with suppress(RecordingFailed):
+            self._recordings.stop()
 
     def plan(self) -> None:
         """Make a plan."""

@@ -14,9 +14,18 @@ from __future__ import annotations
 from pathlib import Path
 import subprocess
 import sys
+import time
 
 from tdm_planner.exceptions import TdmError
 from tdm_sim.processes import NodeProcesses
+
+_LOOK = 0.05  # s between looks whether a recording has begun
+
+
+class RecordingFailed(TdmError):
+    """`tdm record` failed; the message is what it printed last."""
+
+    code = 'RECORDING_FAILED'
 
 
 class ReportFailed(TdmError):
@@ -40,17 +49,39 @@ class Recordings:
         return bool(self._recorder.identifiers)
 
     def start(self) -> Path:
-        """Begin a recording; returns its folder."""
+        """
+        Begin a recording; returns its folder once messages are recorded.
+
+        Raises
+        ------
+        RecordingFailed
+            If the recorder ends instead.
+
+        """
         while (bag := self._folder / f'recording_{self._number + 1}').exists():
             self._number += 1
         words = ['record', '-o', str(bag), '--namespace', self._namespace, '--quiet']
         self._recorder.start('recorder', 'tdm_planner.cli', words)
+        while not bag.exists():
+            if self._recorder.ended():
+                self._recorder.end()
+                raise RecordingFailed(self._recorder.last_line('recorder'))
+            time.sleep(_LOOK)
         self.last = bag
         return bag
 
     def stop(self) -> None:
-        """End the recording."""
-        self._recorder.end()
+        """
+        End the recording.
+
+        Raises
+        ------
+        RecordingFailed
+            If it is not complete.
+
+        """
+        if any(self._recorder.end().values()):
+            raise RecordingFailed(self._recorder.last_line('recorder'))
 
     def report(self, problem: str) -> Path:
         """

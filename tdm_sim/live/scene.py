@@ -40,6 +40,7 @@ _LINEAR = np.round(255 * np.where(
 )).astype(np.uint8)  # fmt: skip
 _LIGHT = 0.35  # of the surroundings; more makes colours pale
 _LETTERS = 40  # in a line of a sentence
+_NEAR, _FADE, _FAR = 0.01, 20.0, 100.0  # what the camera sees, in sizes of what is drawn
 
 
 class Layer:
@@ -196,10 +197,10 @@ class Scene:
 
     def look(self, view: View) -> None:
         """Set the camera of all browsers, present and future ones."""
-        camera = self._server.initial_camera
-        camera.position, camera.look_at = view.camera, view.target
-        for client in self._server.get_clients().values():
-            client.camera.position, client.camera.look_at = view.camera, view.target
+        present = [client.camera for client in self._server.get_clients().values()]
+        for camera in (self._server.initial_camera, *present):
+            camera.position, camera.look_at = view.camera, view.target
+            camera.near, camera.far = _NEAR * view.size, _FAR * view.size
         if self._grid is not None:
             self._grid.remove()
         step = 10.0 ** np.floor(np.log10(view.size))
@@ -209,6 +210,7 @@ class Scene:
             height=4.0 * view.size,
             cell_size=0.1 * step,
             section_size=step,
+            fade_distance=_FADE * view.size,
             position=(view.target[0], view.target[1], view.floor - view.width),
         )
 

@@ -16,12 +16,18 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 viser = pytest.importorskip('viser')
 
+from tdm_planner.drawing import Line  # noqa: E402
 from tdm_sim.live import run  # noqa: E402
+from tdm_sim.live.geometry import view_on  # noqa: E402
+from tdm_sim.live.recordings import RecordingFailed, Recordings  # noqa: E402
+from tdm_sim.live.scene import Scene  # noqa: E402
+from tdm_sim.processes import NodeProcesses  # noqa: E402
 from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
@@ -54,6 +60,34 @@ def test_a_page_from_elsewhere_is_turned_away() -> None:
         evil = connect(address, origin=evil_page, **words)
         with evil as other, pytest.raises(ConnectionClosed):
             other.recv(timeout=20.0)
+    finally:
+        server.stop()
+
+
+def test_a_recorder_that_ends_at_once_is_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(self: NodeProcesses, name: str, module: str, words: list[str]) -> None:
+        begin(self, name, 'calendar', ['2026'])
+
+    begin = NodeProcesses.start
+    monkeypatch.setattr(NodeProcesses, 'start', start)
+    recordings = Recordings(tmp_path, 'space')
+    with pytest.raises(RecordingFailed, match=r'recorder\.log'):
+        recordings.start()
+    assert not recordings.running
+    assert recordings.last is None
+
+
+@pytest.mark.parametrize('size', [1e-3, 1.0, 1e4])
+def test_plants_of_any_size_are_in_sight(size: float) -> None:
+    server = run._server('127.0.0.1', 0)
+    try:
+        seen = view_on([Line(((0.0, 0.0, 0.0), (size, size, size)))])
+        Scene(server, lambda *_: None, lambda *_: None).look(seen)
+        camera = server.initial_camera
+        assert camera.near < np.linalg.norm(seen.camera - seen.target) - size
+        assert camera.far > np.linalg.norm(seen.camera - seen.target) + size
     finally:
         server.stop()
 
