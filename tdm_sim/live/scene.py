@@ -197,8 +197,9 @@ class Scene:
 
     def look(self, view: View) -> None:
         """Set the camera of all browsers, present and future ones."""
-        present = [client.camera for client in self._server.get_clients().values()]
-        for camera in (self._server.initial_camera, *present):
+        cameras: list[Any] = [self._server.initial_camera]
+        cameras += [client.camera for client in self._server.get_clients().values()]
+        for camera in cameras:
             camera.position, camera.look_at = view.camera, view.target
             camera.near, camera.far = _NEAR * view.size, _FAR * view.size
         if self._grid is not None:
