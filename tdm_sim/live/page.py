@@ -55,6 +55,7 @@ class Page:
         self._scene = Scene(server, self._on_dragged, self._on_pulled)
         self._panel.connect(self)
         self._width = 0.0  # of tubes; 0 until the camera is placed
+        self._whole = False  # whether it was placed to see a plan; from then on it is the users'
         self._seen = -1
         self._fault = ''
         self._history = History(self._rig.view)
@@ -123,7 +124,8 @@ class Page:
         self._seen, self._fault = changes, ''
         if self._rig.follow(dict(declared.values)):
             self._panel.vehicles(list(self._rig.vehicles))
-            self._width, self._history = 0.0, History(self._rig.view)
+            self._width, self._whole = 0.0, False
+            self._history = History(self._rig.view)
         self._history.view = self._rig.view
         if self._width:
             self._show_surroundings()
@@ -191,8 +193,9 @@ class Page:
                 if shape.trail:
                     paths.append((way_of(shape, thin.size), rig.colour(name) or PATH))
             along += list(trajectory.states[thin[:: max(thin.size // _PLACES, 1)]])
-        if not rig.view.surroundings():
+        if not self._whole and not rig.view.surroundings():
             self._place_camera(along)
+        self._whole = True
         self._scene.show('plan', picture(goals, self._width, paths))
 
     # Operations, see `panel.Actions`.
