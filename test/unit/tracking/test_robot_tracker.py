@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.tracking import Phase, TrajectoryRejected
+from tdm_planner.tracking.motion import Motion
 from tdm_planner.tracking.robot_estimation import EstimatedRobot
 from tdm_planner.trajectory import Trajectory
 
@@ -149,6 +150,25 @@ def test_the_actuator_gains_are_found(plan: Trajectory) -> None:
     true_gain = setup.gains[0] * FloatingRobot().mass / setup.plant.mass
     assert abs(true_gain - 1) > 0.05
     assert loop.tracker.estimator.predict(loop.now)[7] == pytest.approx(true_gain, abs=0.02)
+
+
+def test_commands_make_up_for_the_actuator_gains(plan: Trajectory) -> None:
+    tracker = robot(plan.states[0]).tracker
+    motion = Motion(plan, 0.0, tracker.prepare(plan))
+    state = plan.sample(2.0).state
+
+    def command(*gains: float) -> np.ndarray:
+        return tracker.track(motion, 2.0, np.array([*state, *gains])).control
+
+    usual = command(1.0, 1.0)
+    assert usual[0] > 0.1
+    assert command(0.8, 1.25) / usual == pytest.approx(1.0 / np.array([0.8, 1.0, 1.25]))
+
+
+def test_the_burns_of_a_plan_are_known() -> None:
+    plan = burn_coast_burn()
+    law = robot(plan.states[0], **SLOW).tracker.prepare(plan)
+    assert law.burns == pytest.approx(np.array([[0.0, 1.0, 0.0], [26.0, 27.0, math.pi]]))
 
 
 def test_the_thruster_turns_before_the_start_and_nothing_is_fired(plan: Trajectory) -> None:
