@@ -24,8 +24,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.direct_method import Duration, Integrated, nonlinear_program, Output
 from tdm_planner.exceptions import Infeasible, InvalidProblem
-from tdm_planner.parameters import group, parameter, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.parameters import parameter, Validated
+from tdm_planner.problems import DirectProblem
 
 DEADLINE, ALLOWANCE = 1.0, 1.0  # s; a new kind is traced and its programs made, beside
 
@@ -82,7 +82,6 @@ class Stated(DirectProblem, Validated):
     fixed: bool = parameter(False, 'whether the time is fixed')
     degree: int = parameter(0, 'of the speed factor')
     free: int = parameter(4, 'varied parameters')
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         if self.integrated_states:

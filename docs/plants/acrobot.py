@@ -27,7 +27,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,6 @@ class Acrobot(DirectProblem, Validated):
     torque: float = parameter(15.0, 'largest torque', unit='N m', allowed=POSITIVE)
     time: float = parameter(1.8, 'time for it', unit='s', allowed=POSITIVE)
     free: int = parameter(8, "varied parameters of the elbow's angle", allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start = self.start.elbow, self.start.elbow_rate

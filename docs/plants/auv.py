@@ -26,7 +26,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 SLOW = 0.05  # m/s, below which the drag is linear
 
@@ -54,7 +54,6 @@ class Auv(DirectProblem, Validated):
     force: float = parameter(0.3, 'largest force by mass', unit='m/s^2', allowed=POSITIVE)
     drag: float = parameter(0.3, 'drag by mass and speed squared', unit='1/m', allowed=POSITIVE)
     free: int = parameter(8, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         s = self.start

@@ -26,7 +26,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 G = 9.81
 ROLLING = 5.0 / 7.0  # m/(m + J/R^2) of a solid ball
@@ -58,7 +58,6 @@ class BallAndBeam(DirectProblem, Validated):
     angle: float = parameter(0.35, 'largest angle', unit='rad', allowed=POSITIVE)
     half: float = parameter(0.5, "half of the beam's length", unit='m', allowed=POSITIVE)
     free: int = parameter(10, "varied parameters of the beam's angle", allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start = self.start.theta, self.start.omega

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import brentq
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Disc, Line
-from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.parameters import parameter, POSITIVE, Range, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
@@ -51,7 +51,6 @@ class Brachistochrone(DirectProblem, Validated):
     free: int = parameter(
         3, 'varied parameters of the slope, beside the duration', allowed=Range(1, 12)
     )
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'gamma': Output(free=self.free, scale=1.0)}

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,6 @@ class BrysonDenham(DirectProblem, Validated):
     back: float = parameter(1.0, 'speed at the end, away from the wall', unit='m/s')
     time: float = parameter(1.0, 'time for it', unit='s', allowed=POSITIVE)
     free: int = parameter(8, 'varied parameters of the position', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start, end = (self.start.x, self.start.v), (0.0, -self.back)

@@ -26,7 +26,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Box, Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 G = 9.81
 
@@ -61,7 +61,6 @@ class Crane(DirectProblem, Validated):
     speed: float = parameter(2.0, 'largest', unit='m/s', allowed=POSITIVE)
     swing: float = parameter(0.3, 'largest angle', unit='rad', allowed=POSITIVE)
     free: int = parameter(10, "varied parameters of the trolley's place", allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start, end = (self.start.x, self.start.v), (self.goal, 0.0)

@@ -50,7 +50,6 @@ class DoubleIntegrator(DirectProblem, Validated):
     start: CartStart = group(CartStart)
     limit: float = parameter(1.0, 'largest acceleration', unit='m/s^2', allowed=POSITIVE)
     free: int = parameter(6, 'varied parameters beside the duration', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'x': Output(start=(self.start.x, self.start.v), end=(0.0, 0.0), free=self.free)}

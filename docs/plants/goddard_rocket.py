@@ -30,7 +30,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,6 @@ class GoddardRocket(DirectProblem, Validated):
     drag: float = parameter(310.0, 'drag by the square of speed', allowed=NON_NEGATIVE)
     thinning: float = parameter(500.0, 'radius by the height of the air', allowed=NON_NEGATIVE)
     free: int = parameter(8, 'varied parameters of the height', allowed=Range(1, 40))
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start = self.start.h, self.start.v

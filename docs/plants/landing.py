@@ -93,7 +93,6 @@ class Landing(DirectProblem, Validated):
     comfort: float = parameter(2.0, 'weight of uncomfortable load', allowed=NON_NEGATIVE)
     free: int = parameter(6, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
     speed_factor_order: int = parameter(2, 'degree of dt/ds', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     goal: ClassVar[Approach] = THRESHOLD
 

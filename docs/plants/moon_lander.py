@@ -26,7 +26,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,6 @@ class MoonLander(DirectProblem, Validated):
     gravity: float = parameter(1.5, 'acceleration due to gravity', unit='m/s^2', allowed=POSITIVE)
     thrust: float = parameter(3.0, 'largest thrust by mass', unit='m/s^2', allowed=POSITIVE)
     free: int = parameter(8, 'varied parameters of the height', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         start = self.start.h, self.start.v

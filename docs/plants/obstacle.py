@@ -26,7 +26,7 @@ from typing import ClassVar
 
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc
-from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
+from tdm_planner.parameters import NON_NEGATIVE, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters
 
 
@@ -43,7 +43,6 @@ class RoundTheObstacle(DirectProblem, Validated):
     speed: float = parameter(1.0, 'largest speed', unit='m/s', allowed=POSITIVE)
     free: int = parameter(6, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
     speed_factor_order: int = parameter(0, 'degree of dt/ds', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {

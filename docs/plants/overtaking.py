@@ -29,7 +29,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Box, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,6 @@ class Overtaking(DirectProblem, Validated):
     lock: float = parameter(0.5, 'largest steering angle', unit='rad', allowed=Range(0.0, 1.5))
     comfort: float = parameter(0.02, 'weight of accelerations', allowed=NON_NEGATIVE)
     free: int = parameter(6, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         s, g = self.start, self.goal

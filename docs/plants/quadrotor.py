@@ -31,7 +31,7 @@ import numpy as np
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Disc, Line
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 G = 9.81
 
@@ -68,7 +68,6 @@ class Quadrotor(DirectProblem, Validated):
     tilt: float = parameter(0.9, 'largest tilt', unit='rad', allowed=Range(0.1, 1.5))
     drag: float = parameter(0.1, 'drag by mass and speed', unit='1/s', allowed=NON_NEGATIVE)
     free: int = parameter(8, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         s = self.start

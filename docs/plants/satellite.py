@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.drawing import Box, Line, points_of
 from tdm_planner.parameters import group, NON_NEGATIVE, parameter, POSITIVE, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.problems import DirectProblem
 
 # What is drawn, in the axes of the body: the edges of its hull and panels, and an antenna.
 HULL = points_of(Box((0.0, 0.0, 0.0), (0.6, 0.6, 0.9)), 1)[0]
@@ -75,7 +75,6 @@ class Satellite(DirectProblem, Validated):
     inertia: list[float] = parameter([1.0] * 3, 'principal inertias', unit='kg m^2', length=3)
     torque: float = parameter(1.0, 'largest about each axis', unit='N m', allowed=POSITIVE)
     free: int = parameter(8, 'varied parameters of each coordinate', allowed=NON_NEGATIVE)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         s = self.start

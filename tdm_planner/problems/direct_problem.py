@@ -17,7 +17,6 @@ A problem that only states itself; search, verification and trajectory are the l
         control_names, control_units = ('force',), ('N',)
 
         start: MyStart = group(MyStart)
-        solver: DirectSolverParameters = group(DirectSolverParameters)
 
         def outputs(self): ...       # reference functions with their boundary conditions
         def duration(self): ...      # varied or fixed, speed factor
@@ -47,7 +46,7 @@ from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.drawing import Shape
-from tdm_planner.parameters import parameter, POSITIVE
+from tdm_planner.parameters import group, parameter, POSITIVE
 from tdm_planner.problems.base import Problem, Solution
 from tdm_planner.problems.direct_search import DirectSearch
 from tdm_planner.problems.direct_statement import check_statement, limits_of
@@ -82,7 +81,8 @@ class DirectProblem(Formulation, Problem):
 
     A plan's end may differ by `terminal_tolerance` (nx,) from the goal when replayed; by default
     by 1e-3 of the largest range that a state of the same unit runs through. Without refinement
-    limits are kept at `nodes` (at least) along the arc, from `starts` first guesses.
+    limits are kept at `nodes` (at least) along the arc, from `starts` first guesses. The last
+    field is `solver`, a group of `DirectSolverParameters`, unless a class has its own.
     """
 
     name: ClassVar[str] = 'direct_problem'
@@ -112,10 +112,13 @@ class DirectProblem(Formulation, Problem):
         return ()
 
     def __init_subclass__(cls, **arguments: Any) -> None:
-        """Name a class that has no name of its own by its own."""
+        """Name a class that has no name, and give one without solver's parameters the usual."""
         super().__init_subclass__(**arguments)
         if cls.name == DirectProblem.name:
             cls.name = re.sub(r'(?<!^)(?=[A-Z])', '_', cls.__name__).lower()
+        if 'solver' not in {**getattr(cls, '__dataclass_fields__', {}), **cls.__annotations__}:
+            cls.__annotations__['solver'] = DirectSolverParameters
+            cls.solver = group(DirectSolverParameters)  # a field, once it is a dataclass
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

@@ -30,7 +30,7 @@ from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter
 from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
 from tdm_planner.problems.base import Solution
-from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
+from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.swing_up_task import SwingUpTask, TERMINAL_TOLERANCE
 
@@ -62,7 +62,6 @@ class StatedSwingUp(DirectProblem):
     disk_angle: float = parameter(2.0, 'largest angle of the disk', unit='rad')
     time: float = parameter(0.5, 'guess of the time', unit='s')
     one_way: bool = parameter(False, 'whether theta goes one way all along')
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self) -> dict[str, Output]:
         """Return the disk's angle; its acceleration at the start is that of `start_torque`."""

@@ -19,8 +19,8 @@ import pytest
 from random_statements import outcome_of, random_statements
 from tdm_planner.direct_method import Duration, Output
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import group, parameter, Validated
-from tdm_planner.problems import DirectProblem, DirectSolverParameters
+from tdm_planner.parameters import parameter, Validated
+from tdm_planner.problems import DirectProblem
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,6 @@ class Car(DirectProblem, Validated):
     drag: float = parameter(0.1, 'drag', unit='1/m')
     limit: float = parameter(2.0, 'largest acceleration', unit='m/s^2')
     start: float = parameter(-2.0, 'where it starts', unit='m')
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         ends = ((self.start, 0.0), (2.0, 0.0)), ((0.1, 0.0), (0.0, 0.0))

@@ -72,6 +72,29 @@ class Cart(DirectProblem, Validated):
         return u[0] ** 2
 
 
+@dataclass(frozen=True)
+class Sprint(DirectProblem):
+    """From rest to rest, 1 m, at no more than 1 m/s^2: 2 s; nothing is said of a solver."""
+
+    state_names, state_units = ('x', 'v'), ('m', 'm/s')
+    control_names, control_units = ('u',), ('m/s^2',)
+    way: float = parameter(1.0, 'way', unit='m')
+
+    def outputs(self):
+        return {'x': Output((0.0, 0.0), (self.way, 0.0), free=3)}
+
+    def duration(self):
+        return Duration(guess=3.0)
+
+    invert, derivative = Cart.invert, Cart.derivative
+
+    def control_limits(self):
+        return {'u': (-1.0, 1.0)}
+
+    def final_cost(self, t, x):
+        return t
+
+
 LONG = SolverParameters(deadline=60.0)
 DIRECT = DirectSolverParameters(deadline=60.0, refine=False)
 
@@ -98,6 +121,15 @@ KINDS = {
         'control_limits': lambda s: {'u': (-s.limit, s.limit)},
     },
 }
+
+
+def test_a_statement_need_not_mention_the_solver():
+    problem = Sprint.from_parameters({'way': 4.0, 'solver': {'deadline': 60.0}})
+    assert problem.solver == DirectSolverParameters(deadline=60.0)
+    assert problem.solve().duration == pytest.approx(4.0, rel=1e-3)
+    assert next(iter(Sprint.parameter_specifications({}))) == 'way'
+    heir = dataclass(frozen=True)(type('Heir', (Sprint,), {}))
+    assert heir(way=2.0, solver=LONG).solver is LONG
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,9 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
-from tdm_planner.parameters import group, parameter, Validated
+from tdm_planner.parameters import parameter, Validated
 from tdm_planner.problem_check import check_problem
-from tdm_planner.problems import DirectProblem, DirectSolverParameters, Solution
+from tdm_planner.problems import DirectProblem, Solution
 from tdm_planner.problems.direct_plant import DirectPlant
 from tdm_planner.problems.refinement import Refinement
 from tdm_planner.trajectory import Trajectory
@@ -38,7 +38,6 @@ class Layered(DirectProblem, Validated):
     control_names, control_units = ('u',), ('',)
     goal: float = parameter(1.0, 'goal')
     time: float = parameter(25.0, 'time', unit='s')
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'x': Output((1.5,), (self.goal,), 10, derivatives=1)}
@@ -144,7 +143,6 @@ class Swinging(DirectProblem, Validated):
 
     state_names, state_units = ('x', 'v'), ('m', 'm/s')
     control_names, control_units = ('u',), ('m/s^2',)
-    solver: DirectSolverParameters = group(DirectSolverParameters)
 
     def outputs(self):
         return {'u': Output(free=6, derivatives=0, scale=0.1)}
