@@ -41,7 +41,7 @@ def cases(variations: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any
 
 
 def best_known() -> Any:
-    """Return the best known optima: class, case, figures (tools/collocate_plants.py)."""
+    """Return the best known optima: class, case, figures (collocated.py)."""
     return json.loads((HERE / 'best_known.json').read_text())
 
 

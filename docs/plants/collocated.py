@@ -1,7 +1,14 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
 """
-The best known optima of the plants in docs/plants, by collocation: docs/plants/best_known.json.
+The best known optima of the gallery's plants, by collocation: best_known.json.
 
 Hermite-Simpson collocation of all states, controls linear in every interval, limits kept at the
 intervals' ends and middles, Ipopt. First guesses are straight lines between the ends with hardly
@@ -11,7 +18,7 @@ any control, then random bends of them, then what other cases of the plant came 
 seven bends, `cold_failures` of them included, but not `cold_build`, that of tracing and building
 the program; `cold_cost` is what comes of it.
 
-Run it: ``python tools/collocate_plants.py [MODULE ...]``.
+Run it: ``python docs/plants/collocated.py [MODULE ...]``.
 """
 
 from __future__ import annotations
@@ -26,7 +33,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-PLANTS = Path(__file__).resolve().parents[1] / 'docs' / 'plants'
+HERE = Path(__file__).resolve().parent
 STARTS, COLD, KEPT = 16, 8, 5
 ROUGH = {'tol': 1e-5, 'constr_viol_tol': 1e-7, 'max_iter': 200}
 EXACT = {'tol': 1e-8, 'constr_viol_tol': 1e-9, 'max_iter': 1000}
@@ -179,10 +186,9 @@ def collocate(cls: Any, variations: Any) -> dict[str, dict[str, Any]]:
 
 if __name__ == '__main__':
     ca.GlobalOptions.setNumpyMode(-1)
-    sys.path.insert(0, str(PLANTS))
     import table
 
-    path = PLANTS / 'best_known.json'
+    path = HERE / 'best_known.json'
     known = json.loads(path.read_text()) if path.exists() else {}
     for module in sys.argv[1:] or table.GALLERY:
         name, page = table.GALLERY[module], importlib.import_module(module)

@@ -1,10 +1,17 @@
 # Copyright 2026 The tdm_planner authors
-# SPDX-License-Identifier: Apache-2.0
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
 """
 Pictures of the report on both demos, in docs/images; Chromium takes them.
 
 tdm demo pendulum; tdm demo robots
-python -m tools.screenshots pendulum/bag robots/bag
+PYTHONPATH=. python docs/images/reports.py pendulum/bag robots/bag
 """
 
 from __future__ import annotations
@@ -19,7 +26,7 @@ from tdm_sim.report.page import write_report
 from tdm_sim.report.reader import read_mission
 from tools.browser import chromium, open_browser, open_report
 
-IMAGES = Path(__file__).resolve().parents[1] / 'docs' / 'images'
+IMAGES = Path(__file__).resolve().parent
 SIZE = 1280, 1000  # px
 PICTURES = {'report_pendulum.png': 1.08, 'report_robots.png': 15.5}  # s: instant of the motion
 
