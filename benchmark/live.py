@@ -1,0 +1,308 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+The page `tdm live` beside its nodes, ``python -m benchmark.live``: frames, and commands.
+
+The nodes of the pendulum run at 200 Hz, with replanning at 5 Hz while it is pushed twice a second.
+Many robots, two processes each, are more than two cores bear: their states are played at 25 Hz by
+one process, while their planner is asked for a plan five times a second. First without the page,
+then with it and a connection that takes all that a browser takes, but draws nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, ExitStack
+import os
+from pathlib import Path
+import re
+import tempfile
+import threading
+import time
+from typing import Any
+
+from benchmark.progress import report
+from benchmark.scenarios import crossing
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+PLAYED = 0.04  # s between states of robots
+START = 1.0  # s from a request to the start of a motion
+PLANNER = {'replan.rate': 5.0, 'solver.deadline': 0.9, 'start.delay': START}
+LONGEST = 300.0  # s until nodes answer
+
+
+class Rig:
+    """The nodes of a plant as processes, and one that listens."""
+
+    every = 0.5  # s between pushes
+    executables = ('planner', 'tracker', 'pendulum_plant')
+
+    def __init__(self, plant: str, parameters: Mapping[str, Any], folder: Path) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import String
+        from std_srvs.srv import Trigger
+        from tdm_sim.demo_scene import make_scene
+        from tdm_sim.processes import NodeProcesses
+
+        file = folder / f'{plant}.yaml'
+        sections = {f'/**/{name}': {'ros__parameters': v} for name, v in parameters.items()}
+        file.write_text(yaml.safe_dump(sections))
+        scene = make_scene(plant, file, folder)
+        self.space, self._spaces = scene.namespace, [part.namespace for part in scene.plants]
+        self._rclpy, self._request = rclpy, Trigger.Request
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self._node = rclpy.create_node('benchmark', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self.stamps: list[int] = []
+        self.plans: list[String] = []
+
+        def on_command(message: JointState) -> None:
+            self.stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+        make = self._node.create_subscription
+        make(JointState, f'{self._spaces[0]}/joint_command', on_command, 1000)
+        make(String, f'{self.space}/plan_summary', self.plans.append, 10)
+        scene.connections.listen(self._node)
+        client = self._node.create_client
+        self._plan = client(Trigger, f'{self.space}/plan')
+        self._reset = client(Trigger, f'{self.space}/reset')
+        self._push = client(Trigger, f'{self.space}/push')
+        self._processes, self._scene = NodeProcesses(folder), scene
+        for name, module, words in scene.nodes():
+            if name in self.executables:
+                self._processes.start(name, module, words)
+
+    def begin(self) -> None:
+        """Wait until the nodes are connected."""
+        self._wait(lambda: not self._scene.missing(self._plan))
+
+    def _wait(self, done: Callable[[], bool]) -> None:
+        end = time.monotonic() + LONGEST
+        while not done():
+            if time.monotonic() > end:
+                raise RuntimeError(f'the nodes in {self.space} do not answer')
+            self._processes.check()
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self._wait(self._reset.call_async(self._request()).done)
+        self.spin(0.1)  # until the planner has heard of it
+
+    def act(self) -> None:
+        """Do what new plans are made for."""
+        self._push.call_async(self._request())
+
+    def spin(self, seconds: float) -> None:
+        """Serve what arrives for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def measure(self, seconds: float) -> tuple[NDArray[np.float64], int]:
+        """Push and plan for a while; returns the commands' periods [ms] and how many plans."""
+        before = len(self.plans)
+        while len(self.plans) == before:
+            self.reset()
+            self._wait(self._plan.call_async(self._request()).done)
+            self._executor.spin_once(timeout_sec=0.1)
+        self.spin(START)
+        first, plans, begin = len(self.stamps), len(self.plans), time.monotonic()
+        while time.monotonic() < begin + seconds:
+            self.act()
+            self.spin(self.every)
+        return np.diff(self.stamps[first:]) * 1e-6, len(self.plans) - plans
+
+    def close(self) -> None:
+        """End the nodes."""
+        self._processes.end()
+        self._node.destroy_node()
+        self._rclpy.shutdown(context=self._context)
+
+
+class Played(Rig):
+    """The planner of robots, whose states are played."""
+
+    every = 0.2  # s between plans
+    executables = ('planner',)
+
+    def begin(self) -> None:
+        """Wait until the planner is there."""
+        from nav_msgs.msg import Odometry
+        from sensor_msgs.msg import JointState
+
+        make = self._node.create_publisher
+        self._publishers = [
+            (make(JointState, f'{space}/joint_states', 1), make(Odometry, f'{space}/odom', 1))
+            for space in self._spaces
+        ]
+        self._node.create_timer(PLAYED, self._play)
+        self._wait(self._plan.service_is_ready)
+
+    def _play(self) -> None:
+        """Publish robots that go round in circles."""
+        from tdm_planner.nodes.messages import joint_states, odometry
+        from tdm_planner.plant_kind import ROBOT
+
+        now = self._node.get_clock().now()
+        turn = 0.5 * now.nanoseconds * 1e-9
+        joints = [joint for joint in ROBOT.joints if joint.name not in ROBOT.odometry]
+        values = dict.fromkeys((*ROBOT.state_names, *ROBOT.control_names), 0.5)
+        for number, (space, publishers) in enumerate(
+            zip(self._spaces, self._publishers, strict=True)
+        ):
+            values |= {'x': 0.6 * number + np.cos(turn), 'y': 2.0 + np.sin(turn), 'yaw': turn}
+            states = joint_states(joints, values)
+            states.header.stamp = now.to_msg()
+            name = space.rpartition('/')[2]
+            place = odometry(ROBOT, values, dict.fromkeys(values, 0.0), now.to_msg(), name)
+            for publisher, message in zip(publishers, (states, place), strict=True):
+                publisher.publish(message)
+
+    def reset(self) -> None:
+        """Do nothing: plans begin at the parameters' start."""
+
+    def act(self) -> None:
+        """Ask for a plan."""
+        self._plan.call_async(self._request())
+
+
+class Viewer:
+    """A connection to a page, as a browser has; `frames` are the instants [s] of pictures."""
+
+    def __init__(self, address: str) -> None:
+        import viser
+        from websockets.sync.client import connect
+
+        self.frames: list[float] = []
+        self._connection = connect(
+            address.replace('http', 'ws'),
+            subprotocols=[f'viser-v{viser.__version__}'],  # type: ignore[list-item]
+            max_size=None,
+            proxy=None,
+        )
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        import zstandard
+
+        unpack = zstandard.ZstdDecompressor().decompress
+        for data in self._connection:
+            assert isinstance(data, bytes)
+            packed = int.from_bytes(data[8:16], 'little')
+            told = unpack(data[16:][:packed])  # messages as msgpack, by name
+            if b'/plants/' in told and b'batched_positions' in told:
+                self.frames.append(time.monotonic())
+
+    def close(self) -> None:
+        """Leave the page."""
+        self._connection.close()
+        self._thread.join()
+
+
+@contextmanager
+def page_on(space: str, folder: Path) -> Iterator[tuple[int, str]]:
+    """Serve the page on the nodes of a namespace; yields its process and address."""
+    from tdm_sim.processes import NodeProcesses
+
+    words = ['live', '--attach', space, '--no-browser', '--port', '0', '-o', str(folder)]
+    with NodeProcesses(folder) as processes:
+        processes.start('page', 'tdm_planner.cli', words)
+        found = None
+        while found is None:
+            processes.check()
+            time.sleep(0.1)
+            found = re.search(r'http://\S+', (folder / 'page.log').read_text())
+        yield processes.identifiers['page'], found[0]
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time that a process has taken [s]."""
+    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def beside(
+    made: type[Rig], plant: str, parameters: Mapping[str, Any], seconds: float
+) -> dict[str, Any]:
+    """Return the figures of one plant, without the page and with it."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        report(f'{plant}: nodes')
+        rig = made(plant, parameters, folder)
+        stack.callback(rig.close)
+        rig.begin()
+        report(f'{plant}: without the page, for {seconds:g} s')
+        without, _ = rig.measure(seconds)
+        process, address = stack.enter_context(page_on(rig.space, folder))
+        viewer = Viewer(address)
+        stack.callback(viewer.close)
+        while len(viewer.frames) < 2:
+            rig.spin(0.1)
+        report(f'{plant}: with the page, for {seconds:g} s')
+        first, busy = len(viewer.frames), processor_time(process)
+        periods, plans = rig.measure(seconds)
+        frames = np.diff(viewer.frames[first:])
+        spent = viewer.frames[-1] - viewer.frames[first]
+        return {
+            'frames_per_s': float(1.0 / frames.mean()),
+            'frame_p99_ms': float(1e3 * np.quantile(frames, 0.99)),
+            'plans_per_s': plans / seconds,
+            'page_processor_share': (processor_time(process) - busy) / spent,
+            'period_p99_ms': {
+                how: float(np.quantile(np.abs(found - 5.0), 0.99))
+                for how, found in (('without', without), ('with', periods))
+                if found.size
+            },
+        }
+
+
+def run(seconds: float = 20.0, robots: int = 12) -> dict[str, Any]:
+    """Measure the pendulum, and so many robots, each for `seconds` without and with the page."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)  # the namespaces are anybody's
+    weak = {'limits.torque': 0.02}
+    pendulum = {
+        'planner': {**weak, **PLANNER},
+        'tracker': {**weak, 'replan.on_deviation': True},
+        'pendulum_plant': {**weak, 'disturbance.impulse': 6e-4},
+    }
+    crossed = crossing(0, robots).parameters(problem='robot_formation')
+    asked = {**crossed, **PLANNER, 'start.source': 'parameters'}
+    return {
+        'pendulum': beside(Rig, 'pendulum', pendulum, seconds),
+        'robots': beside(Played, 'robots', {'planner': asked}, seconds),
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the figures as lines of text."""
+    lines = [
+        f'{"":10}{"frames/s":>10}{"p99 [ms]":>10}{"plans/s":>9}{"page, core":>12}'
+        f'{"error of the period, p99 [ms]":>32}'
+    ]
+    for plant, f in figures.items():
+        errors = ', '.join(f'{how} {value:.2f}' for how, value in f['period_p99_ms'].items())
+        lines.append(
+            f'{plant:10}{f["frames_per_s"]:10.1f}{f["frame_p99_ms"]:10.0f}{f["plans_per_s"]:9.1f}'
+            f'{100 * f["page_processor_share"]:10.0f} %{errors:>32}'
+        )
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    print(table(run()))
