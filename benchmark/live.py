@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-The page `tdm live` beside its nodes, ``python -m benchmark.live``: frames, and commands.
+The page `tdm live` beside its nodes: frames, and commands.
 
 The nodes of the pendulum run at 200 Hz, with replanning at 5 Hz while it is pushed twice a second.
 Many robots, two processes each, are more than two cores bear: their states are played at 25 Hz by
@@ -302,7 +302,3 @@ def table(figures: dict[str, Any]) -> str:
             f'{100 * f["page_processor_share"]:10.0f} %{errors:>32}'
         )
     return '\n'.join(lines)
-
-
-if __name__ == '__main__':
-    print(table(run()))

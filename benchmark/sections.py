@@ -128,6 +128,17 @@ _SECTIONS = (
         900.0,
     ),
     Section(
+        'live',
+        'Live page',
+        'The page of `tdm live` joins nodes that run, for {seconds:g} s: the pendulum at 200 Hz, '
+        'replanned at 5 Hz while it is pushed twice a second, and twelve robots whose states are '
+        'played, their planner asked for a plan five times a second. Frames are those that reach '
+        "a browser's connection; the page's share of one core is processor time.",
+        {'seconds': 20.0},
+        {'seconds': 4.0},
+        300.0,
+    ),
+    Section(
         'peers',
         'Peers',
         'The same problems, solved in one process on one core by this package and by what users '
