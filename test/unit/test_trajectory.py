@@ -144,6 +144,10 @@ def test_a_good_plan_passes_and_margins_are_reported():
     assert check.worst['speed'] == pytest.approx(1e-4)
     assert check.worst_times['speed'] == pytest.approx(1.0, abs=2e-3)
     assert check.to_dict()['terminal_error'].keys() == {'x', 'v'}
+    # An end that is free has no error.
+    free = verify(PLANT, bang_bang(), np.add(GOAL, [3.0, 0.0]), TOLERANCE * [np.inf, 1.0], LIMITS)
+    assert free.ok, free.reasons
+    assert free.terminal_error == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize(
