@@ -37,6 +37,7 @@ _SAFETY, _SMALLEST, _LARGEST = 0.9, 0.2, 10.0  # of the factor from a step to th
 _EXPONENT = -1.0 / 8.0  # of the error: the error estimate is of order 7
 _LEAST_STEP = 1e-12  # share of a piece; where it would take less scipy says what is wrong
 _MOST_STEPS = 40_000
+_FEW = 30  # pieces; of more the tolerance is less, as their errors add up
 
 
 def _dense_output() -> Array:
@@ -138,7 +139,7 @@ class Integrator:
         step, size = Call(self._step), self._size
         x, a, b, length, step.given[-1][...] = *step.given[:-1], numbers
         instants, begins, rows = [float(times[0])], list[Array](), list[Array]()
-        proposed = np.inf
+        proposed, stricter = np.inf, max(1.0, (times.size - 1) / _FEW)
         for k in range(times.size - 1):
             now, end = float(times[k]), float(times[k + 1])
             whole, change = end - now, last[k] - first[k]
@@ -154,7 +155,7 @@ class Integrator:
                     b[:] = a + h / whole * change
                 x[:], length[0] = state, h
                 missed, reached, slopes = step.run()
-                error = float(missed[0])
+                error = stricter * float(missed[0])
                 factor = _SAFETY * error**_EXPONENT if error else _LARGEST
                 if not error < 1.0:
                     if not math.isfinite(error):

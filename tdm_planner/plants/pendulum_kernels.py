@@ -31,6 +31,7 @@ from tdm_planner.plants.slopes import with_slopes
 
 Array = NDArray[np.float64]
 
+_MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
 
@@ -110,101 +111,148 @@ def roll_arcs(
     torques: Array,
     steps: int,
     states: Array,
-    sensitivities: Array,
-    with_sensitivities: bool,
+    within: Array,
+    begins: Array,
 ) -> None:
     """
-    Integrate by RK4, `steps` steps an arc; fill states (n, 4) and sensitivities (n, 4, K).
+    Integrate K arcs by RK4, `steps` steps each; the exact derivatives of the discrete states.
 
-    n = K steps + 1. The sensitivities are the exact derivatives of the discrete states by the K
-    durations.
+    Filled are `states` (n, 4), n = K steps + 1; `within` (n, 4, 4), their derivatives by theta,
+    theta', psi' at the beginning of the arc that ends there or goes on, and by its duration; and
+    `begins` (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
     """
-    arcs = durations.size
-    rates, slopes = np.empty((4, 4)), np.empty((4, 6))
-    dx = np.empty((4, 4))
-    for m in range(4):
-        states[0, m] = start[m]
-    if with_sensitivities:
-        sensitivities[0] = 0.0
+    rates, slopes, x, stretch = np.empty(16), np.empty(24), np.empty(16), np.zeros(4)
+    states[0], begins[0], within[0] = start, 0.0, 0.0
+    stretch[3] = 1.0 / steps
     node = 0
-    for arc in range(arcs):
+    for arc in range(durations.size):
         h, torque = durations[arc] / steps, torques[arc]
+        x[:] = 0.0
+        x[0] = x[9] = x[14] = 1.0
         for _ in range(steps):
-            theta, theta_dot, psi_dot = states[node, 0], states[node, 2], states[node, 3]
-            for s in range(4):
-                reach = 0.0 if s == 0 else (0.5 * h if s < 3 else h)
-                before = max(s - 1, 0)
-                w, v = theta_dot, psi_dot
-                angle = theta
-                if s > 0:
-                    angle += reach * rates[before, 0]
-                    w += reach * rates[before, 2]
-                    v += reach * rates[before, 3]
-                rates[s, 0], rates[s, 1] = w, v
-                (
-                    rates[s, 2], rates[s, 3], slopes[s, 0], slopes[s, 1], slopes[s, 2],
-                    slopes[s, 3], slopes[s, 4], slopes[s, 5],
-                ) = accelerations_with_slopes(k, angle, w, v, torque)  # fmt: skip
+            theta, w, v = states[node, 0], states[node, 2], states[node, 3]
+            _rates(k, theta, w, v, torque, rates[:4], slopes[:6])
+            for s in range(1, 4):
+                r, reach = rates[4 * s - 4 : 4 * s], h if s == 3 else 0.5 * h
+                _rates(
+                    k, theta + reach * r[0], w + reach * r[2], v + reach * r[3], torque,
+                    rates[4 * s : 4 * s + 4], slopes[6 * s : 6 * s + 6],
+                )  # fmt: skip
             for m in range(4):
-                states[node + 1, m] = states[node, m] + h / 6.0 * (
-                    rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m]
-                )
-            if with_sensitivities:
-                _roll_sensitivities(sensitivities, node, arc, arcs, h, steps, rates, slopes, dx)
+                rate = rates[m] + 2.0 * (rates[4 + m] + rates[8 + m]) + rates[12 + m]
+                states[node + 1, m] = states[node, m] + h / 6.0 * rate
             node += 1
+            _roll_columns(x, h, stretch, rates, slopes)
+            for m in range(4):
+                for c in range(4):
+                    within[node, m, c] = x[4 * m + c]
+        now, then = begins[arc], begins[arc + 1]
+        for m in range(4):
+            a, b, c = x[4 * m], x[4 * m + 1], x[4 * m + 2]
+            for p in range(arc):
+                then[m, p] = a * now[0, p] + b * now[2, p] + c * now[3, p]
+            then[m, arc], then[m, arc + 1 :] = x[4 * m + 3], 0.0
+        for p in range(arc):
+            then[1, p] += now[1, p]
+
+
+@inlined
+def _rates(
+    k: Coefficients, theta: float, w: float, v: float, torque: float, rates: Array, slopes: Array
+) -> None:
+    """Fill the rates of the states, and the slopes of the accelerations."""
+    rates[0], rates[1] = w, v
+    rates[2], rates[3], slopes[0], slopes[1], slopes[2], slopes[3], slopes[4], slopes[5] = (
+        accelerations_with_slopes(k, theta, w, v, torque)
+    )
 
 
 @compiled
-def _roll_sensitivities(
-    sensitivities: Array,
-    node: int,
-    arc: int,
-    arcs: int,
-    h: float,
-    steps: int,
-    rates: Array,
-    slopes: Array,
-    dx: Array,
-) -> None:
-    """One RK4 step of the sensitivities; the present arc's duration stretches the step itself."""
-    for p in range(arcs):
-        if p > arc:
-            for m in range(4):
-                sensitivities[node + 1, m, p] = 0.0
-            continue
-        stretch = 1.0 / steps if p == arc else 0.0
-        x0, x2, x3 = (
-            sensitivities[node, 0, p],
-            sensitivities[node, 2, p],
-            sensitivities[node, 3, p],
-        )
-        for s in range(4):
-            y0, y2, y3 = x0, x2, x3
-            if s > 0:
-                e = 0.5 if s < 3 else 1.0
-                y0 += e * (h * dx[s - 1, 0] + stretch * rates[s - 1, 0])
-                y2 += e * (h * dx[s - 1, 2] + stretch * rates[s - 1, 2])
-                y3 += e * (h * dx[s - 1, 3] + stretch * rates[s - 1, 3])
-            dx[s, 0], dx[s, 1] = y2, y3
-            dx[s, 2] = slopes[s, 0] * y0 + slopes[s, 2] * y2 + slopes[s, 4] * y3
-            dx[s, 3] = slopes[s, 1] * y0 + slopes[s, 3] * y2 + slopes[s, 5] * y3
+def derivative(within: Array, begins: Array, node: int, arc: int, m: int, p: int) -> float:
+    """Derivative of state `m` at a node of an arc by the duration of arc `p`, see `roll_arcs`."""
+    if p >= arc:
+        return float(within[node, m, 3]) if p == arc else 0.0
+    carried = within[node, m, 0] * begins[arc, 0, p]
+    carried += within[node, m, 1] * begins[arc, 2, p] + within[node, m, 2] * begins[arc, 3, p]
+    return float(carried + begins[arc, 1, p]) if m == 1 else float(carried)
+
+
+@compiled
+def _roll_columns(x: Array, h: float, stretch: Array, r: Array, g: Array) -> None:
+    """
+    One RK4 step of four derivatives of the states, the columns of `x` (16,).
+
+    `r` (16,) are the rates at its stages, `g` (24,) the slopes of the accelerations. By the
+    present arc's duration, times `stretch` (4,), the step itself grows.
+    """
+    for c in range(4):
+        half, sixth, s = 0.5 * h, h / 6.0, stretch[c]
+        t1, w1, v1 = x[c], x[8 + c], x[12 + c]
+        a1 = g[0] * t1 + g[2] * w1 + g[4] * v1
+        b1 = g[1] * t1 + g[3] * w1 + g[5] * v1
+        e = 0.5 * s
+        t2, w2, v2 = t1 + half * w1 + e * r[0], w1 + half * a1 + e * r[2], v1 + half * b1 + e * r[3]
+        a2 = g[6] * t2 + g[8] * w2 + g[10] * v2
+        b2 = g[7] * t2 + g[9] * w2 + g[11] * v2
+        t3, w3, v3 = t1 + half * w2 + e * r[4], w1 + half * a2 + e * r[6], v1 + half * b2 + e * r[7]
+        a3 = g[12] * t3 + g[14] * w3 + g[16] * v3
+        b3 = g[13] * t3 + g[15] * w3 + g[17] * v3
+        t4, w4, v4 = t1 + h * w3 + s * r[8], w1 + h * a3 + s * r[10], v1 + h * b3 + s * r[11]
+        a4 = g[18] * t4 + g[20] * w4 + g[22] * v4
+        b4 = g[19] * t4 + g[21] * w4 + g[23] * v4
+        e = s / 6.0
+        x[c] = t1 + sixth * (w1 + 2.0 * (w2 + w3) + w4)
+        x[4 + c] += sixth * (v1 + 2.0 * (v2 + v3) + v4)
+        x[8 + c] = w1 + sixth * (a1 + 2.0 * (a2 + a3) + a4)
+        x[12 + c] = v1 + sixth * (b1 + 2.0 * (b2 + b3) + b4)
         for m in range(4):
-            sensitivities[node + 1, m, p] = (
-                sensitivities[node, m, p]
-                + h / 6.0 * (dx[0, m] + 2.0 * dx[1, m] + 2.0 * dx[2, m] + dx[3, m])
-                + stretch
-                / 6.0
-                * (rates[0, m] + 2.0 * rates[1, m] + 2.0 * rates[2, m] + rates[3, m])
-            )
+            x[4 * m + c] += e * (r[m] + 2.0 * (r[4 + m] + r[8 + m]) + r[12 + m])
+
+
+@inlined
+def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
+    """
+    Time scale of the motion about a state [s], which steps are to be a share of.
+
+    With D the determinant of the mass matrix: that of small swings where the disk turns at psi'
+    and with them, and the time in which D, by which everything is divided, changes.
+    """
+    sine, cosine = sine_and_cosine(theta)
+    j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
+    bend = k.pendulum * (k.disk_sine - k.disk_cosine) + k.arm * k.arm
+    determinant = k.pendulum * j - k.arm * k.arm * cosine * cosine
+    pull = j * (k.gravity + abs(k.coupling) * v * v) + abs(bend) * w * w
+    return math.sqrt(determinant / pull)
+
+
+@compiled
+def _roll_states(
+    k: Coefficients, start: Array, intervals: Array, torques: Array, share: float, states: Array
+) -> None:
+    theta, psi, w, v = start[0], start[1], start[2], start[3]
+    states[0] = start
+    for n in range(intervals.size):
+        left = intervals[n]
+        for _ in range(_MOST_SUBSTEPS):
+            h = min(left, share * quick_time(k, theta, w, v))
+            theta, psi, w, v = runge_kutta(k, theta, psi, w, v, torques[n], h)
+            left -= h
+            if not left > 0.0:
+                break
+        states[n + 1, 0], states[n + 1, 1], states[n + 1, 2], states[n + 1, 3] = theta, psi, w, v
 
 
 def roll_states(
-    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, steps: int
+    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, share: float = 0.005
 ) -> Array:
-    """Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4)."""
-    nodes, unused = np.empty((intervals.size * steps + 1, 4)), np.empty((1, 4, 1))
-    roll_arcs(plant.coefficients, start, intervals, torques, steps, nodes, unused, False)
-    return nodes[::steps].copy()
+    """
+    Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4).
+
+    Steps are at most that `share` of `quick_time`.
+    """
+    states = np.empty((intervals.size + 1, 4))
+    _roll_states(plant.coefficients, start, intervals, torques, share, states)
+    return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,5 +348,5 @@ def compile_kernels(plant: RotaryPendulum) -> None:
     """Compile the kernels or load them from the disk."""
     table = FeedbackTable(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 4)), 1e-3, 1.0)
     roll_feedback(plant, np.zeros(4), table)
-    roll_states(plant, np.zeros(4), np.full(1, 1e-3), np.zeros(1), 1)
+    roll_states(plant, np.zeros(4), np.full(1, 1e-3), np.zeros(1))
     least_peak(plant.coefficients, np.zeros(4), 1.0, 0.0, 1.0, 1.0)

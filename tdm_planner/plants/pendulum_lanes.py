@@ -22,14 +22,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import accelerations_with_slopes
+from tdm_planner.plants.pendulum_kernels import (
+    accelerations_with_slopes,
+    quick_time,
+    runge_kutta,
+    )
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
 LANES = 16  # with 8 the compiler unrolls the loops instead
 STATE = 4 * LANES
 _PSI, _THETA_DOT, _PSI_DOT = LANES, 2 * LANES, 3 * LANES
+HELD, STEP = 4 * LANES, 5 * LANES  # behind the state: torque, duration of a step
 _SLOPES = 6 * LANES  # of the accelerations by theta, theta', psi'
 
 
@@ -99,13 +105,34 @@ def _advance_derivative(x: Array, h: Array, g: Array) -> None:
 
 
 @compiled
-def _remember_peaks(state: Array, node: float, peaks: Array, nodes: Array) -> None:
-    """Where |psi| is larger than any before in the arc: psi and its node."""
+def _remember_peaks(
+    state: Array, columns: Array, node: float, peaks: Array, nodes: Array, row: Array
+) -> None:
+    """Where |psi| is larger than any before in the arc: psi, its derivatives and its node."""
     for i in range(LANES):
         psi = state[_PSI + i]
         larger = abs(psi) > abs(peaks[i])
-        nodes[i] = node if larger else nodes[i]
         peaks[i] = psi if larger else peaks[i]
+        nodes[i] = node if larger else nodes[i]
+        row[i] = columns[_PSI + i] if larger else row[i]
+        row[LANES + i] = columns[STATE + _PSI + i] if larger else row[LANES + i]
+        row[2 * LANES + i] = columns[2 * STATE + _PSI + i] if larger else row[2 * LANES + i]
+        row[3 * LANES + i] = state[_PSI_DOT + i] if larger else row[3 * LANES + i]
+
+
+@compiled
+def _carry(x: Array, columns: Array, row: Array, at_peak: Array) -> None:
+    """Carry a derivative of the states over an arc, and of psi to its peak."""
+    for i in range(LANES):
+        theta, w, v = x[i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        at_peak[i] = (
+            x[_PSI + i] + row[i] * theta + row[LANES + i] * w + row[2 * LANES + i] * v
+        )
+        psi = x[_PSI + i]
+        for m in range(0, STATE, LANES):
+            n = m + i
+            x[n] = columns[n] * theta + columns[STATE + n] * w + columns[2 * STATE + n] * v
+        x[_PSI + i] += psi
 
 
 @compiled
@@ -117,47 +144,104 @@ def roll_lanes(
     steps: int,
     state: Array,
     derivatives: Array,
-    disk_slopes: Array,
     peaks: Array,
-    nodes: Array,
+    peak_slopes: Array,
 ) -> None:
     """
     Integrate `LANES` motions from `state` (4 LANES,) over `arcs` arcs of `steps` RK4 steps.
 
     `durations` [s] and `torques` [N m] (K, LANES) are given, K >= arcs. `state` becomes the final
-    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every
-    arc that is largest in size, `peaks` (K, LANES), the nodes where they are, `nodes` (K, LANES),
-    and the derivatives of psi by the durations at every node, `disk_slopes` (K steps + 1, K,
-    LANES).
+    one. Filled are its `derivatives` (K, 4 LANES) by the durations; the psi of every arc that is
+    largest in size, `peaks` (K, LANES); and its derivatives by the durations up to the arc's own,
+    `peak_slopes` (K, K, LANES).
 
     The derivative by an arc's duration begins at its end with the rate of the states there. That
-    is exact for the motion itself; of the discrete motion it is off by the error of RK4.
+    is exact for the motion itself; of the discrete motion it is off by the error of RK4. Later
+    arcs carry all of them at once, by the derivatives of the states by those in which they begin:
+    three columns (by theta, theta', psi'; the motion does not depend on psi).
     """
     stages, slopes, h = np.empty((4, STATE)), np.empty((4, _SLOPES)), np.empty(LANES)
-    nothing, flat = np.zeros(STATE), slopes.ravel()
+    nothing, flat, nodes = np.zeros(STATE), slopes.ravel(), np.empty(LANES)
     first, second, third, fourth = stages[0], stages[1], stages[2], stages[3]
-    node = 0
+    columns, row = np.zeros(3 * STATE), np.zeros(4 * LANES)
     for arc in range(arcs):
-        torque = torques[arc]
+        torque, peak = torques[arc], peaks[arc]
+        columns[:] = 0.0
         for i in range(LANES):
             h[i] = durations[arc, i] / steps
-            peaks[arc, i], nodes[arc, i] = 0.0, node + 1
-        for _ in range(steps):
-            node += 1
+            peak[i], nodes[i] = 0.0, 0.0
+            columns[i] = columns[STATE + _THETA_DOT + i] = 1.0
+            columns[2 * STATE + _PSI_DOT + i] = 1.0
+        for node in range(1, steps + 1):
             _stage(k, state, nothing, 0.0, h, torque, first, slopes[0])
             _stage(k, state, first, 0.5, h, torque, second, slopes[1])
             _stage(k, state, second, 0.5, h, torque, third, slopes[2])
             _stage(k, state, third, 1.0, h, torque, fourth, slopes[3])
             _advance(state, h, stages.ravel())
-            _remember_peaks(state, node, peaks[arc], nodes[arc])
-            for p in range(arc):
-                derivative, slope = derivatives[p], disk_slopes[node, p]
-                _advance_derivative(derivative, h, flat)
-                for i in range(LANES):
-                    slope[i] = derivative[_PSI + i]
-            # Within the arc, from its beginning: tau / d of the whole change by its duration.
-            slope, share = disk_slopes[node, arc], (node - arc * steps) / steps
-            for i in range(LANES):
-                slope[i] = share * state[_PSI_DOT + i]
+            if arc > 0:
+                for c in range(0, 3 * STATE, STATE):
+                    _advance_derivative(columns[c : c + STATE], h, flat)
+            _remember_peaks(state, columns, node, peak, nodes, row)
+        for p in range(arc):
+            _carry(derivatives[p], columns, row, peak_slopes[arc, p])
+        # Within the arc, from its beginning: tau / d of the whole change by its duration.
+        slope = peak_slopes[arc, arc]
+        for i in range(LANES):
+            slope[i] = nodes[i] / steps * row[3 * LANES + i]
         _stage(k, state, nothing, 0.0, h, torque, first, slopes[0])
         derivatives[arc, :] = first
+
+
+@compiled
+def step_lanes(k: Coefficients, x: Array) -> None:
+    """One RK4 step of every lane; `x` begins with the states, the torques and the steps [s]."""
+    for i in range(LANES):
+        x[i], x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i] = runge_kutta(
+            k, x[i], x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i], x[HELD + i], x[STEP + i]
+        )
+
+
+@compiled
+def roll_ends(
+    k: Coefficients,
+    start: Array,
+    durations: Array,
+    torques: Array,
+    arcs: Integers,
+    share: float,
+    ends: Array,
+    peaks: Array,
+) -> None:
+    """
+    Integrate many motions from `start` (4,) by RK4, in steps of that `share` of `quick_time`.
+
+    The first `arcs` (B,) of `durations` [s] and `torques` [N m] (B, K) count. Filled are the final
+    states `ends` (B, 4) and the largest |psi| on the way, `peaks` (B,).
+    """
+    x, lanes = np.zeros(6 * LANES), np.full(LANES, -1, np.intp)
+    arc, left = np.zeros(LANES, np.intp), np.zeros(LANES)
+    taken, busy = 0, 0
+    while taken < arcs.size or busy > 0:
+        for i in range(LANES):
+            x[STEP + i] = share * quick_time(k, x[i], x[_THETA_DOT + i], x[_PSI_DOT + i])
+        for i in range(LANES):
+            b = lanes[i]
+            if b < 0 and taken < arcs.size:
+                lanes[i], arc[i], left[i], b = taken, 0, 0.0, taken
+                for m in range(4):
+                    x[m * LANES + i] = start[m]
+                peaks[b] = 0.0
+                taken, busy = taken + 1, busy + 1
+            if b < 0:
+                continue
+            peaks[b] = max(peaks[b], abs(x[_PSI + i]))
+            while not left[i] > 0.0 and arc[i] < arcs[b]:
+                x[HELD + i], left[i] = torques[b, arc[i]], durations[b, arc[i]]
+                arc[i] += 1
+            x[STEP + i] = min(x[STEP + i], left[i])
+            left[i] -= x[STEP + i]
+            if x[STEP + i] == 0.0:
+                for m in range(4):
+                    ends[b, m] = x[m * LANES + i]
+                lanes[i], busy = -1, busy - 1
+        step_lanes(k, x)

@@ -27,25 +27,27 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import (
-    quick_accelerations,
-    runge_kutta,
-    sine_and_cosine,
-)
+from tdm_planner.plants.compilation import compiled, inlined
+from tdm_planner.plants.pendulum_kernels import quick_accelerations, quick_time, sine_and_cosine
+from tdm_planner.plants.pendulum_lanes import HELD, LANES, STEP, step_lanes
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.intp]
 
-# Times the share of the pendulum's inertia that is left: a share of the step; and the least.
-_INERTIA, _LEAST = 1.5, 0.06
+_STEP = 0.15  # of `quick_time`
 _MOST_STEPS = 400_000  # of a motion: a light disk may cross its range in no time
 _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk's range: a step
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 NEAR = 1.5  # sum of squares from which it may be landed
 _BEYOND = 1.2  # times the disk's limit: a motion that goes there ends
+_PSI, _THETA_DOT, _PSI_DOT = LANES, 2 * LANES, 3 * LANES
+# What a lane knows behind state, torque and step: what the law says, then what it is made of.
+(
+    _WANTED, _BRAKING, _DISTANCE, _LARGEST, _LEVEL, _ON_PLACE, _ON_MOMENTUM, _BAND, _BRAKE, _LEAD,
+    _ROWS,
+) = range(6 * LANES, 17 * LANES, LANES)  # fmt: skip
 _PUMPS, _LAW = 1, 2  # stages: the first arc, its reversal is awaited, as the law has it
 
 
@@ -54,8 +56,7 @@ class Pumping(NamedTuple):
     What all variants share.
 
     `torque` [N m], `psi_max` [rad], `w0` [rad/s], `turn` the goal's number of turns, NaN for the
-    nearest; a motion lasts at most `longest` / w0, integrated in steps of at most `step` [s],
-    shorter where the disk turns with the pendulum.
+    nearest; a motion lasts at most `longest` / w0.
     """
 
     torque: float
@@ -63,7 +64,6 @@ class Pumping(NamedTuple):
     w0: float
     turn: float
     longest: float
-    step: float
 
 
 class Laws(NamedTuple):
@@ -95,110 +95,69 @@ def slowness(k: Coefficients) -> float:
 
 
 @compiled
-def _wanted(
-    k: Coefficients,
-    p: Pumping,
-    law: Laws,
-    n: int,
-    theta: float,
-    psi: float,
-    w: float,
-    v: float,
-    held: float,
-) -> tuple[float, bool, float]:
+def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     """
-    Torque by the law, `held` where nothing asks for another; whether the disk's limit asks for it.
-
-    Last the share of the pendulum's inertia that the disk, turning with it, leaves.
+    Torque by the law, the one held where nothing asks for another; whether the limit asks for it.
+    And a step that is short enough.
     """
-    sine, cosine = sine_and_cosine(theta)
-    j0, b = k.disk + k.disk_cosine, k.arm * cosine
-    j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
+    j0 = k.disk + k.disk_cosine
     free = k.pendulum / (k.pendulum * j0 - k.arm * k.arm)  # psi'' by torque, upright or hanging
-    inertia = 1.0 - b * b / (k.pendulum * j)
-    if psi * v > 0.0:
+    bend = math.sqrt(max((k.disk_sine - k.disk_cosine) / j0, 1e-9))
+    weakest = 0.15 * p.torque * free
+    for i in range(LANES):
+        theta, psi, w, v = x[i], x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        sine, cosine = sine_and_cosine(theta)
+        b = k.arm * cosine
+        j = k.disk + k.disk_sine * sine * sine + k.disk_cosine * cosine * cosine
+        inertia = 1.0 - b * b / (k.pendulum * j)
         stop = -p.torque if v > 0.0 else p.torque
         braked = quick_accelerations(k, theta, w, v, stop)[1]
-        slower = max(-braked if v > 0.0 else braked, 0.15 * p.torque * free)
-        if abs(psi) + 0.5 * v * v / slower > law.brake[n] * p.psi_max:
-            return stop, True, inertia
-    level = law.share[n] * p.torque
-    unit = level * free / (p.w0 * p.w0)  # of Q
-    bend = math.sqrt(max((k.disk_sine - k.disk_cosine) / j0, 1e-9))
-    place = psi + k.arm / (j0 * bend) * math.atan(bend * sine)
-    momentum = j * v + b * w
-    energy = 0.5 * k.pendulum * inertia * w * w / k.gravity + cosine
-    pumping = -cosine * (w / p.w0 + law.lead[n] * sine)
-    pumping /= math.sqrt(max(2.0 * (energy + 1.0), 1e-4))
-    pumping *= max(-1.0, min(1.0, (1.0 - energy) / law.band[n]))
-    centring = law.on_place[n] * place + law.on_momentum[n] * momentum / (j0 * p.w0)
-    balance = pumping - centring / unit
-    if abs(balance) < 1e-12:
-        return held, False, inertia
-    return (level if balance > 0.0 else -level), False, inertia
+        slower = -braked if v > 0.0 else braked
+        slower = slower if slower > weakest else weakest
+        beyond = abs(psi) + 0.5 * v * v / slower - x[_BRAKE + i] * p.psi_max
+        level = x[_LEVEL + i]
+        energy = 0.5 * k.pendulum * inertia * w * w / k.gravity + cosine
+        height = 2.0 * (energy + 1.0)
+        fading = (1.0 - energy) / x[_BAND + i]
+        fading = fading if fading < 1.0 else 1.0
+        fading = fading if fading > -1.0 else -1.0
+        pumping = -cosine * (w / p.w0 + x[_LEAD + i] * sine)
+        pumping *= fading / math.sqrt(height if height > 1e-4 else 1e-4)
+        place = psi + k.arm / (j0 * bend) * _arctangent(bend * sine)
+        momentum = (j * v + b * w) / (j0 * p.w0)
+        centring = x[_ON_PLACE + i] * place + x[_ON_MOMENTUM + i] * momentum
+        balance = pumping - centring * p.w0 * p.w0 / (level * free)
+        wanted = level if balance > 0.0 else -level
+        wanted = x[HELD + i] if abs(balance) < 1e-12 else wanted
+        braking = (beyond if beyond < 0.0 else 1.0) if psi * v > 0.0 else -1.0
+        x[_BRAKING + i] = braking
+        x[_WANTED + i] = stop if braking > 0.0 else wanted
+        step = _STEP * quick_time(k, theta, w, v)
+        x[STEP + i] = step if step < x[_LARGEST + i] else x[_LARGEST + i]
+
+
+@inlined
+def _arctangent(x: float) -> float:
+    """To 1e-5, without a branch (Abramowitz and Stegun 4.4.49)."""
+    size = abs(x)
+    y = 1.0 / size if size > 1.0 else size
+    z = y * y
+    y *= 0.999866 + z * (-0.3302995 + z * (0.180141 + z * (-0.085133 + z * 0.0208351)))
+    y = 0.5 * math.pi - y if size > 1.0 else y
+    return -y if x < 0.0 else y
 
 
 @compiled
-def _pumped(
-    k: Coefficients,
-    start: Array,
-    p: Pumping,
-    law: Laws,
-    n: int,
-    durations: Array,
-    torques: Array,
-) -> tuple[int, float]:
-    """Follow one variant; how many arcs there are to where it comes nearest, and the distance."""
-    w0, most = p.w0, durations.size
-    level = law.share[n] * p.torque
-    free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
-    crossing = math.sqrt(min(p.psi_max, 3.0) / (level * free))
-    largest_step = min(p.step, _SHARE_OF_DISK * crossing)
-    theta, psi, w, v = start[0], start[1], start[2], start[3]
-    held, stage, hold = law.first[n] * level, 0, law.hold[n] * slowness(k) / w0
-    if hold == 0.0:
-        stage = _LAW
-    away = n % 8 == 0  # the others may not stay near the top where they begin there
-    arc, age, total = 0, 0.0, 0.0
-    nearest, promise, since, arcs, last = np.inf, np.inf, 0.0, 0, 0.0
-    for _ in range(_MOST_STEPS):
-        if total >= p.longest / w0:
-            break
-        want, braking, inertia = _wanted(k, p, law, n, theta, psi, w, v, held)
-        if stage == 0 and total >= hold:
-            stage = _PUMPS
-        if stage == _PUMPS and want * law.first[n] < 0.0:
-            stage = _LAW
-        if stage < _LAW and not braking:
-            want = law.first[n] * level * (1.0 if stage == 0 else -1.0)
-        if total == 0.0:
-            held = want if braking else held
-        elif want != held and (age >= _DWELL / w0 or braking or want * held > 0.0):
-            if arc + 1 >= most:
-                break
-            durations[arc], torques[arc] = age, held
-            arc, age, held = arc + 1, 0.0, want
-        # Swings are quick where the disk takes most of the inertia; many of them magnify errors.
-        h = min(largest_step, max(_INERTIA * inertia, _LEAST) * p.step)
-        theta, psi, w, v = runge_kutta(k, theta, psi, w, v, held, h)
-        age += h
-        total += h
-        if not (abs(psi) < _BEYOND * p.psi_max and abs(w) < 1e3 * w0):
-            break
-        turn = math.floor(theta / (2.0 * math.pi) + 0.5) if math.isnan(p.turn) else p.turn
-        miss = theta - 2.0 * math.pi * turn
-        distance = miss * miss + psi * psi + (w * w + v * v) / (w0 * w0)
-        away = away or distance > _AWAY
-        found = total * w0 + law.weight[n] * math.sqrt(distance)
-        if away and distance < NEAR and found < promise:
-            nearest, promise, since, arcs, last = distance, found, total, arc, age
-            torques[arc] = held
-        elif (total - since) * w0 > law.weight[n] * math.sqrt(nearest):
-            break  # no later instant can promise more
-    if nearest == np.inf:
-        return 0, nearest
-    durations[arcs] = last
-    return arcs + 1, nearest
+def _measure(p: Pumping, x: Array) -> None:
+    """Sum of squares of the distance from the goal; infinite where a motion is to end."""
+    for i in range(LANES):
+        psi, w, v = x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
+        turn = np.floor(x[i] / (2.0 * math.pi) + 0.5)
+        turn = p.turn if p.turn == p.turn else turn  # noqa: PLR0124 - which is not NaN
+        miss = x[i] - 2.0 * math.pi * turn
+        distance = miss * miss + psi * psi + (w * w + v * v) / (p.w0 * p.w0)
+        distance = distance if abs(psi) < _BEYOND * p.psi_max else np.inf
+        x[_DISTANCE + i] = distance if abs(w) < 1e3 * p.w0 else np.inf
 
 
 @compiled
@@ -216,15 +175,89 @@ def pump(
     Follow every variant from `start` (4,) to where it promises most.
 
     Filled are `durations` [s] and `torques` [N m] (n, K) of its arcs, their number `arcs` (n,), 0
-    if it never comes near, and `distances` (n,), the sum of squares that shooting reduces.
+    if it never comes near, and `distances` (n,), the sum of squares that shooting reduces. What
+    becomes of a variant does not depend on the others.
     """
-    for n in range(arcs.size):
-        arcs[n], distances[n] = _pumped(k, start, pumping, laws, n, durations[n], torques[n])
+    p, w0, most = pumping, pumping.w0, durations.shape[1]
+    free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
+    slow, range_ = slowness(k), min(p.psi_max, 3.0)
+    x, lanes = np.zeros(_ROWS), np.full(LANES, -1, np.intp)
+    stage, arc, taken = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp), 0
+    steps, away = np.zeros(LANES, np.intp), np.zeros(LANES, np.bool_)
+    age, total, since, last = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    promise = np.empty(LANES)
+    while True:
+        busy = 0
+        for i in range(LANES):
+            if lanes[i] < 0 and taken < arcs.size:
+                n = taken
+                taken, lanes[i] = taken + 1, n
+                level = laws.share[n] * p.torque
+                for m in range(4):
+                    x[m * LANES + i] = start[m]
+                x[HELD + i], x[_LEVEL + i] = laws.first[n] * level, level
+                x[_ON_PLACE + i], x[_ON_MOMENTUM + i] = laws.on_place[n], laws.on_momentum[n]
+                x[_BAND + i], x[_BRAKE + i] = laws.band[n], laws.brake[n]
+                x[_LEAD + i] = laws.lead[n]
+                x[_LARGEST + i] = _SHARE_OF_DISK * math.sqrt(range_ / (level * free))
+                stage[i], arc[i], steps[i] = (_LAW if laws.hold[n] == 0.0 else 0), 0, 0
+                away[i] = n % 8 == 0  # the others may not stay near the top where they begin there
+                age[i] = total[i] = since[i] = last[i] = 0.0
+                promise[i], arcs[n], distances[n] = np.inf, 0, np.inf
+            busy += lanes[i] >= 0
+        if busy == 0:
+            return
+        _steer(k, p, x)
+        for i in range(LANES):
+            n = lanes[i]
+            if n < 0:
+                continue
+            want, held, braking = x[_WANTED + i], x[HELD + i], x[_BRAKING + i] > 0.0
+            if stage[i] < _LAW:
+                first = laws.first[n]
+                if stage[i] == 0 and total[i] >= laws.hold[n] * slow / w0:
+                    stage[i] = _PUMPS
+                if stage[i] == _PUMPS and want * first < 0.0:
+                    stage[i] = _LAW
+                elif not braking:
+                    want = first * x[_LEVEL + i] * (1.0 if stage[i] == 0 else -1.0)
+            if total[i] == 0.0:
+                x[HELD + i] = want if braking else held
+            elif want != held and (age[i] >= _DWELL / w0 or braking or want * held > 0.0):
+                durations[n, arc[i]], torques[n, arc[i]] = age[i], held
+                arc[i], age[i], x[HELD + i] = arc[i] + 1, 0.0, want
+            age[i] += x[STEP + i]
+            total[i] += x[STEP + i]
+            steps[i] += 1
+        step_lanes(k, x)
+        _measure(p, x)
+        for i in range(LANES):
+            n = lanes[i]
+            if n < 0:
+                continue
+            distance, weight = x[_DISTANCE + i], laws.weight[n]
+            goes_on = distance < np.inf and arc[i] < most
+            if goes_on:
+                away[i] = away[i] or distance > _AWAY
+                if away[i] and distance < NEAR:
+                    found = total[i] * w0 + weight * math.sqrt(distance)
+                    if found < promise[i]:
+                        distances[n], promise[i], since[i] = distance, found, total[i]
+                        arcs[n], last[i], torques[n, arc[i]] = arc[i] + 1, age[i], x[HELD + i]
+                # No later instant can promise more?
+                goes_on = (total[i] - since[i]) * w0 <= weight * math.sqrt(distances[n])
+                goes_on = goes_on and steps[i] < _MOST_STEPS and total[i] < p.longest / w0
+            if not goes_on:
+                if arcs[n] > 0:
+                    durations[n, arcs[n] - 1] = last[i]
+                lanes[i] = -1
+                for m in range(6):
+                    x[m * LANES + i] = 0.0
 
 
 def compile_pump(plant: RotaryPendulum) -> None:
     """Compile the kernel or load it from the disk."""
-    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0, 1.0)
+    pumping = Pumping(1.0, 1.0, 1.0, math.nan, 0.0)
     laws = Laws(*np.ones((9, 1)))
     rows = np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.intp), np.zeros(1)
     pump(plant.coefficients, np.zeros(4), pumping, laws, *rows)

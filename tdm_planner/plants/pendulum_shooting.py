@@ -35,6 +35,7 @@ Integers = NDArray[np.intp]
 # Sum of squares at which a start has arrived, and the effort spent on one.
 ARRIVED = 1e-12
 _TARGET = 1e-20
+_FLOOR = 1e-3  # of w0^2: least square of a duration's scale
 _CHUNK = 50  # starts between two looks at the clock, with the usual steps
 EARLY, LATE = 9, 16  # iterations after which `Effort` looks at the sum of squares
 TRIES = 6  # ever more damped steps tried from one point
@@ -112,67 +113,76 @@ def _residual(
 
 
 @compiled
-def _normal_equations(
+def _linearise(
     lane: int,
     arcs: int,
     derivatives: Array,
-    disk_slopes: Array,
     peaks: Array,
-    nodes: Array,
+    peak_slopes: Array,
+    durations: Array,
     w0: float,
     residual: Array,
-    row: Array,
-    normal: Array,
-    gradient: Array,
-) -> None:
-    """Fill J'J (its lower half) and J'r of one lane; `row` is a scratch array."""
-    normal[:, :] = 0.0
-    gradient[:] = 0.0
+    jacobian: Array,
+    wrong: Array,
+    gram: Array,
+    scale: Array,
+) -> int:
+    """
+    Fill the scaled Jacobian of one lane; the number of its rows.
+
+    Those are the four ends and the arcs that are beyond the limit, `wrong` their residuals, `gram`
+    (its lower half) their products; `jacobian` has a row an arc. It is times `scale`, zero for
+    arcs of zero duration that would become shorter.
+    """
+    count = 0
     for m in range(4 + arcs):
         if m >= 4 and not residual[m] > 0.0:
             continue
-        last = arcs
         if m < 4:
-            scale = 1.0 if m < 2 else 1.0 / w0
+            unit = 1.0 if m < 2 else 1.0 / w0
             for p in range(arcs):
-                row[p] = scale * derivatives[p, m * LANES + lane]
+                jacobian[p, count] = unit * derivatives[p, m * LANES + lane]
         else:
-            last = m - 3  # later arcs do not matter to this one
-            node = int(nodes[m - 4, lane])
             sign = 1.0 if peaks[m - 4, lane] > 0.0 else -1.0
-            for p in range(last):
-                row[p] = sign * disk_slopes[node, p, lane]
-        for p in range(last):
-            gradient[p] += row[p] * residual[m]
-            for q in range(p + 1):
-                normal[p, q] += row[p] * row[q]
+            for p in range(arcs):  # later arcs do not matter to this one
+                slope = sign * peak_slopes[m - 4, p, lane] if p <= m - 4 else 0.0
+                jacobian[p, count] = slope
+        wrong[count], gram[count, : count + 1] = residual[m], 0.0
+        count += 1
+    for p in range(arcs):
+        size, gradient, row = _FLOOR * w0 * w0, 0.0, jacobian[p]
+        for m in range(count):
+            size += row[m] * row[m]
+            gradient += row[m] * wrong[m]
+        scale[p] = 0.0 if durations[p] <= 0.0 and gradient > 0.0 else 1.0 / math.sqrt(size)
+        for m in range(count):
+            row[m] *= scale[p]
+            for n in range(m + 1):
+                gram[m, n] += row[m] * row[n]
+    return count
 
 
 @compiled
 def _damped_step(
     arcs: int,
-    normal: Array,
-    gradient: Array,
-    durations: Array,
+    count: int,
+    jacobian: Array,
+    wrong: Array,
+    gram: Array,
+    scale: Array,
     damping: float,
-    floor: float,
     factor: Array,
+    duals: Array,
     step: Array,
 ) -> bool:
     """
-    Solve (normal + damping diag) step = -gradient by Cholesky.
+    Minimise |jacobian z + wrong|^2 + damping |z|^2, step = scale z, by Cholesky.
 
-    Arcs of zero duration that would become shorter are excluded.
+    There are few rows, however many arcs: z = -jacobian' (gram + damping)^-1 wrong.
     """
-    for i in range(arcs):
-        fixed = durations[i] <= 0.0 and gradient[i] > 0.0
+    for i in range(count):
         for j in range(i + 1):
-            if fixed or (durations[j] <= 0.0 and gradient[j] > 0.0):
-                total = 1.0 if i == j else 0.0
-            else:
-                total = normal[i, j]
-                if i == j:
-                    total += damping * (normal[i, i] + floor)
+            total = gram[i, j] + (damping if i == j else 0.0)
             for m in range(j):
                 total -= factor[i, m] * factor[j, m]
             if i == j:
@@ -181,40 +191,50 @@ def _damped_step(
                 factor[i, i] = math.sqrt(total)
             else:
                 factor[i, j] = total / factor[j, j]
-        total = 0.0 if fixed else -gradient[i]
+        total = wrong[i]
         for m in range(i):
-            total -= factor[i, m] * step[m]
-        step[i] = total / factor[i, i]
-    for i in range(arcs - 1, -1, -1):
-        total = step[i]
-        for m in range(i + 1, arcs):
-            total -= factor[m, i] * step[m]
-        step[i] = total / factor[i, i]
+            total -= factor[i, m] * duals[m]
+        duals[i] = total / factor[i, i]
+    for i in range(count - 1, -1, -1):
+        total = duals[i]
+        for m in range(i + 1, count):
+            total -= factor[m, i] * duals[m]
+        duals[i] = total / factor[i, i]
+    for p in range(arcs):
+        total = 0.0
+        for m in range(count):
+            total -= jacobian[p, m] * duals[m]
+        step[p] = scale[p] * total
     return True
 
 
 @compiled
 def _propose(
     arcs: int,
-    normal: Array,
-    gradient: Array,
+    count: int,
+    jacobian: Array,
+    wrong: Array,
+    gram: Array,
+    scale: Array,
     durations: Array,
     longest: float,
-    floor: float,
     damping: float,
     rejected: int,
     factor: Array,
+    duals: Array,
     step: Array,
     trial: Array,
 ) -> tuple[float, int]:
     """Fill `trial`; return the damping used and the number of steps rejected so far."""
     while rejected < TRIES:
-        if _damped_step(arcs, normal, gradient, durations, damping, floor, factor, step):
+        if _damped_step(
+            arcs, count, jacobian, wrong, gram, scale, damping, factor, duals, step
+        ):
             size = np.abs(step[:arcs]).max()
             if size < 1e9:
-                scale = min(1.0, longest / size) if size > 0.0 else 1.0
+                share = min(1.0, longest / size) if size > 0.0 else 1.0
                 for p in range(arcs):
-                    trial[p] = max(durations[p] + scale * step[p], 0.0)
+                    trial[p] = max(durations[p] + share * step[p], 0.0)
                 break
         rejected += 1
         damping *= 6.0
@@ -246,14 +266,15 @@ def shoot_arcs(
     """
     batch, most = durations.shape
     state, derivatives = np.empty(STATE), np.empty((most, STATE))
-    disk_slopes = np.empty((most * steps + 1, most, LANES))
-    peaks, nodes = np.empty((most, LANES)), np.empty((most, LANES))
+    peaks, peak_slopes = np.empty((most, LANES)), np.empty((most, most, LANES))
     trials, held, begins = np.zeros((most, LANES)), np.zeros((most, LANES)), np.zeros(STATE)
-    normal, gradient = np.empty((LANES, most, most)), np.empty((LANES, most))
-    damping, longest, floor = np.empty(LANES), np.empty(LANES), 1e-3 * w0 * w0
+    jacobian = np.empty((LANES, most, 4 + most))
+    gram = np.empty((LANES, 4 + most, 4 + most))
+    wrong, scale = np.empty((LANES, 4 + most)), np.empty((LANES, most))
+    count, damping, longest = np.zeros(LANES, np.intp), np.empty(LANES), np.empty(LANES)
     accepted, rejected = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp)
-    residual, row, trial = np.empty(4 + most), np.empty(most), np.empty(most)
-    factor, step = np.empty((most, most)), np.empty(most)
+    residual, duals, trial = np.empty(4 + most), np.empty(4 + most), np.empty(most)
+    factor, step = np.empty((4 + most, 4 + most)), np.empty(most)
     queue = np.argsort(arcs, kind='mergesort')  # so that lanes have similar numbers of arcs
     in_lane = np.full(LANES, -1, np.intp)
     taken, rollouts = 0, 0
@@ -275,7 +296,7 @@ def shoot_arcs(
             return rollouts
         rollouts += busy
         state[:] = begins
-        roll_lanes(k, trials, held, rolled, steps, state, derivatives, disk_slopes, peaks, nodes)
+        roll_lanes(k, trials, held, rolled, steps, state, derivatives, peaks, peak_slopes)
         for lane in range(LANES):
             b = in_lane[lane]
             if b < 0:
@@ -290,9 +311,9 @@ def shoot_arcs(
                 rejected[lane] = 0
                 if accepted[lane] > 0:
                     damping[lane] = max(0.1 * damping[lane], 1e-9)
-                _normal_equations(
-                    lane, n, derivatives, disk_slopes, peaks, nodes, w0, residual, row,
-                    normal[lane], gradient[lane],
+                count[lane] = _linearise(
+                    lane, n, derivatives, peaks, peak_slopes, durations[b], w0, residual,
+                    jacobian[lane], wrong[lane], gram[lane], scale[lane],
                 )  # fmt: skip
             else:
                 rejected[lane] += 1
@@ -306,8 +327,8 @@ def shoot_arcs(
                 in_lane[lane] = -1
                 continue
             damping[lane], rejected[lane] = _propose(
-                n, normal[lane], gradient[lane], durations[b], longest[lane], floor,
-                damping[lane], rejected[lane], factor, step, trial,
+                n, count[lane], jacobian[lane], wrong[lane], gram[lane], scale[lane], durations[b],
+                longest[lane], damping[lane], rejected[lane], factor, duals, step, trial,
             )  # fmt: skip
             for p in range(n):
                 trials[p, lane] = trial[p]

@@ -320,9 +320,7 @@ class SwitchingMethod(Search[Candidate]):
         if self._closest is None or not math.isfinite(self._closest[0]):
             return search
         closest = self._closest[1]
-        states = roll_states(
-            task.plant, task.start, closest.durations, closest.torques, COARSE_STEPS
-        )
+        states = roll_states(task.plant, task.start, closest.durations, closest.torques)
         if not np.isfinite(states).all():
             return search
         w0 = task.plant.natural_frequency

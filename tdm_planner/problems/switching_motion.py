@@ -25,13 +25,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.compilation import compiled
-from tdm_planner.plants.pendulum_kernels import roll_arcs
+from tdm_planner.plants.pendulum_kernels import derivative, roll_arcs
+from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
 
 Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-5  # step of the directional differences of the Jacobian
 SMALLEST_CURVATURE = 2e-2
+_SIDE_BY_SIDE = 4  # directions from which it takes less time to look at them together
 NEAR_LIMIT = 0.3  # [rad] from psi_max within which an arc's peak gets a row
 
 
@@ -84,11 +86,12 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     arcs, w0, steps = xi.size, program.w0, program.steps
     nodes = arcs * steps + 1
     durations = xi / w0
-    states, sensitivities = np.empty((nodes, 4)), np.empty((nodes, 4, arcs))
+    states, within = np.empty((nodes, 4)), np.empty((nodes, 4, 4))
+    begins = np.empty((arcs + 1, 4, arcs))
     roll_arcs(
-        program.k, program.start, durations, program.torques, steps, states, sensitivities, True
+        program.k, program.start, durations, program.torques, steps, states, within, begins
     )
-    residual, jacobian = states[-1].copy(), sensitivities[-1] / w0
+    residual, jacobian = states[-1].copy(), begins[-1] / w0
     residual[0] -= program.goal
     residual[2:] /= w0
     jacobian[2:] /= w0
@@ -96,7 +99,7 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     margins, slopes, beyond = np.full(arcs, np.inf), np.zeros((arcs, arcs)), 0.0
     if not highest < program.disk_angle - NEAR_LIMIT:
         for arc in range(arcs):
-            height = _peak(states, sensitivities, arc, durations[arc], steps, w0, slopes[arc])
+            height = _peak(states, within, begins, arc, durations[arc], steps, w0, slopes[arc])
             margins[arc] = program.disk_angle - height
             beyond = max(beyond, -margins[arc])
     if not ends + highest < np.inf:
@@ -107,7 +110,8 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
 @compiled
 def _peak(
     states: Array,
-    sensitivities: Array,
+    within: Array,
+    begins: Array,
     arc: int,
     duration: float,
     steps: int,
@@ -131,18 +135,20 @@ def _peak(
     right = min(left + 1, first + steps)
     rising, falling = sign * states[left, 3], sign * states[right, 3]
     if not (right > left and rising > 0.0 and falling < 0.0):
-        slope[:] = -sign / w0 * sensitivities[node, 1]
+        for p in range(arc + 1):
+            slope[p] = -sign / w0 * derivative(within, begins, node, arc, 1, p)
         return float(height)
     h, bend = duration / steps, rising - falling
     height = sign * states[left, 1] + 0.5 * h * rising**2 / bend
     by_rising = 0.5 * h * (2.0 * rising * bend - rising**2) / bend**2
     by_falling = 0.5 * h * rising**2 / bend**2
-    for p in range(slope.size):
-        slope[p] = (
-            sensitivities[left, 1, p]
-            + by_rising * sensitivities[left, 3, p]
-            + by_falling * sensitivities[right, 3, p]
-        )
+    for p in range(arc + 1):
+        if left > first:
+            slope[p] = derivative(within, begins, left, arc, 1, p)
+            slope[p] += by_rising * derivative(within, begins, left, arc, 3, p)
+        else:  # the node belongs to the arc before
+            slope[p] = begins[arc, 1, p] + by_rising * begins[arc, 3, p]
+        slope[p] += by_falling * derivative(within, begins, right, arc, 3, p)
         slope[p] *= -sign / w0
     slope[arc] -= 0.5 * rising**2 / bend / (steps * w0)
     return float(height)
@@ -160,26 +166,59 @@ def first_multipliers(point: ArcPoint) -> Array:
 
 
 @compiled
+def _changes_side_by_side(
+    program: ArcProgram, xi: Array, along: Array, duals: Array
+) -> Array:
+    """
+    Change of the gradient of `duals` times the ends along directions (n, K), per step: (n, K).
+
+    The last lane stays where it is, as what the others are compared with.
+    """
+    arcs, w0 = xi.size, program.w0
+    durations, torques = np.empty((arcs, LANES)), np.empty((arcs, LANES))
+    state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
+    peaks, peak_slopes = np.empty((arcs, LANES)), np.empty((arcs, arcs, LANES))
+    change = np.empty(along.shape)
+    for first in range(0, len(along), LANES - 1):
+        count = min(LANES - 1, len(along) - first)
+        for p in range(arcs):
+            torques[p], durations[p] = program.torques[p], xi[p] / w0
+            for lane in range(count):
+                durations[p, lane] += DIFFERENCE * along[first + lane, p] / w0
+        for m in range(4):
+            state[m * LANES : (m + 1) * LANES] = program.start[m]
+        roll_lanes(
+            program.k, durations, torques, arcs, program.steps, state, derivatives, peaks,
+            peak_slopes,
+        )  # fmt: skip
+        for p in range(arcs):
+            for lane in range(count):
+                total = 0.0
+                for m in range(4):
+                    n, unit = m * LANES, (w0 if m < 2 else w0 * w0) * DIFFERENCE
+                    further = derivatives[p, n + lane] - derivatives[p, n + LANES - 1]
+                    total += duals[m] / unit * further
+                change[first + lane, p] = total
+    return change
+
+
+@compiled
 def curvature(program: ArcProgram, point: ArcPoint, duals: Array) -> Array:
     """Hessian of the Lagrangian along the end conditions, by directional differences."""
-    arcs, w0, steps = point.xi.size, program.w0, program.steps
+    arcs = point.xi.size
     basis = np.linalg.svd(point.jacobian)[2]
     across, along = np.ascontiguousarray(basis[:4]), np.ascontiguousarray(basis[4:])
     hessian: Array = SMALLEST_CURVATURE * (across.T @ across)
     free = arcs - 4
     if free <= 0:
         return hessian
-    nodes = arcs * steps + 1
-    states, sensitivities = np.empty((nodes, 4)), np.empty((nodes, 4, arcs))
-    weights = duals / w0
-    weights[2:] /= w0
-    slope, change = duals @ point.jacobian, np.empty((free, arcs))
-    for b in range(free):
-        moved = (point.xi + DIFFERENCE * along[b]) / w0
-        roll_arcs(
-            program.k, program.start, moved, program.torques, steps, states, sensitivities, True
-        )
-        change[b] = (weights @ sensitivities[-1] - slope) / DIFFERENCE
+    if free < _SIDE_BY_SIDE:
+        moved, gradients = point.xi + DIFFERENCE * along, np.empty((free, arcs))
+        for b in range(free):
+            gradients[b] = duals @ evaluate_arcs(program, moved[b]).jacobian
+        change = (gradients - duals @ point.jacobian) / DIFFERENCE
+    else:
+        change = _changes_side_by_side(program, point.xi, along, duals)
     reduced = change @ along.T
     values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
     directions = np.ascontiguousarray(vectors.T) @ along

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget, Point
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.plants.pendulum_lanes import roll_ends
 from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED, Effort, shoot
 from tdm_planner.problems.swing_up_task import SwingUpTask
 from tdm_planner.problems.switching_minimiser import minimise
@@ -36,14 +37,13 @@ _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
+_END = 0.1  # of the time scale: steps that tell which turn a motion ends at
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _CORRECTIONS = 6  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
 _SHORTEST_ARC = 1e-5  # of 1/w0; shorter arcs are omitted
 _SAMPLE_TIME = 5e-3  # [s]
 _MOST_SAMPLES = 4000  # of a trajectory, where the rig is so slow that they do
-_FINER_HEAD = 2.0  # times the steps, at most: quick swings magnify errors
-_SUBSTEPS = 8  # RK4 steps between two samples of a trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def shot(
     for index in np.flatnonzero(batch.costs < ARRIVED):
         n = batch.arcs[index]
         durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        end = roll_states(task.plant, task.start, durations, torques, steps)[-1]
+        end = roll_states(task.plant, task.start, durations, torques, _END)[-1]
         found.append(Candidate(durations, torques, task.turns_nearest(end)))
     return found
 
@@ -115,10 +115,9 @@ def land(
 
     No further turn is begun once it is `late`, or `enough` have arrived.
     """
-    heads = [along_fixed(task, each, steps) for each in candidates if not late()]
-    inside = max(_INSIDE * task.disk_angle, abs(task.start[1]))
-    keep = [i for i, states in enumerate(heads) if np.abs(states[:, 1]).max() <= inside]
-    left, starts = [candidates[i] for i in keep], np.array([heads[i][-1] for i in keep])
+    ends, peaks = along_fixed(task, candidates, steps)
+    inside = peaks <= max(_INSIDE * task.disk_angle, abs(task.start[1]))
+    left, starts = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     if not left:
         return []
     counts = np.array([each.durations.size - each.fixed for each in left], dtype=np.intp)
@@ -144,19 +143,27 @@ def land(
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
         each, n = left[row], counts[row]
         varied = batch.durations[row, :n]
-        end = roll_states(task.plant, starts[row], varied, each.tail[1], steps)[-1]
+        end = roll_states(task.plant, starts[row], varied, each.tail[1], _END)[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found
 
 
-def along_fixed(task: SwingUpTask, candidate: Candidate, steps: int) -> Array:
-    """States (n, 4) along the arcs that stay as they are, every 1 / w0 / `steps` or oftener."""
-    durations, torques = candidate.head
-    finely = steps * task.plant.natural_frequency * min(task.plant.quickness, _FINER_HEAD)
-    parts = np.ceil(durations * finely).astype(np.intp) + 1
-    pieces = np.repeat(durations / parts, parts)
-    states: Array = roll_states(task.plant, task.start, pieces, np.repeat(torques, parts), 2)
-    return states
+def along_fixed(
+    task: SwingUpTask, candidates: Sequence[Candidate], steps: int
+) -> tuple[Array, Array]:
+    """
+    Integrate the arcs that stay as they are, as finely as `steps` integrate those that do not.
+
+    Returns the states after them (B, 4) and the largest |psi| on the way (B,).
+    """
+    arcs = np.array([each.fixed for each in candidates], dtype=np.intp)
+    durations, torques = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
+    for row, each in enumerate(candidates):
+        durations[row, : each.fixed], torques[row, : each.fixed] = each.head
+    plant, ends, peaks = task.plant, np.empty((arcs.size, 4)), np.empty(arcs.size)
+    share = plant.quickness / steps
+    roll_ends(plant.coefficients, task.start, durations, torques, arcs, share, ends, peaks)
+    return ends, peaks
 
 
 def distinct(candidates: list[Candidate]) -> list[Candidate]:
@@ -231,7 +238,8 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
 
 def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    start = along_fixed(task, candidate, min(steps, task.steps(FINE_STEPS)))[-1]
+    share = task.plant.quickness / min(steps, task.steps(FINE_STEPS))
+    start = roll_states(task.plant, task.start, *candidate.head, share)[-1]
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle
     return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 
@@ -275,8 +283,7 @@ def trajectory(task: SwingUpTask, candidate: Candidate) -> Trajectory:
         times.append(inside)
         torques.append(np.full(count, torque))
     instants, held = np.concatenate(times), np.concatenate(torques)
-    substeps = task.steps(_SUBSTEPS)
-    states = roll_states(task.plant, task.start, np.diff(instants), held, substeps)
+    states = roll_states(task.plant, task.start, np.diff(instants), held)
     controls = np.append(held, held[-1])[:, None]
     return task.trajectory(instants, states, controls)
 

@@ -40,10 +40,9 @@ _WEAKEST = 0.1  # smallest share of the torque tried
 _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest upright
 Late = Callable[[], bool]
 
-VARIANTS, _AT_ONCE = 128, 8  # simulated, and so many between two looks at the clock, or fewer
+VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the clock, or fewer
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
-_PUMP_STEP, _FINEST = 0.09, 2.5  # of 1/w0, of its integration; by how much finer at most
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
 _LANDED, _ENOUGH = 48, 5  # variants, the most promising, that are landed; arrivals that do
 _WEIGHT, _WORK = 8.0, 2.5  # of the root of the distance beside the time: at least; times drive
@@ -202,8 +201,7 @@ def _swings(
     weight = _RANK * _times_drive(task, _WORK, _WEIGHT)
     turn = math.nan if task.turns is None else float(task.turns)
     longest = min(_times_drive(task, _LONGEST_WORK, _LEAST_LONGEST), _MOST_LONGEST)
-    step = _PUMP_STEP / w0 / min(task.plant.quickness, _FINEST)
-    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest, step)
+    common = Pumping(task.torque, task.planned_disk_angle, w0, turn, longest)
     some = max(1, round(_AT_ONCE / task.plant.quickness))
     for first in range(0, VARIANTS, some):
         if enough(int(np.count_nonzero(distances < NEAR))):

@@ -27,12 +27,13 @@ from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
     FeedbackTable,
+    derivative,
     roll_arcs,
     roll_feedback,
     roll_states,
     sine_and_cosine,
 )
-from tdm_planner.plants.pendulum_lanes import LANES, roll_lanes
+from tdm_planner.plants.pendulum_lanes import LANES, roll_ends, roll_lanes
 from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
 from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED, shoot
 from tdm_planner.problems.swing_up_task import SwingUpTask
@@ -111,10 +112,14 @@ def alternating(count: int, torque: float = 0.05) -> np.ndarray:
 def roll(
     start: np.ndarray, durations: np.ndarray, torques: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    nodes = durations.size * steps + 1
-    states, derivatives = np.empty((nodes, 4)), np.empty((nodes, 4, durations.size))
+    arcs = durations.size
+    states, within = np.empty((arcs * steps + 1, 4)), np.empty((arcs * steps + 1, 4, 4))
+    begins, derivatives = np.empty((arcs + 1, 4, arcs)), np.zeros((arcs * steps + 1, 4, arcs))
     k = PLANT.coefficients
-    roll_arcs(k, start, durations, torques, steps, states, derivatives, True)
+    roll_arcs(k, start, durations, torques, steps, states, within, begins)
+    for node, m, p in np.ndindex(arcs * steps, 4, arcs):
+        derivatives[node + 1, m, p] = derivative(within, begins, node + 1, node // steps, m, p)
+    np.testing.assert_allclose(derivatives[steps::steps], begins[1:], rtol=1e-9, atol=1e-9)
     return states, derivatives
 
 
@@ -149,15 +154,14 @@ def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
     w0, fall = plant.natural_frequency, np.array([0.3, 0.0, 0.0, 0.0])
     durations, torques = np.full(8, 1.0 / w0), np.zeros(8)
     usual, fine = (
-        roll_states(plant, fall, durations, torques, steps)[-1]
-        for steps in (math.ceil(12 * plant.quickness), 2000)
+        roll_states(plant, fall, durations, torques, share)[-1] for share in (1.0 / 12.0, 1e-3)
     )
     np.testing.assert_allclose(usual / [1, 1, w0, w0], fine / [1, 1, w0, w0], rtol=0, atol=1e-3)
 
 
 def test_states_are_accurate():
     intervals, torques = np.full(30, 5e-3), alternating(30, 0.09)
-    states = roll_states(PLANT, START, intervals, torques, 20)
+    states = roll_states(PLANT, START, intervals, torques)
     expected = START
     for index, torque in enumerate(torques):
         control = np.array([torque])
@@ -193,20 +197,8 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
     durations = np.random.default_rng(seed).uniform(0.0, 0.1, size=(arcs, LANES))
     torques = np.tile(alternating(arcs)[:, None], LANES)
     state, derivatives = np.repeat(start, LANES), np.empty((arcs, 4 * LANES))
-    disk_slopes = np.zeros((arcs * steps + 1, arcs, LANES))
-    peaks, nodes = np.empty((arcs, LANES)), np.empty((arcs, LANES))
-    roll_lanes(
-        k,
-        durations,
-        torques,
-        arcs,
-        steps,
-        state,
-        derivatives,
-        disk_slopes,
-        peaks,
-        nodes,
-    )
+    peaks, peak_slopes = np.empty((arcs, LANES)), np.zeros((arcs, arcs, LANES))
+    roll_lanes(k, durations, torques, arcs, steps, state, derivatives, peaks, peak_slopes)
     for lane in range(LANES):
         one = durations[:, lane].copy(), torques[:, lane].copy()
         states, exact = roll(start, *one, steps)
@@ -214,11 +206,26 @@ def test_motions_side_by_side_are_those_one_by_one(start, arcs, seed):
         scale = 1.0 + np.abs(exact).max()
         found = derivatives.reshape(arcs, 4, LANES)[:, :, lane]
         np.testing.assert_allclose(found.T, exact[-1], atol=1e-3 * scale)
-        np.testing.assert_allclose(disk_slopes[1:, :, lane], exact[1:, 1], atol=1e-3 * scale)
-        sizes = np.abs(states[1:, 1]).reshape(arcs, steps)
-        np.testing.assert_allclose(np.abs(peaks[:, lane]), sizes.max(axis=1), atol=1e-9)
-        at_peaks = states[nodes[:, lane].astype(int), 1]
-        np.testing.assert_allclose(at_peaks, peaks[:, lane], atol=1e-9)
+        disk = states[1:, 1].reshape(arcs, steps)
+        nodes = np.abs(disk).argmax(axis=1) + steps * np.arange(arcs) + 1
+        np.testing.assert_allclose(peaks[:, lane], states[nodes, 1], atol=1e-9)
+        slopes = np.tril(peak_slopes[:, :, lane])
+        np.testing.assert_allclose(slopes, exact[nodes, 1], atol=1e-3 * scale)
+
+
+@given(st.integers(0, 100))
+@settings(max_examples=10)
+def test_ends_of_many_motions_are_those_one_by_one(seed):
+    rng, k = np.random.default_rng(seed), PLANT.coefficients
+    durations = rng.uniform(0.0, 0.2, size=(20, 12))
+    torques = np.tile(alternating(12), (20, 1))
+    arcs = rng.integers(0, 13, size=20).astype(np.intp)
+    ends, peaks = np.empty((20, 4)), np.empty(20)
+    roll_ends(k, START, durations, torques, arcs, 0.02, ends, peaks)
+    for row, n in enumerate(arcs):
+        states = roll_states(PLANT, START, durations[row, :n], torques[row, :n], 0.02)
+        np.testing.assert_allclose(ends[row], states[-1], rtol=0, atol=1e-4)
+        assert peaks[row] >= np.abs(states[:, 1]).max() - 1e-9
 
 
 @given(st.floats(-1e6, 1e6))
@@ -260,7 +267,7 @@ def test_shooting_stops_when_told():
 def test_pumping_goes_where_it_says():
     k, count, most = PLANT.coefficients, 24, 64
     hanging = np.array([np.pi, 0.0, 0.0, 0.0])
-    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0, 0.01)
+    pumping = Pumping(0.01, 2.0, PLANT.natural_frequency, math.nan, 400.0)
     task = SwingUpTask(PLANT, hanging, 0.01, 0.01, 2.0, None)
     variants = laws(task, np.random.default_rng(1), count)
     durations, torques = np.zeros((count, most)), np.zeros((count, most))
@@ -271,7 +278,7 @@ def test_pumping_goes_where_it_says():
     assert (distances[near] < NEAR).all()
     for row in near:
         n = arcs[row]
-        states = roll_states(PLANT, hanging, durations[row, :n], torques[row, :n], 200)
+        states = roll_states(PLANT, hanging, durations[row, :n], torques[row, :n])
         scaled = states[-1] / [1.0, 1.0, pumping.w0, pumping.w0]
         scaled[0] = wrapped(scaled[0])
         assert scaled @ scaled == pytest.approx(distances[row], abs=0.05)
@@ -284,7 +291,7 @@ def test_the_least_peak_is_that_of_braking_where_nothing_else_helps(psi, speed):
     start, limit = np.array([np.pi, psi, 0.0, speed]), 2.0
     task = SwingUpTask(PLANT, start, 0.09, 0.09, limit, None)
     found = task.least_peak()
-    braked = roll_states(PLANT, start, np.full(400, 1e-3), np.full(400, -0.09), 4)
+    braked = roll_states(PLANT, start, np.full(400, 1e-3), np.full(400, -0.09))
     standing = np.flatnonzero(braked[:, 3] <= 0.0)
     peak = np.abs(braked[: standing[0] + 1, 1]).max()
     assert abs(psi) <= found
