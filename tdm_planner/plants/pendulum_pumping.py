@@ -41,7 +41,7 @@ _SHARE_OF_DISK = 0.12  # of the time in which the torque alone crosses the disk'
 _DWELL = 0.15  # of 1/w0, between two switches that the disk's limit does not ask for
 _AWAY = 4.0  # sum of squares that a motion must have seen before it may be near
 NEAR = 1.5  # sum of squares from which it may be landed
-_BEYOND = 1.2  # times the disk's limit: a motion that goes there ends
+_INSIDE = 0.995  # of the disk's limit; a motion ends beyond, it could not be landed
 _PSI, _THETA_DOT, _PSI_DOT = LANES, 2 * LANES, 3 * LANES
 # What a lane knows behind state, torque and step: what the law says, then what it is made of.
 (
@@ -148,7 +148,7 @@ def _arctangent(x: float) -> float:
 
 
 @compiled
-def _measure(p: Pumping, x: Array) -> None:
+def _measure(p: Pumping, inside: float, x: Array) -> None:
     """Sum of squares of the distance from the goal; infinite where a motion is to end."""
     for i in range(LANES):
         psi, w, v = x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
@@ -156,7 +156,7 @@ def _measure(p: Pumping, x: Array) -> None:
         turn = p.turn if p.turn == p.turn else turn  # noqa: PLR0124 - which is not NaN
         miss = x[i] - 2.0 * math.pi * turn
         distance = miss * miss + psi * psi + (w * w + v * v) / (p.w0 * p.w0)
-        distance = distance if abs(psi) < _BEYOND * p.psi_max else np.inf
+        distance = distance if abs(psi) <= inside else np.inf
         x[_DISTANCE + i] = distance if abs(w) < 1e3 * p.w0 else np.inf
 
 
@@ -181,6 +181,7 @@ def pump(
     p, w0, most = pumping, pumping.w0, durations.shape[1]
     free = k.pendulum / (k.pendulum * (k.disk + k.disk_cosine) - k.arm * k.arm)
     slow, range_ = slowness(k), min(p.psi_max, 3.0)
+    inside = max(_INSIDE * p.psi_max, 1.01 * abs(start[1]))
     x, lanes = np.zeros(_ROWS), np.full(LANES, -1, np.intp)
     stage, arc, taken = np.zeros(LANES, np.intp), np.zeros(LANES, np.intp), 0
     steps, away = np.zeros(LANES, np.intp), np.zeros(LANES, np.bool_)
@@ -230,7 +231,7 @@ def pump(
             total[i] += x[STEP + i]
             steps[i] += 1
         step_lanes(k, x)
-        _measure(p, x)
+        _measure(p, inside, x)
         for i in range(LANES):
             n = lanes[i]
             if n < 0:

@@ -41,6 +41,7 @@ _FINAL_ARCS = 4  # of a pumping sequence: they bring the pendulum to rest uprigh
 Late = Callable[[], bool]
 
 VARIANTS, _AT_ONCE = 128, 32  # simulated, and so many between two looks at the clock, or fewer
+_ROUNDS = 6  # of so many variants, where hardly any comes near
 # Of 1/w0, what a pump may take: times drive, but so much at least and at most.
 _LONGEST_WORK, _LEAST_LONGEST, _MOST_LONGEST = 10.0, 400.0, 4000.0
 _PUMPED = 0.3  # share of the time after which a lane each that came near will do
@@ -165,7 +166,11 @@ def pumped(
     def enough(near: int) -> bool:
         return late() or (near >= LANES and budget.elapsed > _PUMPED * until)
 
-    swings = _swings(task, laws(task, rng, VARIANTS), most, enough)
+    swings: list[Candidate] = []
+    for _ in range(_ROUNDS):
+        if late() or len(swings) >= LANES:
+            break
+        swings += _swings(task, laws(task, rng, VARIANTS), most, enough)
     steps = min(task.steps(COARSE_STEPS), _STEPS)
     landed: list[Candidate] = []
     for first in range(0, len(swings), LANES):
