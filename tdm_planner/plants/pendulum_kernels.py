@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import DOP853
 from tdm_planner.plants import rotary_pendulum as stated
 from tdm_planner.plants.compilation import compiled, inlined
 from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
@@ -31,6 +32,8 @@ from tdm_planner.plants.slopes import with_slopes
 
 Array = NDArray[np.float64]
 
+_STAGES, _WEIGHTS = np.ascontiguousarray(DOP853.A), np.ascontiguousarray(DOP853.B)
+_LONG_STEP = 0.1  # of `quick_time`
 _MOST_SUBSTEPS = 10_000  # of an interval: a light disk may turn however fast
 _SUBSTEPS = 2  # RK4 steps an interval of a feedback law
 _SWITCHES = 24  # intervals of the grid of either switch of the torque that turns the disk least
@@ -121,7 +124,7 @@ def roll_arcs(
     theta', psi' at the beginning of the arc that ends there or goes on, and by its duration; and
     `begins` (K + 1, 4, K), those by the durations at the beginning of every arc and at the end.
     """
-    rates, slopes, x, stretch = np.empty(16), np.empty(24), np.empty(16), np.zeros(4)
+    rates, slopes, x, stretch = np.empty((4, 4)), np.empty((4, 6)), np.empty(16), np.zeros(4)
     states[0], begins[0], within[0] = start, 0.0, 0.0
     stretch[3] = 1.0 / steps
     node = 0
@@ -131,27 +134,25 @@ def roll_arcs(
         x[0] = x[9] = x[14] = 1.0
         for _ in range(steps):
             theta, w, v = states[node, 0], states[node, 2], states[node, 3]
-            _rates(k, theta, w, v, torque, rates[:4], slopes[:6])
+            _rates(k, theta, w, v, torque, rates[0], slopes[0])
             for s in range(1, 4):
-                r, reach = rates[4 * s - 4 : 4 * s], h if s == 3 else 0.5 * h
-                _rates(
-                    k, theta + reach * r[0], w + reach * r[2], v + reach * r[3], torque,
-                    rates[4 * s : 4 * s + 4], slopes[6 * s : 6 * s + 6],
-                )  # fmt: skip
+                r, reach = rates[s - 1], h if s == 3 else 0.5 * h
+                angle, u = theta + reach * r[0], w + reach * r[2]
+                _rates(k, angle, u, v + reach * r[3], torque, rates[s], slopes[s])
             for m in range(4):
-                rate = rates[m] + 2.0 * (rates[4 + m] + rates[8 + m]) + rates[12 + m]
+                rate = rates[0, m] + 2.0 * (rates[1, m] + rates[2, m]) + rates[3, m]
                 states[node + 1, m] = states[node, m] + h / 6.0 * rate
             node += 1
-            _roll_columns(x, h, stretch, rates, slopes)
+            _roll_columns(x, h, stretch, rates.ravel(), slopes.ravel())
             for m in range(4):
                 for c in range(4):
                     within[node, m, c] = x[4 * m + c]
-        now, then = begins[arc], begins[arc + 1]
+        now, then, later = begins[arc], begins[arc + 1], arc + 1
         for m in range(4):
             a, b, c = x[4 * m], x[4 * m + 1], x[4 * m + 2]
             for p in range(arc):
                 then[m, p] = a * now[0, p] + b * now[2, p] + c * now[3, p]
-            then[m, arc], then[m, arc + 1 :] = x[4 * m + 3], 0.0
+            then[m, arc], then[m, later:] = x[4 * m + 3], 0.0
         for p in range(arc):
             then[1, p] += now[1, p]
 
@@ -169,7 +170,7 @@ def _rates(
 
 @compiled
 def derivative(within: Array, begins: Array, node: int, arc: int, m: int, p: int) -> float:
-    """Derivative of state `m` at a node of an arc by the duration of arc `p`, see `roll_arcs`."""
+    """Return the derivative of state `m` at a node of an arc by the duration of arc `p`."""
     if p >= arc:
         return float(within[node, m, 3]) if p == arc else 0.0
     carried = within[node, m, 0] * begins[arc, 0, p]
@@ -191,10 +192,18 @@ def _roll_columns(x: Array, h: float, stretch: Array, r: Array, g: Array) -> Non
         a1 = g[0] * t1 + g[2] * w1 + g[4] * v1
         b1 = g[1] * t1 + g[3] * w1 + g[5] * v1
         e = 0.5 * s
-        t2, w2, v2 = t1 + half * w1 + e * r[0], w1 + half * a1 + e * r[2], v1 + half * b1 + e * r[3]
+        t2, w2, v2 = (
+            t1 + half * w1 + e * r[0],
+            w1 + half * a1 + e * r[2],
+            v1 + half * b1 + e * r[3],
+        )
         a2 = g[6] * t2 + g[8] * w2 + g[10] * v2
         b2 = g[7] * t2 + g[9] * w2 + g[11] * v2
-        t3, w3, v3 = t1 + half * w2 + e * r[4], w1 + half * a2 + e * r[6], v1 + half * b2 + e * r[7]
+        t3, w3, v3 = (
+            t1 + half * w2 + e * r[4],
+            w1 + half * a2 + e * r[6],
+            v1 + half * b2 + e * r[7],
+        )
         a3 = g[12] * t3 + g[14] * w3 + g[16] * v3
         b3 = g[13] * t3 + g[15] * w3 + g[17] * v3
         t4, w4, v4 = t1 + h * w3 + s * r[8], w1 + h * a3 + s * r[10], v1 + h * b3 + s * r[11]
@@ -226,32 +235,47 @@ def quick_time(k: Coefficients, theta: float, w: float, v: float) -> float:
 
 
 @compiled
-def _roll_states(
-    k: Coefficients, start: Array, intervals: Array, torques: Array, share: float, states: Array
+def _step_of_eighth_order(
+    k: Coefficients, x: Array, torque: float, h: float, rates: Array
 ) -> None:
-    theta, psi, w, v = start[0], start[1], start[2], start[3]
+    """Advance `x` (4,) by one step of Dormand and Prince's method; `rates` (12, 4) is scratch."""
+    for s in range(12):
+        theta, w, v = x[0], x[2], x[3]
+        for j in range(s):
+            a = h * _STAGES[s, j]
+            theta, w, v = theta + a * rates[j, 0], w + a * rates[j, 2], v + a * rates[j, 3]
+        rates[s, 0], rates[s, 1] = w, v
+        rates[s, 2], rates[s, 3] = quick_accelerations(k, theta, w, v, torque)
+    for s in range(12):
+        for m in range(4):
+            x[m] += h * _WEIGHTS[s] * rates[s, m]
+
+
+@compiled
+def _roll_states(
+    k: Coefficients, start: Array, intervals: Array, torques: Array, states: Array
+) -> None:
+    x, rates = start.copy(), np.empty((12, 4))
     states[0] = start
     for n in range(intervals.size):
         left = intervals[n]
         for _ in range(_MOST_SUBSTEPS):
-            h = min(left, share * quick_time(k, theta, w, v))
-            theta, psi, w, v = runge_kutta(k, theta, psi, w, v, torques[n], h)
+            h = min(left, _LONG_STEP * quick_time(k, x[0], x[2], x[3]))
+            _step_of_eighth_order(k, x, torques[n], h, rates)
             left -= h
             if not left > 0.0:
                 break
-        states[n + 1, 0], states[n + 1, 1], states[n + 1, 2], states[n + 1, 3] = theta, psi, w, v
+        states[n + 1] = x
 
 
-def roll_states(
-    plant: RotaryPendulum, start: Array, intervals: Array, torques: Array, share: float = 0.005
-) -> Array:
+def roll_states(plant: RotaryPendulum, start: Array, intervals: Array, torques: Array) -> Array:
     """
     Integrate over `intervals` [s] under held `torques`, both (n,): states (n + 1, 4).
 
-    Steps are at most that `share` of `quick_time`.
+    To some ten digits: by a method of order 8, in steps that follow the motion's time scale.
     """
     states = np.empty((intervals.size + 1, 4))
-    _roll_states(plant.coefficients, start, intervals, torques, share, states)
+    _roll_states(plant.coefficients, start, intervals, torques, states)
     return states
 
 

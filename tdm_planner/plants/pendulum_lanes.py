@@ -26,7 +26,7 @@ from tdm_planner.plants.pendulum_kernels import (
     accelerations_with_slopes,
     quick_time,
     runge_kutta,
-    )
+)
 from tdm_planner.plants.rotary_pendulum import Coefficients
 
 Array = NDArray[np.float64]
@@ -125,9 +125,7 @@ def _carry(x: Array, columns: Array, row: Array, at_peak: Array) -> None:
     """Carry a derivative of the states over an arc, and of psi to its peak."""
     for i in range(LANES):
         theta, w, v = x[i], x[_THETA_DOT + i], x[_PSI_DOT + i]
-        at_peak[i] = (
-            x[_PSI + i] + row[i] * theta + row[LANES + i] * w + row[2 * LANES + i] * v
-        )
+        at_peak[i] = x[_PSI + i] + row[i] * theta + row[LANES + i] * w + row[2 * LANES + i] * v
         psi = x[_PSI + i]
         for m in range(0, STATE, LANES):
             n = m + i
@@ -164,6 +162,8 @@ def roll_lanes(
     nothing, flat, nodes = np.zeros(STATE), slopes.ravel(), np.empty(LANES)
     first, second, third, fourth = stages[0], stages[1], stages[2], stages[3]
     columns, row = np.zeros(3 * STATE), np.zeros(4 * LANES)
+    parts = columns.reshape(3, STATE)
+    by_theta, by_w, by_v = parts[0], parts[1], parts[2]
     for arc in range(arcs):
         torque, peak = torques[arc], peaks[arc]
         columns[:] = 0.0
@@ -179,8 +179,9 @@ def roll_lanes(
             _stage(k, state, third, 1.0, h, torque, fourth, slopes[3])
             _advance(state, h, stages.ravel())
             if arc > 0:
-                for c in range(0, 3 * STATE, STATE):
-                    _advance_derivative(columns[c : c + STATE], h, flat)
+                _advance_derivative(by_theta, h, flat)
+                _advance_derivative(by_w, h, flat)
+                _advance_derivative(by_v, h, flat)
             _remember_peaks(state, columns, node, peak, nodes, row)
         for p in range(arc):
             _carry(derivatives[p], columns, row, peak_slopes[arc, p])

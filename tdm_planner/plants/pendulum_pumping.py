@@ -97,8 +97,9 @@ def slowness(k: Coefficients) -> float:
 @compiled
 def _steer(k: Coefficients, p: Pumping, x: Array) -> None:
     """
-    Torque by the law, the one held where nothing asks for another; whether the limit asks for it.
-    And a step that is short enough.
+    Fill in the torque by the law, whether the disk's limit asks for it, and the step.
+
+    Where nothing asks for another torque it is the one held.
     """
     j0 = k.disk + k.disk_cosine
     free = k.pendulum / (k.pendulum * j0 - k.arm * k.arm)  # psi'' by torque, upright or hanging
@@ -153,7 +154,7 @@ def _measure(p: Pumping, inside: float, x: Array) -> None:
     for i in range(LANES):
         psi, w, v = x[_PSI + i], x[_THETA_DOT + i], x[_PSI_DOT + i]
         turn = np.floor(x[i] / (2.0 * math.pi) + 0.5)
-        turn = p.turn if p.turn == p.turn else turn  # noqa: PLR0124 - which is not NaN
+        turn = p.turn if p.turn == p.turn else turn
         miss = x[i] - 2.0 * math.pi * turn
         distance = miss * miss + psi * psi + (w * w + v * v) / (p.w0 * p.w0)
         distance = distance if abs(psi) <= inside else np.inf

@@ -145,8 +145,7 @@ def _linearise(
         else:
             sign = 1.0 if peaks[m - 4, lane] > 0.0 else -1.0
             for p in range(arcs):  # later arcs do not matter to this one
-                slope = sign * peak_slopes[m - 4, p, lane] if p <= m - 4 else 0.0
-                jacobian[p, count] = slope
+                jacobian[p, count] = sign * peak_slopes[m - 4, p, lane] if p <= m - 4 else 0.0
         wrong[count], gram[count, : count + 1] = residual[m], 0.0
         count += 1
     for p in range(arcs):
@@ -178,7 +177,7 @@ def _damped_step(
     """
     Minimise |jacobian z + wrong|^2 + damping |z|^2, step = scale z, by Cholesky.
 
-    There are few rows, however many arcs: z = -jacobian' (gram + damping)^-1 wrong.
+    There are few rows, whatever the arcs: z = -jacobian' (gram + damping)^-1 wrong.
     """
     for i in range(count):
         for j in range(i + 1):
@@ -227,9 +226,7 @@ def _propose(
 ) -> tuple[float, int]:
     """Fill `trial`; return the damping used and the number of steps rejected so far."""
     while rejected < TRIES:
-        if _damped_step(
-            arcs, count, jacobian, wrong, gram, scale, damping, factor, duals, step
-        ):
+        if _damped_step(arcs, count, jacobian, wrong, gram, scale, damping, factor, duals, step):
             size = np.abs(step[:arcs]).max()
             if size < 1e9:
                 share = min(1.0, longest / size) if size > 0.0 else 1.0

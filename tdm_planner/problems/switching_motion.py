@@ -88,9 +88,7 @@ def evaluate_arcs(program: ArcProgram, xi: Array) -> ArcPoint:
     durations = xi / w0
     states, within = np.empty((nodes, 4)), np.empty((nodes, 4, 4))
     begins = np.empty((arcs + 1, 4, arcs))
-    roll_arcs(
-        program.k, program.start, durations, program.torques, steps, states, within, begins
-    )
+    roll_arcs(program.k, program.start, durations, program.torques, steps, states, within, begins)
     residual, jacobian = states[-1].copy(), begins[-1] / w0
     residual[0] -= program.goal
     residual[2:] /= w0
@@ -166,9 +164,7 @@ def first_multipliers(point: ArcPoint) -> Array:
 
 
 @compiled
-def _changes_side_by_side(
-    program: ArcProgram, xi: Array, along: Array, duals: Array
-) -> Array:
+def _changes_side_by_side(program: ArcProgram, xi: Array, along: Array, duals: Array) -> Array:
     """
     Change of the gradient of `duals` times the ends along directions (n, K), per step: (n, K).
 
@@ -177,6 +173,7 @@ def _changes_side_by_side(
     arcs, w0 = xi.size, program.w0
     durations, torques = np.empty((arcs, LANES)), np.empty((arcs, LANES))
     state, derivatives = np.empty(4 * LANES), np.empty((arcs, 4 * LANES))
+    parts = state.reshape(4, LANES)
     peaks, peak_slopes = np.empty((arcs, LANES)), np.empty((arcs, arcs, LANES))
     change = np.empty(along.shape)
     for first in range(0, len(along), LANES - 1):
@@ -186,7 +183,7 @@ def _changes_side_by_side(
             for lane in range(count):
                 durations[p, lane] += DIFFERENCE * along[first + lane, p] / w0
         for m in range(4):
-            state[m * LANES : (m + 1) * LANES] = program.start[m]
+            parts[m] = program.start[m]
         roll_lanes(
             program.k, durations, torques, arcs, program.steps, state, derivatives, peaks,
             peak_slopes,

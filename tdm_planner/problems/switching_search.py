@@ -37,7 +37,6 @@ _INSIDE = 0.995  # of the disk's limit, as it is looked at after every part only
 # of squares is larger still.
 _TURN = Effort(iterations=12, early_cost=math.inf, late_cost=math.inf, reach=0.5)
 _GIVEN_UP = (1.5, 0.3, 0.3, 1e-2, 1e-2, 0.0)
-_END = 0.1  # of the time scale: steps that tell which turn a motion ends at
 _PENALTIES = (30.0, 1000.0)  # on violations; the second where the first is too small
 _CORRECTIONS = 6  # steps that bring a polished candidate to its end again
 _DISTINCT = 2e-3  # relative difference of the total times of two different candidates
@@ -97,7 +96,7 @@ def shot(
     for index in np.flatnonzero(batch.costs < ARRIVED):
         n = batch.arcs[index]
         durations, torques = batch.durations[index, :n].copy(), batch.torques[index, :n].copy()
-        end = roll_states(task.plant, task.start, durations, torques, _END)[-1]
+        end = roll_states(task.plant, task.start, durations, torques)[-1]
         found.append(Candidate(durations, torques, task.turns_nearest(end)))
     return found
 
@@ -143,7 +142,7 @@ def land(
     for row in np.flatnonzero(batch.costs < ARRIVED).tolist():
         each, n = left[row], counts[row]
         varied = batch.durations[row, :n]
-        end = roll_states(task.plant, starts[row], varied, each.tail[1], _END)[-1]
+        end = roll_states(task.plant, starts[row], varied, each.tail[1])[-1]
         found.append(replace(each.with_tail(varied), turns=task.turns_nearest(end)))
     return found
 
@@ -238,8 +237,7 @@ def corrected(task: SwingUpTask, candidate: Candidate, steps: int) -> tuple[Cand
 
 def _program(task: SwingUpTask, candidate: Candidate, steps: int) -> ArcProgram:
     """Return the program over the arcs that are not fixed."""
-    share = task.plant.quickness / min(steps, task.steps(FINE_STEPS))
-    start = roll_states(task.plant, task.start, *candidate.head, share)[-1]
+    start = roll_states(task.plant, task.start, *candidate.head)[-1]
     torques, disk_angle = candidate.tail[1], task.planned_disk_angle
     return arc_program(task.plant, start, torques, candidate.turns, disk_angle, steps)
 

@@ -221,6 +221,8 @@ def rig(size: float, arm: float, disk: float, across: float, torque: float, angl
         (rig(2.0, 0.6, 0.5, 4.0, 0.4, 2.5), 5),  # slow
         (rig(2.0, 1.95, 0.043, 0.049, 0.14, 1.0), 20),  # the disk turns with the pendulum
         (rig(0.3, 0.5, 20.0, 0.3, 0.3, 2.0), 256),  # weaker still
+        (rig(0.127, 1.6, 0.02, 0.034, 0.066, 1.15), 20),  # it takes nearly all of the inertia
+        (rig(0.09, 1.2, 0.09, 0.06, 0.04, 0.835), 20),
     ],
 )
 def test_foreign_rigs_need_no_settings(made, fewest):
