@@ -210,6 +210,7 @@ def roll_ends(
     torques: Array,
     arcs: Integers,
     share: float,
+    limit: float,
     ends: Array,
     peaks: Array,
 ) -> None:
@@ -217,7 +218,8 @@ def roll_ends(
     Integrate many motions from `start` (4,) by RK4, in steps of that `share` of `quick_time`.
 
     The first `arcs` (B,) of `durations` [s] and `torques` [N m] (B, K) count. Filled are the final
-    states `ends` (B, 4) and the largest |psi| on the way, `peaks` (B,).
+    states `ends` (B, 4) and the largest |psi| on the way, `peaks` (B,). A motion ends where that
+    is beyond `limit` [rad]: it may be however fast.
     """
     x, lanes = np.zeros(6 * LANES), np.full(LANES, -1, np.intp)
     arc, left = np.zeros(LANES, np.intp), np.zeros(LANES)
@@ -241,7 +243,7 @@ def roll_ends(
                 arc[i] += 1
             x[STEP + i] = min(x[STEP + i], left[i])
             left[i] -= x[STEP + i]
-            if x[STEP + i] == 0.0:
+            if x[STEP + i] == 0.0 or not peaks[b] <= limit:
                 for m in range(4):
                     ends[b, m] = x[m * LANES + i]
                 lanes[i], busy = -1, busy - 1

@@ -114,8 +114,9 @@ def land(
 
     No further turn is begun once it is `late`, or `enough` have arrived.
     """
-    ends, peaks = along_fixed(task, candidates, steps)
-    inside = peaks <= max(_INSIDE * task.disk_angle, abs(task.start[1]))
+    limit = max(_INSIDE * task.disk_angle, abs(task.start[1]))
+    ends, peaks = along_fixed(task, candidates, steps, limit)
+    inside = peaks <= limit
     left, starts = [candidates[i] for i in np.flatnonzero(inside)], ends[inside]
     if not left:
         return []
@@ -148,12 +149,13 @@ def land(
 
 
 def along_fixed(
-    task: SwingUpTask, candidates: Sequence[Candidate], steps: int
+    task: SwingUpTask, candidates: Sequence[Candidate], steps: int, limit: float
 ) -> tuple[Array, Array]:
     """
     Integrate the arcs that stay as they are, as finely as `steps` integrate those that do not.
 
-    Returns the states after them (B, 4) and the largest |psi| on the way (B,).
+    Returns the states after them (B, 4) and the largest |psi| on the way (B,), which ends where
+    that is beyond `limit`.
     """
     arcs = np.array([each.fixed for each in candidates], dtype=np.intp)
     durations, torques = np.zeros((2, arcs.size, int(arcs.max(initial=0))))
@@ -161,7 +163,7 @@ def along_fixed(
         durations[row, : each.fixed], torques[row, : each.fixed] = each.head
     plant, ends, peaks = task.plant, np.empty((arcs.size, 4)), np.empty(arcs.size)
     share = plant.quickness / steps
-    roll_ends(plant.coefficients, task.start, durations, torques, arcs, share, ends, peaks)
+    roll_ends(plant.coefficients, task.start, durations, torques, arcs, share, limit, ends, peaks)
     return ends, peaks
 
 

@@ -159,7 +159,7 @@ def test_steps_are_shorter_where_the_disk_turns_with_a_heavy_pendulum(across):
     ).y[:, -1]  # fmt: skip
     ends, unused = np.empty((1, 4)), np.empty(1)
     arcs = np.full(1, 8, np.intp)
-    given = durations[None], torques[None], arcs, 1.0 / 12.0
+    given = durations[None], torques[None], arcs, 1.0 / 12.0, np.inf
     roll_ends(plant.coefficients, fall, *given, ends, unused)
     exact = roll_states(plant, fall, durations, torques)[-1]
     for found, allowed in ((ends[0], 1e-3), (exact, 1e-8)):
@@ -228,11 +228,14 @@ def test_ends_of_many_motions_are_those_one_by_one(seed):
     torques = np.tile(alternating(12), (20, 1))
     arcs = rng.integers(0, 13, size=20).astype(np.intp)
     ends, peaks = np.empty((20, 4)), np.empty(20)
-    roll_ends(k, START, durations, torques, arcs, 0.02, ends, peaks)
+    roll_ends(k, START, durations, torques, arcs, 0.02, np.inf, ends, peaks)
     for row, n in enumerate(arcs):
         states = roll_states(PLANT, START, durations[row, :n], torques[row, :n])
         np.testing.assert_allclose(ends[row], states[-1], rtol=0, atol=1e-4)
         assert peaks[row] >= np.abs(states[:, 1]).max() - 1e-4
+    before = peaks.copy()
+    roll_ends(k, START, durations, torques, arcs, 0.02, 0.3, ends, peaks)
+    np.testing.assert_array_equal(peaks > 0.3, before > 0.3)
 
 
 @given(st.floats(-1e6, 1e6))
