@@ -115,7 +115,7 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
     asked = replace(rig(seed), torque_reserve=0.2)
     model, true = asked.plant, mismatched(asked.plant, 0.05, wrong)
     parameters = PendulumTrackerParameters(rate=50.0, plant=model, limits=asked.limits)
-    quick, late = model.natural_frequency, true.natural_frequency / model.natural_frequency
+    quick, pace = model.natural_frequency, true.natural_frequency / model.natural_frequency
     sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
     limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
     setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
@@ -123,9 +123,10 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
     plan = asked.solve(deadline=20.0).trajectory
     loop.begin(plan)
     loop.run(0.1 + 0.9 * plan.duration)
-    assert loop.tracker.current is not None
-    assert loop.tracker.current.pace == pytest.approx(late, abs=0.01)
-    assert loop.tracker.current.late > 0.0
+    motion = loop.tracker.current
+    assert motion is not None
+    assert motion.pace == pytest.approx(pace, abs=0.01)
+    assert motion.elapsed(loop.now) == pytest.approx(pace * (loop.now - motion.start), rel=0.02)
     loop.run(0.2 * plan.duration + 20.0 / quick)
     assert loop.tracker.phase is Phase.HOLDING
     count = round(5.0 / quick / loop.tick)
