@@ -40,7 +40,7 @@ LOCAL = '127.0.0.1'
 _CURVES = 5  # frames between updates of the curves
 _NEWS = 12  # frames between updates of what is read
 _RESTART = 2.0  # s, the least time between two starts of a node
-_TOLD = 5.0  # s from a restart that it is told of
+_TOLD = 30.0  # s from a restart that it is told of: a tab behind others wakes up late
 
 
 def run_live(
