@@ -23,12 +23,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 import gc
 import math
-import os
 from pathlib import Path
 import tempfile
 import time
 from typing import Any
 
+from benchmark.nodes import PUSHED, Rig
 from benchmark.progress import counted, report
 from benchmark.scenarios import crossing
 import numpy as np
@@ -49,7 +49,6 @@ REGIMES = {'strong': 0.09, 'weak': 0.02}  # limits.torque [N m]
 PENDULUM_AWAY = np.array([0.02, 0.02, 0.2, 0.2])
 ROBOT_AWAY = np.array([0.004, 0.004, 0.003, 0.003, 0.01, 0.01, 0.0])
 FIRST_MEMORY = 100  # replans after which memory is looked at first
-_LONGEST = 120.0  # s without an answer
 
 
 @dataclass(frozen=True)
@@ -185,75 +184,18 @@ def resident() -> float:
 
 def command_stream(seconds: float) -> dict[str, Any]:
     """Return the periods of the tracker's commands while plans are made at 5 Hz."""
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import String
-    from std_srvs.srv import Trigger
-    from tdm_sim.demo_scene import Connections
-    from tdm_sim.processes import NodeProcesses
-
-    weak = {'limits.torque': REGIMES['weak']}
-    nodes = {
-        'tdm_sim.pendulum_plant': {**weak, 'disturbance.impulse': 6e-4},
-        'tdm_planner.nodes.tracker': {**weak, 'replan.on_deviation': True},
-        'tdm_planner.nodes.planner': {**weak, 'replan.rate': 5.0},
-    }
-    namespace = f'/benchmark_{os.getpid()}'
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node('benchmark', context=context, namespace=namespace)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    stamps: list[int] = []
-    plans: list[String] = []
-
-    def on_command(message: JointState) -> None:
-        stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-
-    node.create_subscription(JointState, 'joint_command', on_command, 1000)
-    node.create_subscription(String, 'plan_summary', plans.append, 10)
-    connections = Connections()
-    connections.listen(node)
-    ask, push = node.create_client(Trigger, 'plan'), node.create_client(Trigger, 'push')
-
-    def wait(done: Callable[[], bool]) -> None:
-        end = time.monotonic() + _LONGEST
-        while not done():
-            if time.monotonic() > end:
-                raise RuntimeError('planner, tracker and plant do not answer')
-            executor.spin_once(timeout_sec=0.1)
-
-    def connected() -> bool:
-        return connections.tracker(f'{namespace}/tracker') and connections.plant(
-            f'{namespace}/pendulum_plant'
-        )
-
     report(f'commands, for {seconds:g} s')
-    with tempfile.TemporaryDirectory() as folder, NodeProcesses(Path(folder)) as processes:
-        for module, values in nodes.items():
-            words = [word for name, x in values.items() for word in ('-p', f'{name}:={x}')]
-            arguments = ['--ros-args', '-r', f'__ns:={namespace}', *words]
-            processes.start(module, module, arguments)
-        wait(lambda: bool(stamps) and ask.service_is_ready() and push.service_is_ready())
-        wait(connected)
-        while not plans:
-            wait(ask.call_async(Trigger.Request()).done)
-            executor.spin_once(timeout_sec=0.1)
-        end, next_push = time.monotonic() + seconds, time.monotonic() + 2.0
-        first = len(stamps)
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.01)
-            if time.monotonic() > next_push:
-                push.call_async(Trigger.Request())
-                next_push += 0.5
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-    error = np.abs(np.diff(stamps[first:]) * 1e-6 - 5.0)
+    with tempfile.TemporaryDirectory() as folder:
+        rig = Rig('pendulum', PUSHED, Path(folder))
+        try:
+            rig.begin()
+            periods, plans = rig.measure(seconds)
+        finally:
+            rig.close()
+    error = np.abs(periods - 5.0)
     return {
         'commands': len(error),
-        'plans': len(plans),
+        'plans': plans,
         **{f'p{p}_ms': float(np.quantile(error, p / 100)) for p in (50, 95, 99)},
         'worst_ms': float(error.max()),
     }

@@ -18,7 +18,7 @@ then with it and a connection that takes all that a browser takes, but draws not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, ExitStack
 import os
 from pathlib import Path
@@ -28,109 +28,13 @@ import threading
 import time
 from typing import Any
 
+from benchmark.nodes import PUSHED, Rig, START
 from benchmark.progress import report
 from benchmark.scenarios import crossing
 import numpy as np
-from numpy.typing import NDArray
-import yaml
 
 PLAYED = 0.04  # s between states of robots
-START = 1.0  # s from a request to the start of a motion
 PLANNER = {'replan.rate': 5.0, 'solver.deadline': 0.9, 'start.delay': START}
-LONGEST = 300.0  # s until nodes answer
-
-
-class Rig:
-    """The nodes of a plant as processes, and one that listens."""
-
-    every = 0.5  # s between pushes
-    executables = ('planner', 'tracker', 'pendulum_plant')
-
-    def __init__(self, plant: str, parameters: Mapping[str, Any], folder: Path) -> None:
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import String
-        from std_srvs.srv import Trigger
-        from tdm_sim.demo_scene import make_scene
-        from tdm_sim.processes import NodeProcesses
-
-        file = folder / f'{plant}.yaml'
-        sections = {f'/**/{name}': {'ros__parameters': v} for name, v in parameters.items()}
-        file.write_text(yaml.safe_dump(sections))
-        scene = make_scene(plant, file, folder)
-        self.space, self._spaces = scene.namespace, [part.namespace for part in scene.plants]
-        self._rclpy, self._request = rclpy, Trigger.Request
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context)
-        self._node = rclpy.create_node('benchmark', context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self.stamps: list[int] = []
-        self.plans: list[String] = []
-
-        def on_command(message: JointState) -> None:
-            self.stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-
-        make = self._node.create_subscription
-        make(JointState, f'{self._spaces[0]}/joint_command', on_command, 1000)
-        make(String, f'{self.space}/plan_summary', self.plans.append, 10)
-        scene.connections.listen(self._node)
-        client = self._node.create_client
-        self._plan = client(Trigger, f'{self.space}/plan')
-        self._reset = client(Trigger, f'{self.space}/reset')
-        self._push = client(Trigger, f'{self.space}/push')
-        self._processes, self._scene = NodeProcesses(folder), scene
-        for name, module, words in scene.nodes():
-            if name in self.executables:
-                self._processes.start(name, module, words)
-
-    def begin(self) -> None:
-        """Wait until the nodes are connected."""
-        self._wait(lambda: not self._scene.missing(self._plan))
-
-    def _wait(self, done: Callable[[], bool]) -> None:
-        end = time.monotonic() + LONGEST
-        while not done():
-            if time.monotonic() > end:
-                raise RuntimeError(f'the nodes in {self.space} do not answer')
-            self._processes.check()
-            self._executor.spin_once(timeout_sec=0.1)
-
-    def reset(self) -> None:
-        """Begin anew."""
-        self._wait(self._reset.call_async(self._request()).done)
-        self.spin(0.1)  # until the planner has heard of it
-
-    def act(self) -> None:
-        """Do what new plans are made for."""
-        self._push.call_async(self._request())
-
-    def spin(self, seconds: float) -> None:
-        """Serve what arrives for a while."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.01)
-
-    def measure(self, seconds: float) -> tuple[NDArray[np.float64], int]:
-        """Push and plan for a while; returns the commands' periods [ms] and how many plans."""
-        before = len(self.plans)
-        while len(self.plans) == before:
-            self.reset()
-            self._wait(self._plan.call_async(self._request()).done)
-            self._executor.spin_once(timeout_sec=0.1)
-        self.spin(START)
-        first, plans, begin = len(self.stamps), len(self.plans), time.monotonic()
-        while time.monotonic() < begin + seconds:
-            self.act()
-            self.spin(self.every)
-        return np.diff(self.stamps[first:]) * 1e-6, len(self.plans) - plans
-
-    def close(self) -> None:
-        """End the nodes."""
-        self._processes.end()
-        self._node.destroy_node()
-        self._rclpy.shutdown(context=self._context)
 
 
 class Played(Rig):
@@ -273,14 +177,7 @@ def beside(
 
 def run(seconds: float = 20.0, robots: int = 12) -> dict[str, Any]:
     """Measure the pendulum, and so many robots, each for `seconds` without and with the page."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)  # the namespaces are anybody's
-    weak = {'limits.torque': 0.02}
-    pendulum = {
-        'planner': {**weak, **PLANNER},
-        'tracker': {**weak, 'replan.on_deviation': True},
-        'pendulum_plant': {**weak, 'disturbance.impulse': 6e-4},
-    }
+    pendulum = {**PUSHED, 'planner': {**PUSHED['planner'], **PLANNER}}
     crossed = crossing(0, robots).parameters(problem='robot_formation')
     asked = {**crossed, **PLANNER, 'start.source': 'parameters'}
     return {

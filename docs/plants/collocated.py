@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from table import cases, GALLERY
 
 HERE = Path(__file__).resolve().parent
 STARTS, COLD, KEPT = 16, 8, 5
@@ -153,8 +154,7 @@ class Program:
 
 def collocate(cls: Any, variations: Any) -> dict[str, dict[str, Any]]:
     """Return the figures of all cases of a class."""
-    cases = {'default': {}, **{str(i): given for i, given in enumerate(variations)}}
-    problems = {case: cls.from_parameters(given) for case, given in cases.items()}
+    problems = {case: cls.from_parameters(given) for case, given in cases(variations).items()}
     figures: dict[str, dict[str, Any]] = {}
     found: dict[str, list[Motion]] = {}
     programs: dict[str, Program] = {}
@@ -186,11 +186,9 @@ def collocate(cls: Any, variations: Any) -> dict[str, dict[str, Any]]:
 
 if __name__ == '__main__':
     ca.GlobalOptions.setNumpyMode(-1)
-    import table
-
     path = HERE / 'best_known.json'
     known = json.loads(path.read_text()) if path.exists() else {}
-    for module in sys.argv[1:] or table.GALLERY:
-        name, page = table.GALLERY[module], importlib.import_module(module)
+    for module in sys.argv[1:] or GALLERY:
+        name, page = GALLERY[module], importlib.import_module(module)
         known[name] = collocate(getattr(page, name), page.VARIATIONS)
         path.write_text(json.dumps(known, indent=2, sort_keys=True) + '\n')

@@ -50,7 +50,7 @@ class Recordings:
 
     def start(self) -> Path:
         """
-        Begin a recording; returns its folder once messages are recorded.
+        Begin a recording; returns its folder once that is made.
 
         Raises
         ------
