@@ -30,7 +30,12 @@ from typing import Any
 
 import numpy as np
 
-_MARKS = b'@compiled', b'StatedPlant', b'with_slopes'  # of the sources that matter
+_MARKS = (
+    b'@compiled',
+    b'StatedPlant',
+    b'def equations(',
+    b'with_slopes',
+)  # of the sources that matter
 _NAMED = re.compile(rb'tdm_planner((?:\.\w+)+)')
 
 

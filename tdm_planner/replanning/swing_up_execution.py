@@ -130,7 +130,7 @@ class SwingUpExecution(Execution):
         times = law.step * np.arange(first, last + 1)
         errors = state - law.trajectory.sample(times).state
         errors[:, 0] = wrapped(errors[:, 0])
-        costs = law.costs[law.places(times)]
+        costs = law.costs[law.places(times), :4, :4]
         nearest = int(np.argmin(np.einsum('ki,kij,kj->k', errors, costs, errors)))
         if 0 < nearest < len(times) - 1:  # else it was pushed, and the plan goes on as it did
             planned = law.trajectory.sample(times[nearest])
@@ -159,6 +159,6 @@ class SwingUpExecution(Execution):
             references = law.trajectory.sample(elapsed).state
             references[after, 2:] = 0.0
             torques = law.feedforward.means(edges)[:, 0]
-            along = law.gains[law.places(elapsed), 0]
+            along = law.gains[law.places(elapsed), 0, :4]
             gains = np.where(after[:, None], self._tracker.upright.gain, along)
         return FeedbackTable(references, torques, gains, step, self._limit)

@@ -75,7 +75,8 @@ class PlanLaw:
         Return the law of a plan, with gains about every `spacing` s.
 
         `weights` are Q (nx, nx) and R (nu, nu), `terminal` (nx, nx) weighs the deviation at the
-        end.
+        end. States that the plant has beyond the trajectory's are gains of its model, 1 along the
+        plan.
 
         Raises
         ------
@@ -83,12 +84,19 @@ class PlanLaw:
             If there is no feedback along the plan.
 
         """
+        nx = len(trajectory.state_names)
+
+        def with_gains(states: Array) -> Array:
+            return np.pad(states, ((0, 0), (0, len(plant.state_names) - nx)), constant_values=1.0)
+
         if trajectory.rates is None:
-            trajectory = trajectory.with_rates(plant.derivative)
+            trajectory = trajectory.with_rates(
+                lambda state, control: plant.derivative(with_gains(state), control)[:, :nx]
+            )
         steps = min(max(1, round(trajectory.duration / spacing)), _MOST_GAINS)
         step = trajectory.duration / steps
         sample = trajectory.sample(trajectory.times[0] + step * (np.arange(steps) + 0.5))
-        a, b = plant.jacobians(sample.state, sample.control)
+        a, b = plant.jacobians(with_gains(sample.state), sample.control)
         try:
             regulator = time_varying_regulator(a, b, *weights, terminal, step)
         except np.linalg.LinAlgError as error:
@@ -110,9 +118,12 @@ class PlanLaw:
 
     def ahead(self, elapsed: float, rates: Array, error: Array) -> float:
         """
-        Time [s] by which a state is ahead of the plan, by its deviation `error` (nx,) from it.
+        Time [s] by which a state is ahead of the plan, by its deviation `error` from it.
 
-        That is how far along the plan, which changes at `rates` (nx,), the deviation is cheapest.
+        That is how far along the plan, which changes at `rates`, the deviation is cheapest. Both
+        are the leading parts of the regulator's state; what follows is zero.
         """
-        weighed = self.costs[self.places(np.asarray(elapsed))] @ rates
-        return float(weighed @ error) / max(float(weighed @ rates), 1e-300)
+        weighed = rates @ self.costs[self.places(np.asarray(elapsed)), : rates.size]
+        return float(weighed[: error.size] @ error) / max(
+            float(weighed[: rates.size] @ rates), 1e-300
+        )

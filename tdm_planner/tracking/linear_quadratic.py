@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 # |A| h is halved until it is below this, where the series reaches rounding within its terms.
 _SERIES_NORM = 0.25
 _SERIES_TERMS = 10
-_LARGEST_NORM = 700.0  # its exponential just fits a float
+_LARGEST_NORM = 1e6  # beyond it the squarings leave few digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,11 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
 
     """
     nx, nu = b.shape[-2:]
+    # The result is linear in b: in units of its largest entry no large number of it overflows.
+    unit = float(np.abs(b).max(initial=0.0)) * step or 1.0
     block = np.zeros((*b.shape[:-2], nx + nu, nx + nu))
     block[..., :nx, :nx] = a * step
-    block[..., :nx, nx:] = b * step
+    block[..., :nx, nx:] = b * (step / unit)
     largest = float(np.abs(block).sum(axis=-1).max(initial=0.0))
     if not largest < _LARGEST_NORM:
         raise np.linalg.LinAlgError(
@@ -102,9 +104,12 @@ def discretise(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     exponential = identity + block / _SERIES_TERMS
     for order in range(_SERIES_TERMS - 1, 0, -1):
         exponential = identity + block @ exponential / order
-    for _ in range(halvings):
-        exponential = exponential @ exponential
-    return exponential[..., :nx, :nx], exponential[..., :nx, nx:]
+    with np.errstate(over='ignore', invalid='ignore'):
+        for _ in range(halvings):
+            exponential = exponential @ exponential
+    if not np.isfinite(exponential).all():
+        raise np.linalg.LinAlgError(f'the transition over {step:g} s is not finite')
+    return exponential[..., :nx, :nx], unit * exponential[..., :nx, nx:]
 
 
 def time_varying_regulator(

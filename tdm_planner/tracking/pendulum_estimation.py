@@ -7,7 +7,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The pendulum's state, and how strong gravity and the arm's pull are against the model."""
+"""The pendulum's state, and what its constants are against those of the model."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from tdm_planner.tracking.estimator import (
     StateEstimator,
 )
 from tdm_planner.tracking.tracker_parameters import NOISE
+
+GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'torque_gain'
 
 _FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
 _RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
@@ -54,10 +56,14 @@ class EstimatorParameters(Validated):
 
 
 class EstimatedPendulum(PlantWithGains):
-    """The pendulum with two more states: gravity's torque and the arm's pull over the model's."""
+    """
+    The pendulum with four more states: its constants over those of the model.
 
-    state_names = (*RotaryPendulum.state_names, 'gravity_gain', 'arm_gain')
-    state_units = (*RotaryPendulum.state_units, '', '')
+    The pendulum's own inertia is the model's: only ratios of inertias and torques matter.
+    """
+
+    state_names = (*RotaryPendulum.state_names, *GAINS)
+    state_units = (*RotaryPendulum.state_units, *[''] * len(GAINS))
     control_names = RotaryPendulum.control_names
     control_units = RotaryPendulum.control_units
 
@@ -66,9 +72,10 @@ class EstimatedPendulum(PlantWithGains):
         k: Coefficients, state: Sequence[Any], control: Sequence[Any]
     ) -> tuple[Any, ...]:
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
-        *motion, gravity, arm = state
-        true = k._replace(gravity=gravity * k.gravity, arm=arm * k.arm)
-        return (*RotaryPendulum.equations(true, motion, control), 0.0, 0.0)
+        *motion, gravity, arm, disk, motor = state
+        true = k._replace(gravity=gravity * k.gravity, arm=arm * k.arm, disk=disk * k.disk)
+        torque = [motor * part for part in control]
+        return (*RotaryPendulum.equations(true, motion, torque), 0.0, 0.0, 0.0, 0.0)
 
 
 def longest_step(plant: RotaryPendulum) -> float:
@@ -79,19 +86,19 @@ def longest_step(plant: RotaryPendulum) -> float:
 def pendulum_estimator(
     plant: RotaryPendulum, assumed: EstimatorParameters, longest_gap: float
 ) -> StateEstimator:
-    """Return the estimator of the pendulum's states and of the gains (6,)."""
+    """Return the estimator of the pendulum's states and of the gains (8,)."""
     frequency, rate_noise = plant.natural_frequency, assumed.rate_noise
     if rate_noise is None:
         rate_noise = _RATE_NOISE * frequency
-    measured = [assumed.angle_noise] * 2 + [rate_noise] * 2
+    measured, gains = [assumed.angle_noise] * 2 + [rate_noise] * 2, len(GAINS)
     noise = EstimatorNoise(
-        measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
+        measurement=np.array(measured + [GAIN_UNKNOWN] * gains),
         model=assumed.model_error,
-        rate_floor=np.full(6, _RATE_FLOOR * frequency**2),
-        driven=np.array([False, False, True, True, False, False]),
+        rate_floor=np.full(4 + gains, _RATE_FLOOR * frequency**2),
+        driven=np.array([False, False, True, True] + [False] * gains),
         lasting=_LASTING / frequency,
-        prior=np.array(measured + [_GAIN_SPREAD] * 2),
+        prior=np.array(measured + [_GAIN_SPREAD] * gains),
     )
-    angles = np.array([True, False, False, False, False, False])
+    angles = np.array([True] + [False] * (3 + gains))
     estimated, step = EstimatedPendulum(plant), longest_step(plant)
     return StateEstimator(estimated, noise, angles, longest_gap, step)

@@ -18,10 +18,11 @@ saturated at the actuator's limit, of which the plan leaves a share to the feedb
 that swings more slowly than its model is late after a few swings, and no weak motor brings it
 forward: s, how far the plan has come, follows the state, and the plan is played at the pendulum's
 own pace, the root of its gravity over the model's, which is estimated on the way. Planned rates
-grow with the pace, planned torques with its square. The regulator
-about upright is active from the plan's end. It is so before where the plan is lost, if the state
-is inside the largest level set of its cost to go, x'P x <= T_max^2 / (K P^-1 K'), in which its
-torque does not saturate.
+grow with the pace, planned torques with its square. The other constants are estimated as well.
+What they differ by is part of x, which stays constant: the feedback foresees what that does along
+the rest of the plan. The regulator about upright is active from the plan's end. It is so before
+where the plan is lost, if the state is inside the largest level set of its cost to go,
+x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
 from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.pendulum_estimation import (
+    EstimatedPendulum,
     EstimatorParameters,
+    GAINS,
     longest_step,
     pendulum_estimator,
 )
@@ -142,9 +145,11 @@ class PendulumTracker(TrajectoryTracker):
 
     def prepare(self, trajectory: Trajectory) -> PlanLaw:
         """Compute the gains along the plan."""
-        plant, terminal = self.parameters.plant, self.upright.cost_to_go
-        weights = self._q, self._r
-        return PlanLaw.along(plant, trajectory, weights, terminal, longest_step(plant))
+        plant, more = self.parameters.plant, (0, len(GAINS))
+        weights = np.pad(self._q, more), self._r
+        terminal = np.pad(self.upright.cost_to_go, more)
+        spacing = longest_step(plant)
+        return PlanLaw.along(EstimatedPendulum(plant), trajectory, weights, terminal, spacing)
 
     def error(self, state: Array, reference: Array) -> Array:
         """State minus reference (4,); theta the shorter way round."""
@@ -163,7 +168,13 @@ class PendulumTracker(TrajectoryTracker):
         first, step = law.trajectory.times[0] + elapsed, motion.pace * self.parameters.interval
         planned = motion.pace**2 * law.feedforward.mean(first, first + step)
         reference = law.trajectory.sample(first).state * self._scale(motion.pace)
-        return self._action(planned, law.gain(elapsed), state, reference)
+        gain, off = law.gain(elapsed), self._off(state, motion.pace)
+        return self._action(planned - gain[:, 4:] @ off, gain[:, :4], state, reference)
+
+    @staticmethod
+    def _off(state: Array, pace: float) -> Array:
+        """Return what the estimated gains differ by from those of a plan played at a pace."""
+        return np.asarray(state[4:] / [pace**2, 1.0, 1.0, 1.0] - 1.0)
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
         """Move the plan towards where the state is on it, and play it at the rig's own pace."""
@@ -172,6 +183,7 @@ class PendulumTracker(TrajectoryTracker):
         planned = law.trajectory.sample(law.trajectory.times[0] + elapsed)
         error = self.error(state, planned.state * self._scale(motion.pace))
         rates = plant.derivative(planned.state, planned.control)
+        error = np.append(error, self._off(state, motion.pace))
         step = plant.natural_frequency * self.parameters.interval
         most = _AHEAD / plant.natural_frequency
         ahead = min(max(law.ahead(elapsed, rates, error), -most), most)

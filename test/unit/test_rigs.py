@@ -12,9 +12,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmark.rigs import rig
 from closed_loop import Loop, pendulum
 import numpy as np
 import pytest
@@ -24,6 +26,8 @@ from tdm_planner.parameters import build, specifications
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_planner.tracking.motion import wrapped
+from tdm_sim.report.verdict import arrival
+from tdm_sim.study.flights import ClosedLoop, fly
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 NODES = {'planner': '/pendulum', 'tracker': '/pendulum', 'pendulum_plant': '/pendulum'}
@@ -51,12 +55,26 @@ def test_every_node_takes_the_same_rig_and_the_commands_are_quick_enough(path: P
 @pytest.mark.parametrize('path', RIGS, ids=lambda path: path.stem)
 def test_a_rig_off_by_five_per_cent_is_caught_and_held(path: Path) -> None:
     """Twelve natural periods / 2 pi after the planned end."""
-    rig = tracker(path)
+    follower = tracker(path)
     plan = PendulumSwingUp.from_parameters(values(path, 'planner')).solve(deadline=5.0).trajectory
-    loop = Loop(pendulum(rig, mismatch=0.05, noise=1.0))
+    loop = Loop(pendulum(follower, mismatch=0.05, noise=1.0))
     loop.begin(plan)
-    loop.run(plan.duration + 24.0 / rig.parameters.plant.natural_frequency)
+    loop.run(plan.duration + 24.0 / follower.parameters.plant.natural_frequency)
     assert loop.tracker.phase is Phase.HOLDING
     count = round(HELD / loop.tick)
     last = np.array(loop.states[-count:])
     assert np.abs(wrapped(last[:, 0])).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ('seed', 'off', 'rate'), [(9612, 2, 320.0), (9650, 1, 200.0), (9655, 0, 320.0)]
+)
+def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: float) -> None:
+    """They were lost near the end, or no feedback was found for their plans (9655)."""
+    problem = replace(rig(seed), torque_reserve=0.2)
+    plan = problem.solve(deadline=20.0)
+    mission = fly(problem, plan, ClosedLoop(mismatch=0.05, rate=rate), off)
+    (vehicle,) = mission.vehicles
+    since = arrival(vehicle)
+    assert since is not None
+    assert since < plan.duration + 3.0

@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 import shutil
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from tdm_planner.plants import slopes
+from tdm_planner.tracking.pendulum_estimation import EstimatedPendulum
 
 
 def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_kernels(
@@ -32,6 +34,12 @@ def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_
     with (installed / 'problems' / 'polynomial_kernels.py').open('a') as kernel:
         kernel.write('# changed\n')
     assert slopes._sources(installed) != sources
+
+
+def test_derivatives_are_written_anew_where_the_equations_of_an_estimator_change() -> None:
+    """They were kept, with the shapes of another version."""
+    equations = Path(inspect.getfile(EstimatedPendulum)).read_bytes()
+    assert equations in slopes._sources(Path(slopes.__file__).parents[1])
 
 
 class Pair(NamedTuple):

@@ -256,6 +256,19 @@ def test_discretisation_is_the_matrix_exponential(seed: int, step: float) -> Non
         assert np.allclose(gamma, exact[:4, 4:], rtol=1e-10, atol=1e-10 * np.abs(exact).max())
 
 
+def test_strong_controls_and_stiff_plants_have_a_transition() -> None:
+    a, b = system(0)
+    transition, held = discretise(a, b, 0.01)
+    strongly = discretise(a, 1e9 * b, 0.01)
+    np.testing.assert_array_equal(strongly[0], transition)
+    np.testing.assert_allclose(strongly[1], 1e9 * held, rtol=1e-12)
+    swinging = np.array([[0.0, 1.0], [-3e5, 0.0]])  # at 550 rad/s, light disks do
+    transition, _ = discretise(swinging, np.zeros((2, 1)), 0.004)
+    np.testing.assert_allclose(transition, expm(0.004 * swinging), rtol=1e-9)
+    with pytest.raises(np.linalg.LinAlgError, match='too large'):
+        discretise(1e9 * a, b, 0.01)
+
+
 @SETTINGS
 @given(seed=SEEDS)
 def test_regulators_stabilise_and_are_the_limit_of_long_horizons(seed: int) -> None:
