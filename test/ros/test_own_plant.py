@@ -183,11 +183,6 @@ def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
         ros.start('tdm_sim.stated_plant', {'problem': f'{__name__}:Blurred'}, namespace='own')
 
 
-def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:
-    with pytest.raises(Exception, match='or a stated problem such as my_module:MyProblem'):
-        ros.start('tdm_planner.nodes.tracker', {'kind': 'hovercraft'}, namespace='own')
-
-
 @dataclass(frozen=True)
 class Kind(Rail):
     """A parameter has the name of one of the tracker's own."""
