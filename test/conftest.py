@@ -33,7 +33,7 @@ if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3
 if None in map(importlib.util.find_spec, ('distributed', 'pyarrow')):  # of the extra `study`
     collect_ignore_glob.append('*/study/*')
 
-# Those that take longest: begun first, so that no process has a long one left when others are done.
+# What takes longest is begun first: no process has a long file left when the others are done.
 LONGEST = (
     *('test_demo', 'test_ended', 'test_demo_ends', 'test_recorded'),
     *('test_pendulum_swing_up', 'test_own_plant', 'test_hostile_network', 'test_tracker'),

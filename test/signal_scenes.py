@@ -11,7 +11,7 @@
 Processes in every phase of their lives, to be ended by signals: see `SCENES`, `WAYS`, `Subject`.
 
 Some end in one way in test/system/test_ended.py, all in every way in
-test/nightly/faults/test_process_faults.py.
+test/nightly/faults/test_all_faults.py.
 """
 
 from __future__ import annotations

@@ -108,24 +108,6 @@ def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     plant.end_cleanly()
 
 
-def test_a_real_pendulum_is_drawn_by_the_planner(ros: Stepped) -> None:
-    planner = ros.start(PLANNER, {'start.source': 'parameters'}, namespace='pendulum')
-    viewer = Viewer(ros, '/pendulum/plant_markers')
-    states = ros.publisher('/pendulum/joint_states', JointState)
-    assert viewer.shows_nothing()  # nothing is measured yet
-    message = JointState(name=['disk', 'pendulum'], position=[0.7, 3.0], velocity=[0.0, 0.0])
-    assert ros.publish_until(
-        lambda: states.publish(message),
-        lambda: viewer.showing(lambda scene: scene.namespaces == RIG),
-    ), planner.output
-    check_markers(viewer.arrays[-1], 'world', LIFETIME)
-    end = viewer.scene['body', 0].points[1]
-    assert math.atan2(end.y, end.x) == pytest.approx(0.7)
-    ros.spin_for(0.5)
-    assert viewer.shows_nothing()  # what is too old is drawn no more
-    planner.end_cleanly()
-
-
 # The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
 
 
@@ -291,6 +273,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Rob
 
 def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> None:
     viewer = Viewer(ros, '/robots/robot2/plant_markers')
+    assert viewer.shows_nothing()  # nothing is measured yet
     odometry = ros.publisher('/robots/robot2/odom', Odometry)
     joints = ros.publisher('/robots/robot2/joint_states', JointState)
     message = Odometry()
@@ -314,3 +297,5 @@ def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> N
     assert (where.x, where.y) == (1.5, 2.5)
     assert turned(scene['force', 3]) == pytest.approx(0.7 - math.pi)
     assert scene['name'].text == 'robot2'
+    ros.spin_for(0.5)
+    assert viewer.shows_nothing()  # what is too old is drawn no more

@@ -110,9 +110,7 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str
         node.end_cleanly()
 
 
-def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(
-    ros: Stepped,
-) -> None:
+def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros: Stepped) -> None:
     # joined late, the lander is above its plan: planned control and feedback are zero
     loop = Loop(ros, 'moon_lander:MoonLander', **{'start.delay': 0.0})
     assert loop.away(loop.end) < 5 * ALLOWED

@@ -376,9 +376,7 @@ class Scout(Bench):
 
 
 @pytest.mark.usefixtures('laborious')
-def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
-    ros: Stepped,
-) -> None:
+def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Stepped) -> None:
     """However many were looked at before, a plan is looked at while there is time to turn."""
     scout = Scout(ros)
     assert scout.says('idle', level=OK)

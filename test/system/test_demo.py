@@ -18,16 +18,12 @@ from __future__ import annotations
 from collections import Counter
 import os
 from pathlib import Path
-import signal
 from typing import Any
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
-from signal_scenes import survivors
 from tdm_planner.nodes.messages import nanoseconds_of
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 import yaml

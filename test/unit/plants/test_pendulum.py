@@ -267,13 +267,6 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
     np.testing.assert_array_equal(one.costs, many.costs)
 
 
-def test_shooting_stops_when_told():
-    batch = random_batch(170)
-    before = batch.durations.copy()
-    assert shoot(PLANT, START, batch, 2.0, 12, lambda: True) == 0
-    np.testing.assert_array_equal(batch.durations, before)
-
-
 def test_pumping_goes_where_it_says():
     k, count, most = PLANT.coefficients, 24, 64
     hanging = np.array([np.pi, 0.0, 0.0, 0.0])

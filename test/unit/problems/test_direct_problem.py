@@ -17,13 +17,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import (
-    Duration,
-    Integrated,
-    Output,
-    PowerProducts,
-    SineSeries,
-)
+from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription

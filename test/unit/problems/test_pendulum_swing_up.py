@@ -275,11 +275,3 @@ def test_what_cannot_be_done_is_said_so(torque, start, others, seconds, words, c
     with pytest.raises(Infeasible, match=words) as caught:
         problem(torque, start, **others).solve(seconds)
     assert code in caught.value.code
-
-
-def test_problems_are_values_and_leave_parameters_of_nodes_alone():
-    made = PendulumSwingUp.from_parameters({'start.source': 'measured', 'start.theta': 1.0})
-    assert made.start.theta == 1.0
-    assert problem() == problem()
-    assert hash(problem()) == hash(problem())
-    assert dataclasses.replace(problem(), torque_reserve=0.1) != problem()

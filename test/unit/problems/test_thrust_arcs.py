@@ -146,10 +146,7 @@ def test_weak_burns_are_left_out_and_the_others_corrected():
 
 def test_zones_moving_starts_and_robots_that_stay():
     drawn = crossing(5)
-    stay = {
-        'robot3.start.x': float(drawn.goal[2, 0]),
-        'robot3.start.y': float(drawn.goal[2, 1]),
-    }
+    stay = {'robot3.start.x': float(drawn.goal[2, 0]), 'robot3.start.y': float(drawn.goal[2, 1])}
     changes = {**MOVING, **stay, 'arena.obstacles': [0.3, 3.7, 0.2], 'arena.tracking_margin': 0.01}
     asked = problem(5, **changes)
     solution = asked.solve()
