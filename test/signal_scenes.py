@@ -202,7 +202,7 @@ def demo(ros: Ros, phase: str) -> Subject:
     parameters = ros.folder / 'strong.yaml'
     parameters.write_text(
         '/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n'
-        f'    solver: {{deadline: {ENOUGH}}}\n'
+        f'    solver: {{deadline: {ENOUGH}}}\n    start: {{delay: 3.0}}\n'
     )
     out = str(ros.folder / uuid.uuid4().hex)
     arguments = ['demo', 'pendulum', '-o', out, '--params', str(parameters)]
