@@ -144,12 +144,6 @@ def test_least_effort(change, solver, interpolation, accuracy):
     assert 'allowed value' not in solution.summary
 
 
-def test_a_free_start_is_not_a_number():
-    free = type('Free', (Cart,), {'outputs': lambda self: {'x': Output({0: 1.0}, (0.0, 0.0))}})
-    ends = Ends.of(CheckedFormulation(free()))
-    np.testing.assert_array_equal(ends.states[0], [1.0, np.nan])
-
-
 def test_a_limit_is_kept_between_the_nodes_and_a_plan_is_a_start():
     problem = Cart(limit=1.3, solver=LONG)
     solution = problem.solve()

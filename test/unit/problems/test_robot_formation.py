@@ -133,16 +133,6 @@ def test_variants_of_the_method_and_of_the_task(changes, varied):
     assert_flies(problem, solution)
 
 
-def test_given_end_accelerations_are_met():
-    problem = formation(
-        **{'end_accelerations': 'given', 'robot1.start.alpha': 0.3, 'robot1.start.thrust': 0.5}
-    )
-    solution = problem.solve()
-    assert_flies(problem, solution)
-    assert solution.trajectories['robot1'].control('thrust')[0] == pytest.approx(0.5, abs=0.02)
-    assert solution.trajectories['robot2'].control('thrust')[0] == pytest.approx(0.0, abs=0.02)
-
-
 def test_the_tolerance_is_what_the_minimiser_is_content_with():
     """Robots that pass as near as allowed: the less of it is feasible, the longer it takes."""
     evaluations = []

@@ -10,7 +10,6 @@
 """Thrust arcs: the rounded polyline and its slopes, plans of least gas, guesses, warm starts."""
 
 from dataclasses import replace
-import itertools
 
 from benchmark.scenarios import crossing
 import numpy as np
@@ -176,11 +175,3 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     arrivals = [(again.trajectories[name].duration, plan.duration) for name, plan in rest.items()]
     assert all(new == pytest.approx(old, abs=0.5) for new, old in arrivals)
-
-
-def test_pairs_keep_their_distance_between_samples(plans):
-    solution = plans['thrust_arcs'][2]
-    times = np.linspace(0.0, solution.duration, 5000)
-    places = [plan.sample(times).state[:, :2] for plan in solution.trajectories.values()]
-    for one, other in itertools.combinations(places, 2):
-        assert np.hypot(*(one - other).T).min() >= 0.4
