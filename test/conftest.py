@@ -33,6 +33,26 @@ if importlib.util.find_spec('cyclonedds') is None:  # its wheels end at Python 3
 if None in map(importlib.util.find_spec, ('distributed', 'pyarrow')):  # of the extra `study`
     collect_ignore_glob.append('*/study/*')
 
+# What takes longest is begun first: no process has a long file left when the others are done.
+LONGEST = (
+    *('test_demo', 'test_ended', 'test_demo_ends', 'test_recorded'),
+    *('test_pendulum_swing_up', 'test_own_plant', 'test_hostile_network', 'test_tracker'),
+    *('test_problems', 'test_faults', 'test_bad_statements', 'test_study', 'test_fuzz'),
+    *('test_replanning', 'test_browser', 'test_receding_horizon', 'test_robot_formation'),
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let pytest-xdist hand out files in the order of the collection."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of long files first."""
+    rank = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
 # The same cases in every run, and no time limit: the machine may be busy.
 settings.register_profile('same', derandomize=True, deadline=None)
 settings.load_profile('same')

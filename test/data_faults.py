@@ -12,7 +12,7 @@ Faults of data: streams of states that are spoiled, clocks that are set, while a
 
 `FAULTS` has what is done by name; each asserts what docs/reliability.md promises, and returns what
 was measured, on `misled_rig`: nodes in the test's process, with a time that the test steps. Some
-are tried in test/ros/test_faults.py, all in test/nightly/faults/test_data_faults.py.
+are tried in test/ros/test_faults.py, all in test/nightly/faults/test_all_faults.py.
 """
 
 from __future__ import annotations

@@ -132,11 +132,7 @@ class NodeProcess(Started):
     """One node in a process group of its own, started as ``python -m MODULE``."""
 
     def __init__(
-        self,
-        module: str,
-        arguments: list[str],
-        environment: Mapping[str, str],
-        folder: Path,
+        self, module: str, arguments: list[str], environment: Mapping[str, str], folder: Path
     ) -> None:
         self.module = module
         self.output_file = Path(

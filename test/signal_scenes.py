@@ -11,7 +11,7 @@
 Processes in every phase of their lives, to be ended by signals: see `SCENES`, `WAYS`, `Subject`.
 
 Some end in one way in test/system/test_ended.py, all in every way in
-test/nightly/faults/test_process_faults.py.
+test/nightly/faults/test_all_faults.py.
 """
 
 from __future__ import annotations
@@ -202,7 +202,7 @@ def demo(ros: Ros, phase: str) -> Subject:
     parameters = ros.folder / 'strong.yaml'
     parameters.write_text(
         '/**:\n  ros__parameters:\n    limits: {torque: 0.09}\n'
-        f'    solver: {{deadline: {ENOUGH}}}\n'
+        f'    solver: {{deadline: {ENOUGH}}}\n    start: {{delay: 3.0}}\n'
     )
     out = str(ros.folder / uuid.uuid4().hex)
     arguments = ['demo', 'pendulum', '-o', out, '--params', str(parameters)]

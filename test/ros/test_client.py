@@ -26,14 +26,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
-from tdm_planner.exceptions import (
-    ERRORS,
-    Infeasible,
-    InvalidProblem,
-    NoAnswer,
-    NoState,
-    TdmError,
-)
+from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState, TdmError
 from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum

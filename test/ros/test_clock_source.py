@@ -66,6 +66,7 @@ def test_the_clock_goes_on_in_whole_steps_and_stamps_are_its_instants(told: Told
 
 
 def test_it_waits_for_who_does_not_keep_up_but_not_for_the_silent(told: Told) -> None:
+    assert told.ros.set_parameters(PLANT, real_time_factor=0.5) == ['']
     commands = told.ros.publisher('/slow/joint_command', JointState)
     command = JointState(name=['disk'], effort=[0.0])
     now = told.listen(0.1)[-1]
@@ -85,8 +86,8 @@ def test_planner_and_tracker_follow_the_clock(told: Told) -> None:
     tracking = {'rate': 100.0, 'state_timeout': 1.0, 'limits.torque': 0.09}
     planning = {'start.delay': 0.5, 'limits.torque': 0.09, 'torque_reserve': 0.2}
     assert ros.set_parameters(PLANT, real_time_factor=1.0, limits__torque=0.09) == ['', '']
-    ros.start(MODULES['tracker'], tracking, namespace='slow')
-    ros.start(MODULES['planner'], planning, namespace='slow')
+    nodes = (('tracker', tracking), ('planner', planning))
+    started = [ros.start(MODULES[name], given, namespace='slow') for name, given in nodes]
     commands = ros.subscribe('/slow/joint_command', JointState, 10)
     plans = ros.subscribe('/slow/trajectory', JointTrajectory, LATCHED)
     assert ros.spin_until(lambda: len(commands) > 5)
@@ -98,6 +99,8 @@ def test_planner_and_tracker_follow_the_clock(told: Told) -> None:
     after = nanoseconds_of(told.clocks[-1].clock)
     assert before <= nanoseconds_of(plans[-1].header.stamp) - 500_000_000 <= after
     assert ros.says('/slow/tracker: tracking', 'holding')
+    for node in started:
+        node.end_cleanly()
 
 
 def test_a_second_clock_is_told_of(told: Told) -> None:

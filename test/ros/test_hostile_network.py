@@ -77,5 +77,5 @@ def test_nodes_survive_whatever_comes_and_write_nothing_but_logs(
         monkeypatch.setenv(name, str(tmp_path))
     nodes.refuse_types_that_do_not_exist()
     nodes.ignore_stamps_that_no_clock_shows()
-    nodes.endure(50)
+    nodes.endure(30)
     assert not os.listdir(tmp_path)

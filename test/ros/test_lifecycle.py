@@ -328,9 +328,7 @@ class FragileTracker(TrackerNode):
         super().deactivate()
 
 
-def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(
-    ros: Stepped,
-) -> None:
+def test_what_breaks_down_leaves_the_node_unconfigured_and_the_plant_safe(ros: Stepped) -> None:
     process = ros.add(FragileTracker, ros_arguments({'use_sim_time': True, **WAITING}, 'fragile'))
     commands = ros.subscribe('/fragile/joint_command', JointState)
     manager = Manager(ros, '/fragile/tracker')

@@ -108,24 +108,6 @@ def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     plant.end_cleanly()
 
 
-def test_a_real_pendulum_is_drawn_by_the_planner(ros: Stepped) -> None:
-    planner = ros.start(PLANNER, {'start.source': 'parameters'}, namespace='pendulum')
-    viewer = Viewer(ros, '/pendulum/plant_markers')
-    states = ros.publisher('/pendulum/joint_states', JointState)
-    assert viewer.shows_nothing()  # nothing is measured yet
-    message = JointState(name=['disk', 'pendulum'], position=[0.7, 3.0], velocity=[0.0, 0.0])
-    assert ros.publish_until(
-        lambda: states.publish(message),
-        lambda: viewer.showing(lambda scene: scene.namespaces == RIG),
-    ), planner.output
-    check_markers(viewer.arrays[-1], 'world', LIFETIME)
-    end = viewer.scene['body', 0].points[1]
-    assert math.atan2(end.y, end.x) == pytest.approx(0.7)
-    ros.spin_for(0.5)
-    assert viewer.shows_nothing()  # what is too old is drawn no more
-    planner.end_cleanly()
-
-
 # The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
 
 
@@ -138,18 +120,19 @@ def jet(scene: Scene) -> float:
 class Robots:
     """The robots' planner, what it publishes, and goal poses for robot1."""
 
-    def __init__(self, ros: Stepped) -> None:
+    def __init__(self, ros: Stepped, space: str = 'robots') -> None:
         self.ros = ros
         parameters = {'problem': 'robot_formation', 'start.source': 'parameters'}
-        self.here = ros.start(PLANNER, parameters, namespace='robots')
-        self.plan = Viewer(ros, '/robots/markers', LATCHED)
-        self.trajectories = ros.subscribe('/robots/robot1/trajectory', JointTrajectory, LATCHED)
-        self.live = Viewer(ros, '/robots/robot1/plant_markers')
-        self._goals = ros.publisher('/robots/robot1/goal_pose', PoseStamped)
+        self.here = ros.start(PLANNER, parameters, namespace=space)
+        self.plan = Viewer(ros, f'/{space}/markers', LATCHED)
+        self.trajectories = ros.subscribe(f'/{space}/robot1/trajectory', JointTrajectory, LATCHED)
+        self.live = Viewer(ros, f'/{space}/robot1/plant_markers')
+        self._goals = ros.publisher(f'/{space}/robot1/goal_pose', PoseStamped)
         assert ros.meet(lambda: bool(self.plan.arrays))
 
     def set(self, **values: Any) -> None:  # noqa: A003
-        assert set(self.ros.set_parameters('/robots/planner', **values)) <= {''}
+        node = f'{self.here.node.get_namespace()}/planner'
+        assert set(self.ros.set_parameters(node, **values)) <= {''}
 
     @property
     def place(self) -> list[float]:
@@ -184,17 +167,20 @@ class Robots:
 
 @pytest.fixture(scope='module')
 def robots(ros: Stepped) -> Robots:
-    return Robots(ros)
+    made = Robots(ros)
+    assert ros.trigger('/robots/plan')[0]
+    return made
 
 
-def test_the_set_up_and_then_the_plan_is_shown(ros: Stepped, robots: Robots) -> None:
+def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros: Stepped) -> None:
+    robots = Robots(ros, 'shown')
     array = robots.plan.arrays[-1]
     check_markers(array, 'arena', 0.0)
     assert Scene(array).namespaces == {'body', 'limit', 'goal', 'reach'}
     robots.set(arena__length=6.0)
     assert robots.plan.shows(lambda scene: max(p.x for p in scene['body', 0].points) == 6.0)
     robots.set(arena__length=4.0)
-    done, answer = ros.trigger('/robots/plan')
+    done, answer = ros.trigger('/shown/plan')
     assert done, answer
     # Trackers and plants that are missing are named.
     names = ['robot1', 'robot2', 'robot3']
@@ -206,9 +192,6 @@ def test_the_set_up_and_then_the_plan_is_shown(ros: Stepped, robots: Robots) -> 
     each = {('goal', 0), ('goal', 1), ('reach', 2), ('planned_path', 0)}
     robots_own = {(name, 100 * k + place) for k in (1, 2, 3) for name, place in each}
     assert Scene(array).names == {('body', 0), ('limit', 1)} | robots_own
-
-
-def test_a_goal_pose_moves_the_robots_place(ros: Stepped, robots: Robots) -> None:
     robots.clear()
     robots.goal(3.2, 3.1, yaw=2.0)
     assert ros.spin_until(lambda: bool(robots.trajectories)), robots.here.output
@@ -222,9 +205,10 @@ def test_a_goal_pose_moves_the_robots_place(ros: Stepped, robots: Robots) -> Non
     assert (path[-1].x, path[-1].y) == pytest.approx((3.2, 3.1), abs=5e-3)
     # The service goes on from there.
     robots.clear()
-    assert ros.trigger('/robots/plan')[0]
+    assert ros.trigger('/shown/plan')[0]
     assert ros.spin_until(lambda: bool(robots.trajectories))
     assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
+    robots.here.end_cleanly()
 
 
 @pytest.mark.parametrize(
@@ -289,6 +273,7 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Rob
 
 def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> None:
     viewer = Viewer(ros, '/robots/robot2/plant_markers')
+    assert viewer.shows_nothing()  # nothing is measured yet
     odometry = ros.publisher('/robots/robot2/odom', Odometry)
     joints = ros.publisher('/robots/robot2/joint_states', JointState)
     message = Odometry()
@@ -312,3 +297,5 @@ def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> N
     assert (where.x, where.y) == (1.5, 2.5)
     assert turned(scene['force', 3]) == pytest.approx(0.7 - math.pi)
     assert scene['name'].text == 'robot2'
+    ros.spin_for(0.5)
+    assert viewer.shows_nothing()  # what is too old is drawn no more

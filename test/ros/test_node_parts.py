@@ -15,7 +15,6 @@ from typing import Any
 
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-import pytest
 from ros_harness import MODULES
 from stepped_ros import Stepped
 from tdm_planner.nodes.clocks import MotionClock
@@ -63,78 +62,56 @@ def test_diagnostics_are_published_every_second_and_on_change(ros: Stepped) -> N
 class Unset(MotionClock):
     """A clock whose instants are nanoseconds, of a time of day that may be set."""
 
-    step = 0
-
     def __init__(self) -> None:
         """Need no node."""
+        self.step = 0
 
     def instant(self, stamp: int) -> float:
         return float(stamp - self.step)
 
 
-class Told:
-    """A watch, and a publisher in the tracker's place."""
+TOLD: list[tuple[dict[int, int], Mode, int | None, bool]] = [  # what is known of the plan at 7
+    ({5: EXECUTING}, Mode.FOLLOWING, 5, False),
+    ({5: SUCCEEDED}, Mode.FOLLOWING, 5, False),
+    ({5: ACCEPTED}, Mode.FOLLOWING, 5, False),  # its start has come meanwhile
+    ({7: ACCEPTED}, Mode.FOLLOWING, 7, False),
+    ({9: ACCEPTED}, Mode.IDLE, None, False),
+    ({5: EXECUTING, 6: ACCEPTED}, Mode.FOLLOWING, 6, False),
+    ({5: EXECUTING, 6: ABORTED}, Mode.FOLLOWING, 5, False),
+    ({5: CANCELING, 9: ACCEPTED}, Mode.RECOVERING, None, False),
+    ({5: ABORTED}, Mode.IDLE, None, False),
+    ({5: CANCELED}, Mode.IDLE, None, True),
+    ({}, Mode.IDLE, None, True),
+]
 
-    def __init__(self, ros: Stepped) -> None:
-        self.ros = ros
-        self.watch = TrackerWatch(ros.node, Unset(), 'told/', PendulumTrackerParameters)
-        self.publisher = ros.publisher('told/tracker_status', GoalStatusArray, LATCHED)
 
-    def tell(self, **statuses: int) -> TrackerWatch:
-        """Tell the status of plans, by their starts with a letter before."""
-        plans = [goal_status(int(name[1:]), status) for name, status in statuses.items()]
-        self.publisher.publish(GoalStatusArray(status_list=plans))
-        self.ros.settle()
-        return self.watch
+def test_the_mode_is_what_the_tracker_tells(ros: Stepped) -> None:
+    """By the status of plans, by their starts; where the clock is set a plan goes on."""
+    clock = Unset()
+    watch = TrackerWatch(ros.node, clock, 'told/', PendulumTrackerParameters)
+    publisher = ros.publisher('told/tracker_status', GoalStatusArray, LATCHED)
 
+    def tell(statuses: dict[int, int]) -> None:
+        plans = [goal_status(start, status) for start, status in statuses.items()]
+        publisher.publish(GoalStatusArray(status_list=plans))
+        ros.settle()
 
-@pytest.fixture(scope='module')
-def told(ros: Stepped) -> Told:
-    made = Told(ros)
-    watch = made.watch  # where no tracker was heard, the plan is taken to be followed
+    # Where no tracker was heard, the plan is taken to be followed.
     assert not watch.heard
-    assert watch.mode(7) is Mode.FOLLOWING
-    assert watch.followed(7) is None
-    assert not watch.inactive
+    assert (watch.mode(7), watch.followed(7), watch.inactive) == (Mode.FOLLOWING, None, False)
     assert not watch.rejects(5)
-    return made
-
-
-@pytest.mark.parametrize(
-    ('statuses', 'mode', 'followed', 'inactive'),
-    [
-        ({'p5': EXECUTING}, Mode.FOLLOWING, 5, False),
-        ({'p5': SUCCEEDED}, Mode.FOLLOWING, 5, False),
-        ({'p5': ACCEPTED}, Mode.FOLLOWING, 5, False),  # its start has come meanwhile
-        ({'p7': ACCEPTED}, Mode.FOLLOWING, 7, False),
-        ({'p9': ACCEPTED}, Mode.IDLE, None, False),
-        ({'p5': EXECUTING, 'p6': ACCEPTED}, Mode.FOLLOWING, 6, False),
-        ({'p5': EXECUTING, 'p6': ABORTED}, Mode.FOLLOWING, 5, False),
-        ({'p5': CANCELING, 'p9': ACCEPTED}, Mode.RECOVERING, None, False),
-        ({'p5': ABORTED}, Mode.IDLE, None, False),
-        ({'p5': CANCELED}, Mode.IDLE, None, True),
-        ({}, Mode.IDLE, None, True),
-    ],
-    ids=str,
-)
-def test_the_mode_is_what_the_tracker_tells(
-    told: Told, statuses: dict[str, int], mode: Mode, followed: int | None, inactive: bool
-) -> None:
-    watch = told.tell(**statuses)
-    assert watch.heard
-    assert watch.mode(7) is mode
-    assert watch.followed(7) == followed
-    assert watch.inactive == inactive
-    for name, status in statuses.items():
-        assert watch.rejects(int(name[1:])) == (status in (ABORTED, CANCELED, CANCELING))
-    assert watch.rejects(1234)
-
-
-def test_a_plan_goes_on_when_the_clock_is_set(told: Told) -> None:
-    watch = told.tell(p5=EXECUTING)
-    Unset.step = 100
+    for statuses, *expected in TOLD:
+        tell(statuses)
+        assert watch.heard
+        assert [watch.mode(7), watch.followed(7), watch.inactive] == expected, statuses
+        for start, status in statuses.items():
+            assert watch.rejects(start) == (status in (ABORTED, CANCELED, CANCELING))
+        assert watch.rejects(1234)
+    tell({5: EXECUTING})
+    clock.step = 100
     assert watch.followed(7) == 5
-    assert told.tell(p5=SUCCEEDED, p109=ACCEPTED).followed(7) == 5
+    tell({5: SUCCEEDED, 109: ACCEPTED})
+    assert watch.followed(7) == 5
     assert watch.followed(9) == 9
     watch.forget_plans()
     assert watch.followed(9) is None

@@ -35,7 +35,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 LOOPS = {  # module:Class, whether its end can be held
     'acrobot:Acrobot': True,
-    'moon_lander:MoonLander': True,
     'overtaking:Overtaking': False,
 }
 ALLOWED = 0.02  # largest deviation where it is held, as a share; five times as much on arrival
@@ -107,19 +106,18 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
         assert loop.away(loop.end + 5 * 10**9) < ALLOWED
-    if problem == 'moon_lander:MoonLander':  # a push while holding is brought back
-        assert ros.call('/own/push', Trigger).success
-        loop.away(ros.now + 5 * 10**9)
-        assert np.abs(loop.states[-1].position).max() < 0.1
     for node in loop.nodes:
         node.end_cleanly()
 
 
-def test_a_plant_falls_freely_where_its_plan_does(ros: Stepped) -> None:
+def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros: Stepped) -> None:
     # joined late, the lander is above its plan: planned control and feedback are zero
     loop = Loop(ros, 'moon_lander:MoonLander', **{'start.delay': 0.0})
     assert loop.away(loop.end) < 5 * ALLOWED
     assert loop.away(loop.end + 5 * 10**9) < ALLOWED
+    assert ros.call('/own/push', Trigger).success
+    loop.away(ros.now + 5 * 10**9)
+    assert np.abs(loop.states[-1].position).max() < 0.1
     for node in loop.nodes:
         node.end_cleanly()
 
@@ -181,11 +179,6 @@ def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_use
 def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:
     with pytest.raises(InvalidProblem, match='drawing of Blurred raises IndexError'):
         ros.start('tdm_sim.stated_plant', {'problem': f'{__name__}:Blurred'}, namespace='own')
-
-
-def test_a_tracker_of_nothing_known_says_what_there_is(ros: Stepped) -> None:
-    with pytest.raises(Exception, match='or a stated problem such as my_module:MyProblem'):
-        ros.start('tdm_planner.nodes.tracker', {'kind': 'hovercraft'}, namespace='own')
 
 
 @dataclass(frozen=True)

@@ -158,9 +158,7 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
     assert fleet.set(start__source='parameters') == ['']
 
 
-def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(
-    ros: Stepped,
-) -> None:
+def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros: Stepped) -> None:
     names = ['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]']
     given = {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0]}
     node = ros.start(MODULE, given, namespace='/own', arguments=names)

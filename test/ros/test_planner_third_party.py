@@ -27,13 +27,7 @@ from tdm_planner.direct_method import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.nodes.messages import LATCHED, nanoseconds_of
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
-from tdm_planner.problems import (
-    PendulumSwingUp,
-    Problem,
-    Search,
-    Solution,
-    SolverParameters,
-)
+from tdm_planner.problems import PendulumSwingUp, Problem, Search, Solution, SolverParameters
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import verify
 from trajectory_msgs.msg import JointTrajectory
@@ -260,24 +254,7 @@ def test_a_problem_with_nothing_to_measure_is_planned_from_parameters(planners: 
     assert done, answer
 
 
-@pytest.mark.parametrize(
-    ('says', 'parameters'),
-    [
-        (
-            'such as my_module:MyProblem (did you mean pendulum_swing_up?)',
-            {'problem': 'pendulum_swingup'},
-        ),
-        ("parameter 'problem' = 3 is not allowed: must be a string", {'problem': '3'}),
-        (
-            'is not a subclass of tdm_planner.problems.Problem',
-            {'problem': f'{__name__}:CartStart'},
-        ),
-        ("'robots'", {'problem': 'robot_formation', 'robots': ['a', 'a']}),
-    ],
-)
-def test_without_its_problem_there_is_no_node(
-    planners: Planners, says: str, parameters: dict[str, Any]
-) -> None:
-    with pytest.raises(InvalidProblem) as error:
-        planners.start('fatal', parameters)
-    assert says in str(error.value)
+def test_without_its_problem_there_is_no_node(planners: Planners) -> None:
+    says = r'such as my_module:MyProblem \(did you mean pendulum_swing_up\?\)'
+    with pytest.raises(InvalidProblem, match=says):
+        planners.start('fatal', {'problem': 'pendulum_swingup'})

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import itertools
 import json
 import math
 from typing import Any
@@ -135,11 +136,14 @@ def test_a_planner_started_again_takes_the_plan_back_and_a_second_one_is_told_of
     rig.end()
 
 
-@pytest.fixture(scope='module')
+numbers = itertools.count()
+
+
+@pytest.fixture
 def rig(ros: Stepped) -> Iterator[Rig]:
     made = Rig(
         ros,
-        'replanning',
+        f'replanning{next(numbers)}',
         {'replan.rate': 10.0, 'replan.delay': 0.2, 'start.delay': 0.3},
         {'replan.on_deviation': True},
         {'mismatch': 0.03, 'noise.theta': 0.001, 'noise.theta_dot': 0.05},
@@ -149,10 +153,10 @@ def rig(ros: Stepped) -> Iterator[Rig]:
 
 
 def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) -> None:
-    """With the parameters that its plan was asked for, which are not the node's."""
+    """With the parameters that its plan was asked for, not the node's; so when it falls."""
     own = [Parameter('torque_reserve', value=0.25).to_parameter_msg()]
     request = SetParametersAtomically.Request(parameters=own)
-    asked = ros.call('/replanning/plan_with', SetParametersAtomically, request)
+    asked = ros.call(f'/{rig.namespace}/plan_with', SetParametersAtomically, request)
     assert asked.result.successful, asked.result.reason
     ros.settle()
     begins = seconds_of(rig.plans[0].header.stamp)
@@ -174,9 +178,7 @@ def test_a_pushed_pendulum_is_planned_for_anew_and_held(ros: Stepped, rig: Rig) 
     last = rig.plans[-1]
     measured = float(np.interp(seconds_of(last.header.stamp), stamps, angles))
     assert abs(math.remainder(last.points[0].positions[0] - measured, math.tau)) < 0.3
-
-
-def test_upright_there_are_no_more_plans_until_it_falls(ros: Stepped, rig: Rig) -> None:
+    # Upright there are no more plans until it falls.
     count = len(rig.plans)
     ros.spin_for(0.5)
     assert len(rig.plans) == count
@@ -187,18 +189,21 @@ def test_upright_there_are_no_more_plans_until_it_falls(ros: Stepped, rig: Rig) 
     assert rig.planner.output.count(NOT_TAKEN) <= rig.tracker.output.count(REJECTED)
 
 
-def test_a_request_is_answered_though_the_plan_is_reviewed(ros: Stepped, rig: Rig) -> None:
+def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped, rig: Rig) -> None:
+    """
+    Upright, the tracker is offered a swing-up from hanging: it goes on holding.
+
+    On the way requests are answered though the plan is reviewed.
+    """
+    rig.plan()
+    assert ros.spin_until(lambda: 'tracking' in rig.tracker.output)
     for _ in range(3):
-        done, answer = ros.trigger('/replanning/plan')
+        done, answer = ros.trigger(f'/{rig.namespace}/plan')
         assert done or answer['code'] != 'BUSY', answer
         ros.spin_for(0.03)
-    ros.spin_for(0.5)
-
-
-def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped, rig: Rig) -> None:
-    """Upright, the tracker is offered a swing-up from hanging: it goes on holding."""
     assert rig.stands_up()
-    assert ros.set_parameters('/replanning/planner', start__source='parameters') == ['']
+    ros.spin_for(0.5)
+    assert ros.set_parameters(f'/{rig.namespace}/planner', start__source='parameters') == ['']
     told, rejected = (rig.planner.output.count(NOT_TAKEN), rig.tracker.output.count(REJECTED))
     diagnostics = ros.subscribe('/diagnostics', DiagnosticArray, 50)
     answer = rig.plan()
@@ -212,13 +217,14 @@ def test_a_plan_that_the_tracker_refuses_is_found_not_to_be_active(ros: Stepped,
     messages = [s.message for array in diagnostics for s in array.status]
     assert any(sentence in message for message in messages)
     assert rig.upright_for(0.5)
-    assert ros.set_parameters('/replanning/planner', start__source='measured') == ['']
 
 
 def test_for_a_tracker_that_was_deactivated_nothing_is_planned(ros: Stepped, rig: Rig) -> None:
+    rig.plan()
+    assert rig.stands_up()
     count, before = len(rig.plans), rig.planner.output.count('new plan')
     request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
-    assert ros.call('/replanning/tracker/change_state', ChangeState, request).success
+    assert ros.call(f'/{rig.namespace}/tracker/change_state', ChangeState, request).success
     said = 'no replanning: no tracker is active for pendulum'
     assert ros.spin_until(lambda: said in rig.planner.output), rig.planner.output
     # The pendulum falls, which would be a reason for a new plan.

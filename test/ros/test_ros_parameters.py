@@ -26,11 +26,7 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.node import Node
-from rclpy.parameter import (
-    Parameter,
-    parameter_dict_from_yaml_file,
-    parameter_value_to_python,
-)
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from ros_harness import ros_arguments
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
@@ -228,18 +224,6 @@ def test_what_ros2_param_dump_writes_is_taken_back_by_load_and_at_the_start(
     assert again.node.parameter_values == before
     assert not again.node.invalid_overrides
     again.end_cleanly()
-
-
-def test_wrong_values_given_at_the_start_keep_the_node_alive(ros: Stepped) -> None:
-    process = start(ros, 'wrong', {'mass': -1, 'kind': 'quick', 'mas': 3})
-    assert process.node.parameter_values == DEFAULTS
-    invalid = process.node.invalid_overrides
-    assert set(invalid) == {'mass', 'kind'}
-    assert invalid['mass'].startswith("parameter 'mass' = -1 is not allowed")
-    assert "parameter 'mas' is unknown: did you mean mass?" in process.output
-    assert ros.set_parameters('wrong', mass=1.0) == ['']
-    assert set(invalid) == {'kind'}
-    process.end_cleanly()
 
 
 # Which sections of a file a node takes: `ros_parameters` and rcl are of one opinion.

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 import gc
 import os
 import signal
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -214,18 +213,6 @@ def test_others_see_at_once_that_it_has_gone(ros: Stepped, left: list[int]) -> N
     finally:
         observer.destroy_node()
         rclpy.shutdown(context=context)
-
-
-def test_a_computation_under_way_does_not_hold_the_end_up(left: list[int]) -> None:
-    enough = threading.Event()
-
-    def compute() -> None:
-        threading.Thread(target=enough.wait, daemon=True).start()
-        ask()
-
-    assert run(node_that(compute), left) == 0
-    assert left == [0]
-    enough.set()
 
 
 def test_what_was_loaded_is_not_looked_through_for_garbage(left: list[int]) -> None:

@@ -33,7 +33,6 @@ from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
 
-BOTH = pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
 REQUESTS = {
     'think': (Trigger, Trigger.Request()),
     'at_once': (Trigger, Trigger.Request()),
@@ -134,7 +133,7 @@ def server(ros: Stepped, make: Any, middleware: Middleware) -> Iterator[Server]:
 @pytest.mark.parametrize(
     ('service', 'lost'), [*((service, 2) for service in REQUESTS), ('at_once', 1000)]
 )
-@BOTH
+@pytest.mark.parametrize('make', [make_executor, SingleThreadedExecutor])
 def test_an_answer_that_the_middleware_gives_up_is_sent_again(
     ros: Stepped, server: Server, middleware: Middleware, service: str, lost: int
 ) -> None:
@@ -148,19 +147,6 @@ def test_an_answer_that_the_middleware_gives_up_is_sent_again(
     arrives = lost < ATTEMPTS
     assert server.serve_until(answer.done, 2000 if arrives else 10) == arrives
     assert middleware.attempts == attempts
-
-
-@BOTH
-def test_others_are_served_until_the_answer_is_ready(ros: Stepped, server: Server) -> None:
-    first = ros.request('think', Trigger)
-    assert server.serve_until(lambda: server.node.queue.solving)
-    second = ros.request('think', Trigger)
-    assert server.serve_until(second.done)
-    assert second.result().message == 'BUSY'
-    assert not first.done()
-    server.node.release.set()
-    assert server.serve_until(first.done)
-    assert first.result().message == 'thought'
 
 
 @pytest.mark.parametrize('make', [SingleThreadedExecutor])

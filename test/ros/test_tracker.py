@@ -11,7 +11,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -28,6 +29,7 @@ from tdm_planner.nodes import plan_intake
 from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
+from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -59,7 +61,12 @@ class Bench:
 
     def script_states(self) -> None:
         self.states = self.ros.publisher(f'/{self.namespace}/joint_states', JointState)
-        self.ros.node.create_timer(EVERY, lambda: None if self.theta is None else self.state())
+        said = lambda: None if self.theta is None else self.state()  # noqa: E731
+        self.timer = self.ros.node.create_timer(EVERY, said)
+
+    def end(self) -> None:
+        self.ros.node.destroy_timer(self.timer)
+        self.tracker.end_cleanly()
 
     def start(self) -> NodeHere:
         return self.ros.start(MODULES['tracker'], self.parameters, namespace=self.namespace)
@@ -97,30 +104,34 @@ def message(ros: Stepped, plan: Trajectory, delay: float = SOON) -> JointTraject
 # Scripted states.
 
 
-@pytest.fixture(scope='module')
-def bench(ros: Stepped) -> Bench:
-    made = Bench(ros, 'scripted')
+numbers = itertools.count()
+
+
+@pytest.fixture
+def bench(ros: Stepped) -> Iterator[Bench]:
+    made = Bench(ros, f'scripted{next(numbers)}')
     made.script_states()
-    return made
+    yield made
+    made.end()
 
 
 @pytest.fixture
 def idle(bench: Bench) -> Bench:
     """Return the tracker with states that come."""
     bench.theta = math.pi
-    bench.ros.spin_for(0.02)
+    assert bench.says('idle', level=OK)
     return bench
 
 
-@pytest.fixture(scope='module')
-def plans(bench: Bench) -> Any:
-    return bench.publisher('trajectory', JointTrajectory)
+@pytest.fixture
+def plans(bench: Bench) -> Iterator[Any]:
+    made = bench.publisher('trajectory', JointTrajectory)
+    yield made
+    bench.ros.node.destroy_publisher(made)
 
 
-def test_a_state_that_does_not_come_is_an_error_after_the_first_second(
-    ros: Stepped, bench: Bench
-) -> None:
-    """The middleware takes its time; the plant publishes before the tracker starts."""
+def test_states_that_do_not_come_or_cannot_be_read_are_told_of(ros: Stepped, bench: Bench) -> None:
+    """After the first second: the middleware takes its time, and the plant may start later."""
     ros.spin_for(0.9)
     assert 'waiting for the first state' in bench.tracker.output
     assert bench.status.message.startswith('idle: waiting for the first state')
@@ -130,9 +141,6 @@ def test_a_state_that_does_not_come_is_an_error_after_the_first_second(
     assert bench.says('no state has been received', level=ERROR)
     assert list(bench.commands[-1].name) == ['disk']
     assert not any(command.effort[0] for command in bench.commands)
-
-
-def test_states_that_cannot_be_read_are_ignored(ros: Stepped, bench: Bench) -> None:
     bench.state(name=['arm', 'pendulum'])
     bench.state(position=[0.0])
     bench.state(velocity=[0.0, math.nan])
@@ -153,44 +161,41 @@ def test_states_that_cannot_be_read_are_ignored(ros: Stepped, bench: Bench) -> N
     assert ros.figure(bench.name, 'states ignored') == '5'
 
 
-@pytest.mark.parametrize(
-    ('spoil', 'reason'),
-    [
-        (lambda m: m.points.clear(), 'at least two'),
-        (lambda m: setattr(m.header.stamp, 'sec', m.header.stamp.sec - 100), 'past'),
-        (lambda m: [p.positions.__setitem__(0, 2.0) for p in m.points], 'tolerance.start'),
-    ],
-)
-def test_trajectories_are_refused_with_a_reason(
-    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory, spoil: Any, reason: str
-) -> None:
-    spoilt = message(ros, plan)
-    spoil(spoilt)
-    plans.publish(spoilt)
-    ros.settle()
-    assert 'trajectory rejected: ' in idle.status.message
-    assert reason in idle.status.message
-    assert idle.tracker.node.tracker.current is None
+def begin_elsewhere(plan: JointTrajectory) -> None:
+    for point in plan.points:
+        point.positions[0] = 2.0
 
 
-@pytest.mark.parametrize('data', [b'\0\1\0\0', b'\0\1\0\0' + bytes(12), b'\xff' * 40])
-def test_bytes_that_are_no_trajectory_are_refused(
-    ros: Stepped, idle: Bench, plans: Any, data: bytes
+def test_what_cannot_be_followed_is_refused_with_a_reason(
+    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
 ) -> None:
     """Whatever a faulty node sends, the tracker stays."""
-    count = idle.tracker.output.count('trajectory rejected: ')
-    plans.publish(data)
-    ros.spin_for(0.1)
-    assert idle.tracker.output.count('trajectory rejected: ') == count + 1
-    assert idle.says('trajectory rejected: ')
+    for spoil, reason in (
+        (lambda m: m.points.clear(), 'at least two'),
+        (lambda m: setattr(m.header.stamp, 'sec', m.header.stamp.sec - 100), 'past'),
+        (begin_elsewhere, 'tolerance.start'),
+    ):
+        spoilt = message(ros, plan)
+        spoil(spoilt)
+        plans.publish(spoilt)
+        ros.settle()
+        assert 'trajectory rejected: ' in idle.status.message
+        assert reason in idle.status.message
+    for data in (b'\0\1\0\0', b'\0\1\0\0' + bytes(12), b'\xff' * 40):
+        count = idle.tracker.output.count('trajectory rejected: ')
+        plans.publish(data)
+        ros.spin_for(0.1)
+        assert idle.tracker.output.count('trajectory rejected: ') == count + 1
+        assert idle.says('trajectory rejected: ')
+    assert idle.tracker.node.tracker.current is None
 
 
 def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     ros: Stepped, idle: Bench, plans: Any, plan: Trajectory
 ) -> None:
-    other = idle.publisher('trajectory', JointTrajectory)
-    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 2)
-    assert idle.says('2 planners publish /scripted/trajectory')
+    topic, other = f'/{idle.namespace}/trajectory', idle.publisher('trajectory', JointTrajectory)
+    assert ros.meet(lambda: ros.node.count_publishers(topic) == 2)
+    assert idle.says(f'2 planners publish {topic}')
     plans.publish(message(ros, plan, 0.5))
     ros.spin_for(0.01)
     assert idle.status.message.startswith('waiting')
@@ -199,7 +204,7 @@ def test_of_two_planners_plans_the_one_that_starts_last_is_followed(
     told = "it starts 0.1 s before the active one; of 2 planners' plans the tracker follows"
     assert told in idle.status.message
     ros.node.destroy_publisher(other)
-    assert ros.meet(lambda: ros.node.count_publishers('/scripted/trajectory') == 1)
+    assert ros.meet(lambda: ros.node.count_publishers(topic) == 1)
     plans.publish(message(ros, plan, 0.3))  # one planner may change its mind
     ros.settle()
     assert idle.status.message.startswith('waiting')
@@ -223,13 +228,10 @@ def laborious(ros: Stepped, monkeypatch: pytest.MonkeyPatch) -> float:
 
 @pytest.mark.usefixtures('laborious')
 def test_of_a_flood_of_plans_the_newest_is_followed(
-    ros: Stepped, bench: Bench, plan: Trajectory
+    ros: Stepped, bench: Bench, plans: Any, plan: Trajectory
 ) -> None:
     """All of them would take more time than the commands leave; the last must not be lost."""
-    bench.tracker.end_cleanly()
-    bench.tracker = bench.start()
-    plans = bench.publisher('trajectory', JointTrajectory)
-    followed = ros.subscribe('/scripted/active_trajectory', JointTrajectory, LATCHED)
+    followed = ros.subscribe(f'/{bench.namespace}/active_trajectory', JointTrajectory, LATCHED)
     bench.theta = math.pi
     for _ in range(60):
         ros.spin_for(0.01)
@@ -242,8 +244,6 @@ def test_of_a_flood_of_plans_the_newest_is_followed(
         lambda: bool(followed) and followed[-1].header.stamp == newest.header.stamp, 0.4
     )
     assert bench.tracker.output.count('accepted') <= begun + 1
-    bench.theta = None
-    bench.tracker.end_cleanly()
 
 
 @pytest.mark.parametrize('kind', ['crane', '3'])
@@ -277,13 +277,18 @@ class Rig(Bench):
         self.plans.publish(message(self.ros, plan, delay))
         self.ros.spin_for(0.02)
 
+    def put(self, theta: float) -> None:
+        """Put the pendulum elsewhere."""
+        assert self.ros.set_parameters('/rig/pendulum_plant', initial__theta=theta) == ['']
+        self.ros.call('/rig/reset', Trigger)
+        self.ros.spin_for(0.02)
 
-@pytest.fixture(scope='module')
-def rig(ros: Stepped) -> Rig:
-    return Rig(ros)
 
-
-def test_the_pendulum_swings_up_and_is_held(ros: Stepped, rig: Rig, plan: Trajectory) -> None:
+def test_the_pendulum_is_swung_up_held_and_planned_for_again_when_it_falls(
+    ros: Stepped, plan: Trajectory
+) -> None:
+    """Afterwards the next plan is tracked, also by a tracker that joins late."""
+    rig = Rig(ros)
     assert rig.says('idle', level=OK)
     rig.follow(plan)
     assert rig.says('waiting', level=OK)
@@ -298,16 +303,7 @@ def test_the_pendulum_swings_up_and_is_held(ros: Stepped, rig: Rig, plan: Trajec
     assert np.abs(held).max() < 0.06
     assert np.abs([e.position[0] for e in rig.errors[taken:]]).max() < 0.06
     assert np.abs([c.effort[0] for c in rig.commands]).max() <= STRONG['limits.torque']
-
-
-def put(rig: Rig, theta: float) -> None:
-    """Put the pendulum elsewhere."""
-    assert rig.ros.set_parameters('/rig/pendulum_plant', initial__theta=theta) == ['']
-    rig.ros.call('/rig/reset', Trigger)
-    rig.ros.spin_for(0.02)
-
-
-def test_a_new_plan_is_asked_for_when_it_falls(ros: Stepped, rig: Rig) -> None:
+    # It falls: a new plan is asked for, over and over.
     asked: list[int] = []
 
     def serve(_: Any, response: Any) -> Any:
@@ -316,7 +312,7 @@ def test_a_new_plan_is_asked_for_when_it_falls(ros: Stepped, rig: Rig) -> None:
         response.message = '{"code": "INFEASIBLE", "reason": "test"}'
         return response
 
-    put(rig, 2.8)
+    rig.put(2.8)
     assert rig.says('recovering', 'tolerance.path', level=ERROR)
     assert ros.spin_until(lambda: 'no planner serves plan: ' in rig.tracker.output)
     service = ros.node.create_service(Trigger, '/rig/plan', serve)
@@ -327,16 +323,11 @@ def test_a_new_plan_is_asked_for_when_it_falls(ros: Stepped, rig: Rig) -> None:
     # at rest nothing is commanded, as plans assume
     assert rig.commands[-1].effort[0] == 0.0
     ros.node.destroy_service(service)
-
-
-def test_after_a_fall_the_next_plan_is_tracked_also_by_a_tracker_that_joins_late(
-    ros: Stepped, rig: Rig, plan: Trajectory
-) -> None:
-    put(rig, math.pi)
+    rig.put(math.pi)
     rig.follow(plan)
     assert rig.says('holding', level=OK)
     rig.tracker.end_cleanly()
-    put(rig, math.pi)
+    rig.put(math.pi)
     rig.follow(plan, 0.5)
     rig.tracker = rig.start()
     assert ros.spin_until(lambda: rig.status.message.startswith('waiting'), 0.5)
@@ -349,33 +340,22 @@ def test_after_a_fall_the_next_plan_is_tracked_also_by_a_tracker_that_joins_late
 
 START = {'x': 1.0, 'y': 1.0, 'yaw': 3.0}
 GOAL = 1.2, 1.1, 2.5
-
-
-@pytest.fixture(scope='module')
-def problem() -> RobotFormation:
-    made = RobotFormation.from_parameters(
-        {
-            'robots': ['scout'],
-            **{f'scout.start.{name}': value for name, value in START.items()},
-            'formation.anchor': [*GOAL[:2], 0.0],
-            'formation.scout': [0.0, 0.0, GOAL[2]],
-            'weights.gas': 0.01,
-        }
-    )
-    assert isinstance(made, RobotFormation)
-    return made
-
-
-@pytest.fixture(scope='module')
-def way(problem: RobotFormation) -> Trajectory:
-    return problem.solve().trajectories['scout'].with_rates(problem.plant.derivative)
+ALONE = {
+    'robots': ['scout'],
+    **{f'scout.start.{name}': value for name, value in START.items()},
+    'formation.anchor': [*GOAL[:2], 0.0],
+    'formation.scout': [0.0, 0.0, GOAL[2]],
+    'weights.gas': 0.01,
+}
 
 
 class Scout(Bench):
     """Tracker and plant of one robot."""
 
-    def __init__(self, ros: Stepped, problem: RobotFormation, way: Trajectory) -> None:
-        self.problem, self.way = problem, way
+    def __init__(self, ros: Stepped) -> None:
+        problem = RobotFormation.from_parameters(ALONE)
+        made = problem.solve().trajectories['scout']
+        self.way = made.with_rates(FloatingRobot().derivative)
         noise = {'position': 0.002, 'velocity': 0.002, 'yaw': 0.005, 'omega': 0.005}
         given = {
             **{f'initial.{name}': value for name, value in {**START, 'alpha': 1.0}.items()},
@@ -395,23 +375,11 @@ class Scout(Bench):
         self.ros.spin_for(0.02)
 
 
-@pytest.fixture(scope='module')
-def scout(ros: Stepped, problem: RobotFormation, way: Trajectory) -> Scout:
-    made = Scout(ros, problem, way)
-    assert made.says('idle', level=OK)
-    return made
-
-
-def begin_elsewhere(plan: Any) -> None:
-    for point in plan.points:
-        point.positions[0] = 3.0
-
-
 @pytest.mark.usefixtures('laborious')
-def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
-    ros: Stepped, scout: Scout
-) -> None:
+def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(ros: Stepped) -> None:
     """However many were looked at before, a plan is looked at while there is time to turn."""
+    scout = Scout(ros)
+    assert scout.says('idle', level=OK)
     lead = scout.tracker.node.tracker.lead
     for _ in range(12):
         scout.offer(begin_elsewhere, lead + 0.5)
@@ -434,17 +402,12 @@ def test_the_robot_turns_its_thruster_in_time_arrives_and_keeps_station(
 
 
 def test_faults_of_the_program_are_called_so_and_leave_it_tracking(
-    ros: Stepped, plan: Trajectory, monkeypatch: pytest.MonkeyPatch
+    ros: Stepped, idle: Bench, plans: Any, plan: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*arguments: Any) -> Any:
         raise KeyError('a bug')
 
-    idle = Bench(ros, 'broken')
-    idle.script_states()
-    idle.theta = math.pi
-    assert idle.says('idle', level=OK)
     tracker = idle.tracker.node.tracker
-    plans = idle.publisher('trajectory', JointTrajectory)
     with monkeypatch.context() as patch:
         patch.setattr(tracker, 'prepare', broken)
         plans.publish(message(ros, plan))

@@ -18,16 +18,12 @@ from __future__ import annotations
 from collections import Counter
 import os
 from pathlib import Path
-import signal
 from typing import Any
 
-from action_msgs.msg import GoalStatus, GoalStatusArray
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
-from signal_scenes import survivors
 from tdm_planner.nodes.messages import nanoseconds_of
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 import yaml
@@ -36,12 +32,15 @@ reader = pytest.importorskip('mcap_ros2.reader')
 LONG = 280.0  # s for a process that ends by itself
 
 
-def parameters(folder: Path, file: str) -> list[str]:
-    """Return options for the shipped parameters of a file, with time enough for a plan."""
+def parameters(folder: Path, file: str, without: str = '') -> list[str]:
+    """Return options for the shipped parameters, with time enough for a plan, less one robot."""
     document = yaml.safe_load((SOURCE / 'config' / f'{file}.yaml').read_text(encoding='utf-8'))
     planner = document['/**/planner']['ros__parameters']
     planner.setdefault('solver', {})['deadline'] = ENOUGH
     planner.setdefault('start', {})['delay'] = 3.0
+    if without:
+        planner['robots'].remove(without)
+        del planner[without], planner['formation'][without]
     path = folder / 'unhurried.yaml'
     path.write_text(yaml.safe_dump(document))
     return ['--params', str(path)]
@@ -61,11 +60,6 @@ def successful(process: NodeProcess) -> None:
 def messages(bag: Path, *topics: str) -> list[Any]:
     (file,) = bag.glob('*.mcap')
     return list(reader.read_ros2_messages(file, topics=topics or None))
-
-
-def left(ros: Ros) -> list[int]:
-    """Return the processes that were started in the test's domain and have not ended."""
-    return survivors(f'ROS_DOMAIN_ID={ros.domain}')
 
 
 def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
@@ -89,48 +83,13 @@ def test_the_pendulum_is_swung_up_and_held(ros: Ros, tmp_path: Path):
 
 
 def test_the_robots_reach_their_places_and_stay(ros: Ros, tmp_path: Path):
-    successful(demo(ros, tmp_path, 'robots', '--speed=2', *parameters(tmp_path, 'robots')))
+    """Two of them: each has two processes."""
+    two = parameters(tmp_path, 'robots', without='robot3')
+    successful(demo(ros, tmp_path, 'robots', '--speed=2', *two))
     counts = Counter(message.channel.topic for message in messages(tmp_path / 'out' / 'bag'))
-    for k in (1, 2, 3):
+    for k in (1, 2):
         assert counts[f'/robots/robot{k}/trajectory'] == 1
         assert counts[f'/robots/robot{k}/odom'] > 100
-
-
-def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
-    file = tmp_path / 'p.yaml'
-    file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
-    process = demo(ros, tmp_path, 'pendulum', '--quiet', '--params', str(file))
-    assert process.process.wait(LONG) == 2
-    assert 'no plan' in process.output
-    assert 'Traceback' not in process.output
-    assert not left(ros)
-
-
-def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(
-    ros: Ros, tmp_path: Path
-):
-    bag = tmp_path / 'bag'
-    recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
-    assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
-    followed = ros.subscribe('/pendulum/tracker_status', GoalStatusArray, LATCHED)
-    process = demo(ros, tmp_path, 'pendulum', *parameters(tmp_path, 'pendulum'))
-
-    def moves() -> bool:
-        """Whether the plan, published 3 s before, is being executed."""
-        return any(
-            plan.status == GoalStatus.STATUS_EXECUTING
-            for message in followed
-            for plan in message.status_list
-        )
-
-    assert ros.spin_until(moves, 120.0), process.output
-    assert process.end(signal.SIGINT) == 130, process.output
-    assert 'Traceback' not in process.output
-    assert left(ros) == [recorder.process.pid]
-    assert recorder.end(signal.SIGINT) == 0, recorder.output
-    topics = {message.channel.topic for message in messages(bag)}
-    assert {f'/pendulum/{name}' for name in ('trajectory', 'joint_states')} <= topics
-    assert messages(tmp_path / 'out' / 'bag', '/pendulum/trajectory')
 
 
 def test_a_plant_of_one_s_own_flies(ros: Ros, tmp_path: Path) -> None:

@@ -99,11 +99,6 @@ def test_mistakes_get_one_sentence_and_a_code(
     assert not list((tmp_path / 'folder').iterdir())
 
 
-def test_an_unknown_problem_lists_the_known_ones(capsys: pytest.CaptureFixture[str]):
-    assert main(['plan', 'cartpole', '-o', 'plan.json']) == 2
-    assert 'pendulum_swing_up' in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ('words', 'code'), [([], 2), (['plan', 'pendulum'], 2), (['--version'], 0)]
 )

@@ -34,10 +34,6 @@ import yaml
 
 pytestmark = pytest.mark.usefixtures('stand_ins')
 BOTH = pytest.mark.parametrize('name', ['pendulum', 'robots'])
-COMMON = {
-    *('params_file', 'namespace', 'plant', 'rviz', 'record', 'bag', 'respawn', 'log_level'),
-    *('use_sim_time', 'enclaves'),
-}
 
 
 def nodes(name: str, pushed: str | None = None, **arguments: str) -> list[Node]:
@@ -60,17 +56,6 @@ def written(folder: Path, sections: dict[str, Any]) -> str:
     path = folder / 'mine.yaml'
     path.write_text(yaml.safe_dump(document, sort_keys=False).replace("'5e-2'", '5e-2'))
     return str(path)
-
-
-@BOTH
-def test_every_argument_is_described_and_has_a_default(name: str):
-    arguments = {item.name: item for item in described(name).arguments()}
-    assert set(arguments) >= COMMON
-    for argument in arguments.values():
-        assert argument.description
-        assert argument.choices is None or argument.default_value in argument.choices
-    assert Path(arguments['params_file'].default_value) == config_file(f'{name}.yaml')
-    assert arguments['namespace'].default_value == name
 
 
 def test_nodes_of_the_pendulum_and_their_arguments(tmp_path: Path):

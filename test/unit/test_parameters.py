@@ -31,7 +31,7 @@ from tdm_planner.parameters import (
     to_mapping,
     Validated,
 )
-from tools.parameter_texts import parameter_file, parameter_table, yaml_value
+from tools.parameter_texts import parameter_file, yaml_value
 import yaml
 
 
@@ -124,29 +124,6 @@ def test_any_value_is_taken_or_refused_in_one_line(value, name):
         assert spec.check(taken) == taken
 
 
-@pytest.mark.parametrize(
-    'document',
-    [
-        {'planner': {'ros__parameters': {'a': {'b': 1}}}},
-        {'/**': {'planner': {'ros__parameters': {'a': {'b': 1}}}}},
-        {'/**/planner': {'ros__parameters': {'a.b': 1}}},
-        {'/pendulum/planner': {'ros__parameters': {'a': {'b': 1}}}, 'x': {'ros__parameters': {}}},
-        {'/**': {'ros__parameters': {'a': {'b': 1}}}},
-        {'a': {'b': 1}},
-    ],
-)
-def test_ros_parameter_files_in_every_form(document):
-    assert ros_parameters(document) == {'a.b': 1}
-
-
-def test_files_for_others_are_refused_or_empty():
-    others = {'tracker': {'ros__parameters': {'a': 1}}}
-    assert ros_parameters(others, required=False) == {}
-    for document in ([1], 'text', others):
-        with pytest.raises(InvalidProblem):
-            ros_parameters(document)
-
-
 def read(text: str) -> dict[str, Any]:
     return ros_parameters(yaml.safe_load(text), 'node')
 
@@ -186,13 +163,3 @@ def test_values_keep_type_and_value_through_yaml(value: Any):
     assert back == value
     assert type(back) is type(value)
     assert '.' in text or not isinstance(value, float)  # a double to ROS as well
-
-
-def test_a_table_has_a_row_for_every_parameter():
-    rows = parameter_table(SPECS).splitlines()
-    assert len(rows) == 2 + len(SPECS)
-    assert rows[2 + list(SPECS).index('plant.mass')] == (
-        '| `plant.mass` | `1.0e-08` | a number in [1e-12, 1e+12] kg | mass |'
-    )
-    assert rows[2 + list(SPECS).index('plant.turns')].startswith('| `plant.turns` | unset |')
-    assert 'the method (fixed while the node runs)' in parameter_table(SPECS)

@@ -20,12 +20,7 @@ import numpy as np
 import pytest
 from tdm_planner.drawing import LIMIT, SWITCH
 from tdm_planner.plotting import plan_margins, plot_plans, plot_solution
-from tdm_planner.problems import (
-    PendulumSwingUp,
-    Problem,
-    RobotFormation,
-    Solution,
-)
+from tdm_planner.problems import PendulumSwingUp, Problem, RobotFormation, Solution
 from tdm_planner.verification import Constraint
 
 Planned = tuple[Any, Solution]

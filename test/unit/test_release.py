@@ -54,14 +54,6 @@ def imported(*folders: str) -> set[str]:
     return found - set(sys.stdlib_module_names) - OURS
 
 
-def test_every_source_has_the_header_that_ament_copyright_knows():
-    head = (SOURCE / 'setup.py').read_text(encoding='utf-8').partition('\n\n')[0]
-    assert head.endswith('limitations under the License.')
-    for path in (path for folder in OURS for path in (SOURCE / folder).rglob('*.py')):
-        text = path.read_text(encoding='utf-8')
-        assert '_build' in path.parts or text.startswith(head), path
-
-
 def test_manifest_depends_on_what_is_used_and_nothing_else():
     """Neither RViz nor rosbag2 is listed: a rig without a screen is to get no window system."""
     manifest = ElementTree.parse(SOURCE / 'package.xml').getroot()

@@ -17,8 +17,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.trajectory import to_nanoseconds, Trajectory
-from tdm_planner.verification import Constraint, dense_times, replay, verify
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint, replay, verify
 
 
 class DoubleIntegrator:
@@ -82,12 +82,6 @@ def test_malformed_trajectories_are_refused(changes, words):
         make(**changes)
     with pytest.raises(ValueError, match='read-only'):
         make().times[0] = 5.0
-
-
-def test_times_are_rounded_to_what_messages_can_carry():
-    times = to_nanoseconds([0.1234567891234, 1.0])
-    assert times[0] == pytest.approx(0.123456789, abs=1e-15)
-    assert times[1] == 1.0
 
 
 @pytest.mark.parametrize('interpolation', ['zero_order_hold', 'linear', 'cubic'])
@@ -236,9 +230,3 @@ def test_where_controls_jump():
         other = replace(plan, interpolation=interpolation)
         assert not other.switches.size
         assert other.smooth_pieces == pieces
-
-
-def test_dense_times_hold_every_sample():
-    times = dense_times(bang_bang(), 0.3)
-    assert np.isin([0.0, 1.0, 2.0], times).all()
-    assert np.diff(times).max() <= 0.3

@@ -88,15 +88,6 @@ def test_what_has_no_minimum_is_noticed():
     assert solved(np.diag([1.0, -1.0]), np.ones(2), *free) is None
 
 
-def test_a_projection_with_multipliers_by_hand():
-    """The nearest point to (2, 2) with x + y <= 1 and x <= .2 is (.2, .8)."""
-    rows, least = np.array([[-1.0, -1.0], [-1.0, 0.0]]), np.array([-1.0, -0.2])
-    wide = np.full(2, 1e12)
-    x, multipliers = solved(np.eye(2), np.array([-2.0, -2.0]), rows, least, -wide, wide)
-    np.testing.assert_allclose(x, [0.2, 0.8], atol=1e-12)
-    np.testing.assert_allclose(multipliers, [1.2, 0.6], atol=1e-12)
-
-
 TIGHT = TrustRegionOptions(
     penalties=(30.0,), iterations=200, cost_tolerance=1e-12, feasibility=(1e-9,), corrections=4
 )

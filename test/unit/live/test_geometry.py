@@ -21,16 +21,7 @@ from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_sim.live.drag_handles import drag_handles_of, pulled
-from tdm_sim.live.geometry import (
-    about,
-    axes_of,
-    from_axes,
-    from_vertical,
-    GHOST,
-    Look,
-    picture,
-    view_on,
-)
+from tdm_sim.live.geometry import about, axes_of, from_vertical, GHOST, Look, picture, view_on
 
 component = st.floats(-2.0, 2.0)
 vector = st.tuples(component, component, component)
@@ -42,15 +33,6 @@ def test_a_tube_lies_along_its_line(way: tuple[float, ...]) -> None:
     assume(np.linalg.norm(direction) > 1e-3)
     _, _, along = axes_of(from_vertical(direction))
     assert along == pytest.approx(direction / np.linalg.norm(direction), abs=1e-7)
-
-
-@given(vector, st.floats(-3.0, 3.0))
-def test_axes_and_rotations_are_inverse(axis: tuple[float, ...], angle: float) -> None:
-    length = math.hypot(*axis)
-    assume(length > 1e-3)
-    rotation = about(np.array(axis) / length, angle)
-    again = from_axes(*axes_of(rotation))
-    assert abs(float(rotation @ again)) == pytest.approx(1.0)
 
 
 def test_what_a_shape_becomes() -> None:

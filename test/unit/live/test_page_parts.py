@@ -25,8 +25,8 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from tdm_sim.live.history import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
-from tdm_sim.live.sliders import in_order, shown_range, slider_of
-from tdm_sim.live.task_thread import LONGEST, SHORTEST, start_delay, TaskThread
+from tdm_sim.live.sliders import shown_range, slider_of
+from tdm_sim.live.task_thread import TaskThread
 
 
 def descriptor(name: str, kind: int = 3, **more: Any) -> Any:
@@ -85,14 +85,6 @@ def test_a_slider_holds_its_value_and_keeps_to_what_is_allowed(
     low, high = min(one, other, value), max(one, other, value)
     below, above = shown_range(value, low, high)
     assert low <= below <= value <= above <= high
-
-
-def test_limits_and_weights_come_first() -> None:
-    names = ('plant.mass', 'arena.length', 'weights.gas', 'limits.thrust', 'arrival_interval')
-    sliders = [slider_of(descriptor(name), 1.0) for name in names]
-    order = list(in_order(slider for slider in sliders if slider is not None))
-    assert order[:2] == ['limits', 'weights']
-    assert order[-1] == 'plant'
 
 
 BEGIN = 1_800_000_000.0  # s, as clocks show
@@ -206,10 +198,3 @@ def test_what_cannot_be_done_is_told_and_the_next_is_done(
     tasks.submit('last', lambda: '', lambda _: done.set())
     assert done.wait(PATIENCE)
     assert texts == [told, 'done']
-
-
-def test_a_motion_starts_as_soon_as_solving_allows() -> None:
-    delays = [start_delay(solve_time) for solve_time in (0.0, 0.02, 0.2, 0.4, 5.0)]
-    assert delays == sorted(delays)
-    assert (delays[0], delays[-1]) == (SHORTEST, LONGEST)
-    assert delays[2] > 2 * 0.2

@@ -64,11 +64,7 @@ def test_the_reserve_is_used_up_and_comes_back(clock: Clock, ration: TimeBudget)
     assert not ration.allows
 
 
-@given(
-    work=st.floats(1e-3, 0.1),
-    share=st.floats(0.005, 0.5),
-    reserve=st.floats(1e-3, 1.0),
-)
+@given(work=st.floats(1e-3, 0.1), share=st.floats(0.005, 0.5), reserve=st.floats(1e-3, 1.0))
 def test_in_the_long_run_it_is_the_share(work: float, share: float, reserve: float) -> None:
     clock = Clock()
     ration = TimeBudget(share, reserve, clock)

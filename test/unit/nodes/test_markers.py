@@ -22,28 +22,16 @@ from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
-from tdm_planner.nodes.markers import (
-    colour_of,
-    DrawnPath,
-    LONGEST_PATH,
-    Picture,
-    plan_markers,
-)
+from tdm_planner.nodes.markers import DrawnPath, LONGEST_PATH, Picture, plan_markers
 from tdm_planner.plant_views import view_of
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from visualization_msgs.msg import Marker, MarkerArray
 
-GREY = colour_of('grey')
 PLANT = RotaryPendulum()
 PENDULUM, ROBOT = PendulumDrawing(PLANT, 0.02, 2.0), RobotDrawing(0.4, 1.05, 0.15)
 number = st.floats(-20.0, 20.0)
-
-
-def rgb(name: str) -> tuple[float, float, float]:
-    colour = colour_of(name)
-    return colour.r, colour.g, colour.b
 
 
 def place(point: Any) -> list[float]:

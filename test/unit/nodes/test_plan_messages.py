@@ -249,24 +249,6 @@ def test_commands_of_the_built_in_plants() -> None:
 
 
 @pytest.mark.parametrize(
-    ('state', 'says'),
-    [
-        (JointState(name=['disk']), 'joint(s) pendulum must be named once'),
-        (JointState(name=['disk', 'pendulum', 'disk']), 'joint(s) disk must be named once'),
-        (JointState(name=['disk', 'pendulum']), "'position' has 0 values for 2 named joints"),
-        (
-            JointState(name=['disk', 'pendulum'], position=[0.0, 0.0], velocity=[math.inf, 0.0]),
-            'the velocity of joint disk is inf, not a finite number',
-        ),
-    ],
-)
-def test_states_without_the_joints_are_refused(state: JointState, says: str) -> None:
-    with pytest.raises(InvalidProblem) as error:
-        read_state(PENDULUM, state)
-    assert says in str(error.value)
-
-
-@pytest.mark.parametrize(
     ('names', 'effort', 'words'),
     [
         ([], [], r'joint\(s\) disk must be named once, but the names are: none'),

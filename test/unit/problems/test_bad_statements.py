@@ -198,4 +198,4 @@ def test_a_control_that_jumps_with_a_force_is_not_overlooked_by_the_replay():
 
 
 def test_random_statements_are_planned_for_or_refused():
-    random_statements(60)
+    random_statements(40)

@@ -17,13 +17,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tdm_planner.direct_method import (
-    Duration,
-    Integrated,
-    Output,
-    PowerProducts,
-    SineSeries,
-)
+from tdm_planner.direct_method import Duration, Integrated, Output, PowerProducts, SineSeries
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription
@@ -148,12 +142,6 @@ def test_least_effort(change, solver, interpolation, accuracy):
     stated = CheckedFormulation(type('Changed', (Cart,), change)(start=1.5))
     assert Ends.of(stated).states[0] == pytest.approx([1.5, 0.0])
     assert 'allowed value' not in solution.summary
-
-
-def test_a_free_start_is_not_a_number():
-    free = type('Free', (Cart,), {'outputs': lambda self: {'x': Output({0: 1.0}, (0.0, 0.0))}})
-    ends = Ends.of(CheckedFormulation(free()))
-    np.testing.assert_array_equal(ends.states[0], [1.0, np.nan])
 
 
 def test_a_limit_is_kept_between_the_nodes_and_a_plan_is_a_start():

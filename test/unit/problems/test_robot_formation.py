@@ -25,8 +25,7 @@ from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import formation_verification, RobotFormation, RobotStart, Solution
 from tdm_planner.problems.formation_size import resized
 from tdm_planner.problems.formation_task import least_time
-from tdm_planner.problems.formation_verification import assessed, gas_used
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.problems.formation_verification import assessed
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -107,10 +106,7 @@ THRUSTERS = {f'robot{i}.start.alpha': 1.0 for i in (1, 2, 3)}
         (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 0.0)), None),
         (STILL | pose('left', (2.0, 2.0, 0.0), (2.0, 2.0, 2.0)), None),
         (alone((2.0, 2.0, 0.1), (2.0, 2.0, 0.1)), None),
-        (
-            alone(*ACROSS) | {'arena.obstacles': [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]},
-            None,
-        ),
+        (alone(*ACROSS) | {'arena.obstacles': [1.5, 2.0, 0.3, 2.6, 2.2, 0.2]}, None),
         (
             THRUSTERS | {'robot1.start.u': 0.1, 'robot2.start.v': 0.05, 'robot2.start.omega': 0.3},
             None,
@@ -137,16 +133,6 @@ def test_variants_of_the_method_and_of_the_task(changes, varied):
     assert_flies(problem, solution)
 
 
-def test_given_end_accelerations_are_met():
-    problem = formation(
-        **{'end_accelerations': 'given', 'robot1.start.alpha': 0.3, 'robot1.start.thrust': 0.5}
-    )
-    solution = problem.solve()
-    assert_flies(problem, solution)
-    assert solution.trajectories['robot1'].control('thrust')[0] == pytest.approx(0.5, abs=0.02)
-    assert solution.trajectories['robot2'].control('thrust')[0] == pytest.approx(0.0, abs=0.02)
-
-
 def test_the_tolerance_is_what_the_minimiser_is_content_with():
     """Robots that pass as near as allowed: the less of it is feasible, the longer it takes."""
     evaluations = []
@@ -166,19 +152,6 @@ def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
     stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
     with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
         stricter.recognised(motions)
-
-
-def test_gas_under_held_thrust_is_what_the_thruster_gives():
-    plant = RobotFormation().plant
-    burn = Trajectory(
-        np.array([0.0, 2.0, 5.0, 6.0]),
-        np.zeros((4, 7)),
-        np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        plant.state_names,
-        plant.control_names,
-        'zero_order_hold',
-    )
-    assert gas_used(plant, burn) == pytest.approx(2.5 / plant.mass, rel=1e-12)
 
 
 def test_weights_do_what_they_say():
@@ -338,12 +311,6 @@ def test_penalty_is_equation_29_mended():
     assert formation_verification.penalty(task, worst, pairs, k) == pytest.approx(delta)
 
 
-def test_fewer_robots_are_the_first_ones():
-    assert resized({}, 2) == {'robots': ['robot1', 'robot2']}
-    assert resized({'robots': ['left', 'right']}, 1) == {'robots': ['left']}
-    assert resized({'robots': ['left', 'right']}, 2) == {'robots': ['left', 'right']}
-
-
 def test_added_robots_get_names_that_are_free():
     names = resized({'robots': ['robot2', 'left']}, 5)['robots']
     assert names == ['robot2', 'left', 'robot1', 'robot3', 'robot4']
@@ -393,11 +360,3 @@ def test_places_are_clear_of_each_other_and_of_the_arena(
         assert (added <= np.array([length, width]) - 0.4 + 1e-5).all()
         away = np.linalg.norm(added - np.array(zone[:2]), axis=1)
         assert (away >= zone[2] + 0.4 - 1e-5).all()
-
-
-@pytest.mark.parametrize(
-    ('number', 'reason'), [(0, 'must be in'), (101, 'must be in'), (60, '60')]
-)
-def test_numbers_that_cannot_be_are_refused(number: int, reason: str):
-    with pytest.raises(InvalidProblem, match=f'number_of_robots = .*{reason}'):
-        resized({}, number)

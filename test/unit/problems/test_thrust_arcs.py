@@ -10,7 +10,6 @@
 """Thrust arcs: the rounded polyline and its slopes, plans of least gas, guesses, warm starts."""
 
 from dataclasses import replace
-import itertools
 
 from benchmark.scenarios import crossing
 import numpy as np
@@ -146,10 +145,7 @@ def test_weak_burns_are_left_out_and_the_others_corrected():
 
 def test_zones_moving_starts_and_robots_that_stay():
     drawn = crossing(5)
-    stay = {
-        'robot3.start.x': float(drawn.goal[2, 0]),
-        'robot3.start.y': float(drawn.goal[2, 1]),
-    }
+    stay = {'robot3.start.x': float(drawn.goal[2, 0]), 'robot3.start.y': float(drawn.goal[2, 1])}
     changes = {**MOVING, **stay, 'arena.obstacles': [0.3, 3.7, 0.2], 'arena.tracking_margin': 0.01}
     asked = problem(5, **changes)
     solution = asked.solve()
@@ -179,11 +175,3 @@ def test_the_rest_of_a_plan_is_its_own_best_continuation(plans, share):
     assert again.cost_terms['gas'] / asked.weights.gas == pytest.approx(gas, rel=0.02)
     arrivals = [(again.trajectories[name].duration, plan.duration) for name, plan in rest.items()]
     assert all(new == pytest.approx(old, abs=0.5) for new, old in arrivals)
-
-
-def test_pairs_keep_their_distance_between_samples(plans):
-    solution = plans['thrust_arcs'][2]
-    times = np.linspace(0.0, solution.duration, 5000)
-    places = [plan.sample(times).state[:, :2] for plan in solution.trajectories.values()]
-    for one, other in itertools.combinations(places, 2):
-        assert np.hypot(*(one - other).T).min() >= 0.4

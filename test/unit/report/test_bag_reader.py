@@ -60,8 +60,7 @@ def read(tmp_path: Path) -> Read:
 
 
 @pytest.mark.parametrize(
-    'storage',
-    ['mcap', 'mcap storage', 'mcap message', 'mcap file', 'sqlite3', 'sqlite3 file'],
+    'storage', ['mcap', 'mcap storage', 'mcap message', 'mcap file', 'sqlite3', 'sqlite3 file']
 )
 def test_every_storage_and_compression(tmp_path: Path, storage: str) -> None:
     bag = write(tmp_path / 'bag', pendulum_recording(), *storage.split())

@@ -46,8 +46,6 @@ from tdm_sim.report.comparison import compare
 from tdm_sim.report.histories import (
     control_chart,
     distance_chart,
-    error_chart,
-    margin_chart,
     plan_instants,
     state_chart,
 )
@@ -202,18 +200,6 @@ def test_distances_of_the_closest_pairs() -> None:
     assert f'of {MOST_PAIRS} pairs' in chart.note
     for nearest in curves(panel, 'planned'):
         assert nearest.values == pytest.approx(np.ones(nearest.values.size))
-
-
-def test_margins_and_errors() -> None:
-    mission = pendulum_mission()
-    margins = {p.title: p for p in margin_chart(mission, compare(mission)).panels}
-    assert set(margins) == {'torque', 'disk_angle'}
-    (planned,) = curves(margins['torque'], 'planned')
-    assert planned.values[:-1] == pytest.approx(np.full(planned.values.size - 1, 0.006))
-    errors = error_chart(mission, compare(mission)).panels
-    assert [panel.title for panel in errors] == ['theta', 'psi', 'theta_dot', 'psi_dot']
-    (error,) = errors[0].curves
-    assert error.values[np.isfinite(error.values)] == pytest.approx(0.02, abs=1e-6)
 
 
 def test_one_plotly_figure_for_a_chart() -> None:

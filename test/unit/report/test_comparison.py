@@ -15,12 +15,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from missions import (
-    DURATION,
-    formation_mission,
-    pendulum_mission,
-    robot_parameters,
-)
+from missions import DURATION, formation_mission, pendulum_mission, robot_parameters
 import numpy as np
 import pytest
 from tdm_planner.plant_kind import PENDULUM

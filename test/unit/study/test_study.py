@@ -22,12 +22,12 @@ from tdm_planner.plan_files import UnusableFile
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.progress import Progress
 from tdm_sim.study import Axis
-from tdm_sim.study.axes import Chosen, Points
+from tdm_sim.study.axes import Points
 from tdm_sim.study.page import write_page
 from tdm_sim.study.pictures import draw
 from tdm_sim.study.rows import Trial
 from tdm_sim.study.study import _collect
-from tdm_sim.study.tables import claim, Table
+from tdm_sim.study.tables import Table
 
 AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), Axis('kind', ('plain', 'odd'))]
 
@@ -81,18 +81,6 @@ def test_an_interrupted_study_leaves_a_table_and_goes_on(path: Path) -> None:
         collected(path, [4, 3, 0, 1, 2, 5], until=2)
     assert Table(path).rows == {3, 4}
     assert collected(path, [0, 1, 2, 3, 4, 5]).equals(collected(None, [0, 1, 2, 3, 4, 5]))
-
-
-def test_chosen_points_are_those_of_their_rows() -> None:
-    points = Points(AXES)
-    assert list(Chosen(points, [4, 1])) == [points[4], points[1]]
-
-
-def test_a_folder_belongs_to_one_study(tmp_path: Path) -> None:
-    claim(tmp_path / 'a' / 'b', {'problem': 'one'})
-    claim(tmp_path / 'a' / 'b', {'problem': 'one'})
-    with pytest.raises(UnusableFile, match='holds another study'):
-        claim(tmp_path / 'a' / 'b', {'problem': 'two'})
 
 
 def test_a_table_that_is_none_is_named(path: Path) -> None:

@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-Nodes that are ended, killed and restarted, over real DDS, over and over.
+Nodes that are ended, killed and restarted, over real DDS, over and over; all of data_faults.py.
 
 The figures are those of docs/reliability.md; with TDM_FAULT_FIGURES=FILE they are kept there.
 """
@@ -18,7 +18,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 import time
+from typing import Any
 
+from data_faults import FAULTS, misled_rig
 from killing import held_rig, SCENARIOS
 from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig, STATE_TIMEOUT
 import pytest
@@ -61,3 +63,8 @@ def test_a_node_is_killed_and_restarted(rig: PendulumRig, scenario: str, repetit
     figures = SCENARIOS[scenario](rig)
     note(scenario, **figures)
     assert figures['safe'] < STATE_TIMEOUT + ON_THE_WAY
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_mission_under_a_fault_of_data(stepped: Any, fault: str) -> None:
+    note(fault, **FAULTS[fault](misled_rig(stepped, fault)))

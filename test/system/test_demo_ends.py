@@ -1,0 +1,55 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""A demo that has no plan, or that is interrupted: its exit code, and what it leaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from bag_contents import read_with_mcap
+from ros_harness import Ros
+from signal_scenes import SCENES, survivors
+from tdm_planner.nodes.qos import LATCHED
+
+
+def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):
+    file = tmp_path / 'p.yaml'
+    file.write_text('/**: {ros__parameters: {limits: {torque: 0.0001}, solver: {deadline: 0.3}}}')
+    words = ['demo', 'pendulum', '-o', str(tmp_path / 'out'), '--quiet', '--params', str(file)]
+    demo = ros.run('tdm_planner.cli', words)
+    assert demo.process.wait(280.0) == 2
+    assert 'no plan' in demo.output
+    assert 'Traceback' not in demo.output
+    assert not survivors(f'ROS_DOMAIN_ID={ros.domain}')
+
+
+def test_an_interrupted_demo_ends_all_it_started_and_a_recording_beside_it_is_whole(
+    ros: Ros, tmp_path: Path
+):
+    bag = tmp_path / 'bag'
+    recorder = ros.run('tdm_planner.cli', ['record', '-o', str(bag), '--namespace', 'pendulum'])
+    assert ros.spin_until(lambda: any(bag.glob('*.mcap'))), recorder.output
+    followed = ros.subscribe('/pendulum/tracker_status', GoalStatusArray, LATCHED)
+    demo = SCENES['demo executing'](ros)
+
+    def moves() -> bool:
+        """Whether the plan is being executed."""
+        plans = (plan for message in followed for plan in message.status_list)
+        return any(plan.status == GoalStatus.STATUS_EXECUTING for plan in plans)
+
+    demo.wait(moves).end('SIGINT', code=130)
+    assert survivors(f'ROS_DOMAIN_ID={ros.domain}') == [recorder.process.pid]
+    assert recorder.end() == 0, recorder.output
+    assert {f'/pendulum/{name}' for name in ('trajectory', 'joint_states')} <= {
+        *read_with_mcap(bag)
+    }
+    out = Path(demo.arguments[demo.arguments.index('-o') + 1])
+    assert read_with_mcap(out / 'bag')['/pendulum/trajectory']
