@@ -13,15 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.goal_tool import GoalTool, PlanRequest
+from tdm_planner.nodes.goal_tool import GoalTool
 from tdm_planner.nodes.markers import DrawnPath, plan_markers
 from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
 from tdm_planner.nodes.planned_plants import planned_plant, Values
@@ -39,18 +39,50 @@ Array = NDArray[np.float64]
 T = TypeVar('T')
 
 
+class ActivePlans:
+    """
+    The newest published plan, pending or active, and the one that is active until it begins.
+
+    A pending plan that is superseded never becomes active. Safe in any thread.
+    """
+
+    def __init__(self) -> None:
+        self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
+
+    def add(self, plan: ActivePlan, now: float) -> None:
+        """Add a plan published at the instant `now` [s]."""
+        active = self.at(now)
+        self._plans = (plan,) if active is None else (active, plan)
+
+    def at(self, now: float) -> ActivePlan | None:
+        """Return the plan that is active at an instant [s]; None before the first."""
+        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
+
+    def next_start(self, now: float) -> float | None:
+        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
+        start = self._plans[-1].start if self._plans else now
+        return start if start > now else None
+
+
 class Adapter:
     """
     Gathers the measured states of a problem's plants, and publishes plans for them.
 
-    The planner node makes it once, with the values of its parameters. Instants are those of
-    `clock` [s]. Call methods in the executor's thread, except where they say otherwise.
+    The planner node makes it once, with the values of its parameters. Goal tools ask for plans by
+    `request`. Instants are those of `clock` [s]. Call methods in the executor's thread, except
+    where they say otherwise.
     """
 
     def __init__(
-        self, node: Node, clock: MotionClock, problem: type[Problem], values: Values
+        self,
+        node: Node,
+        clock: MotionClock,
+        problem: type[Problem],
+        values: Values,
+        request: Callable[[Request], None],
     ) -> None:
         self._node, self._clock, self._problem, self._values = node, clock, problem, values
+        self.plans = ActivePlans()
         self._plant = planned_plant(problem, values)
         self.vehicles = {
             name: Vehicle(node, clock, name, self._plant, values)
@@ -58,7 +90,11 @@ class Adapter:
         }
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
-        self._goal_tools: list[GoalTool] = []
+        self._goal_tools = [
+            GoalTool(node, name, lambda: self._values, request, vehicle.markers.publish)
+            for name, vehicle in self.vehicles.items()
+            if f'formation.{name}' in values
+        ]
         self._drawn = False
         self.values_changed(values)
 
@@ -76,14 +112,6 @@ class Adapter:
             preview = None if self._drawn else self._plant.preview(values)
             if preview is not None:
                 self._markers.publish(plan_markers(self._plant.kind.frame, *preview))
-
-    def accept_requests(self, request: PlanRequest) -> None:
-        """Let goal tools move the places of vehicles that are parameters."""
-        self._goal_tools = [
-            GoalTool(self._node, name, lambda: self._values, request, vehicle.markers.publish)
-            for name, vehicle in self.vehicles.items()
-            if f'formation.{name}' in self._values
-        ]
 
     # The state.
 
@@ -110,12 +138,14 @@ class Adapter:
             Naming what is missing or too old, and how old it is.
 
         """
-        return self._starts(self._of_all(lambda v: v.predicted(values, now, start)))
+        plan = self.plans.at(now)
+        return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
 
     def rests(self, now: float) -> bool:
         """Whether the plant is at rest, so that a late start can be delayed."""
-        plans = [vehicle.followed(now) for vehicle in self.vehicles.values()]
-        return self._plant.stays and all(plan is None or plan.end <= now for plan in plans)
+        plan = self.plans.at(now)
+        moved = [v.follows(plan, now) for v in self.vehicles.values()] if plan else []
+        return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:
         """
@@ -131,8 +161,7 @@ class Adapter:
 
     def ages(self, now: float) -> Mapping[str, float | None]:
         """Age of every measured state [s] by name; None where none was received."""
-        stamp = self._clock.stamp(now)
-        ages = [vehicle.measured.ages(stamp) for vehicle in self.vehicles.values()]
+        ages = [vehicle.measured.ages(now) for vehicle in self.vehicles.values()]
         return {topic: age for vehicle in ages for topic, age in vehicle.items()}
 
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
@@ -157,20 +186,12 @@ class Adapter:
 
     # Plans.
 
-    def next_start(self, now: float) -> float | None:
-        """
-        Instant at which the newest published plan begins; None where it has begun at `now`.
-
-        Until then `measured_start` predicts along the plan before. Called in the worker's thread.
-        """
-        first = next(iter(self.vehicles.values()))  # all begin at once
-        return first.plans.next_start(now)
-
     def publish(self, plan: ActivePlan, stamp: int) -> None:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
         trajectories = plan.solution.trajectories
         for name, trajectory in trajectories.items():
             self._publish_motion(plan, name, trajectory, stamp)
+        self.plans.add(plan, self._clock.now())
         self._drawn = True
         view = view_of(plan.problem, next(iter(trajectories.values())))
         named = self._plant.several
@@ -189,7 +210,7 @@ class Adapter:
         vehicle = self.vehicles.get(name)
         if vehicle is None and len(plan.solution.trajectories) == 1:
             (vehicle,) = self.vehicles.values()
-        trajectory, besides = self._plant.complete(problem, trajectory)
+        besides = self._plant.besides(problem, trajectory)
         message = plan_message(kind, trajectory, to_stamp(stamp), besides)
         if vehicle is None:
             if name not in self._others:
@@ -200,20 +221,12 @@ class Adapter:
         vehicle.trajectory.publish(message)
         if vehicle.path is not None:
             vehicle.path.publish(path_message(kind, trajectory, stamp))
-        if trajectory.state_names == vehicle.kind.state_names:
-            vehicle.plans.add(replace(plan.motion(name), trajectory=trajectory), self._clock.now())
 
     def forget_plans(self) -> None:
         """Forget the plans: simulated time was set back, and the trackers have dropped them."""
-        for vehicle in self.vehicles.values():
-            vehicle.plans.clear()
-            if vehicle.tracker is not None:
-                vehicle.tracker.forget_plans()
-
-    @property
-    def recognises(self) -> bool:
-        """Whether the problem can assess plans made before."""
-        return self._problem.assess is not Problem.assess
+        self.plans = ActivePlans()
+        for watch in self.trackers.values():
+            watch.forget_plans()
 
     def recognised(
         self, values: Values, trajectories: Mapping[str, Trajectory]

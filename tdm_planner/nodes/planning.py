@@ -145,7 +145,7 @@ def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClo
     plan; until then, the one before.
     """
     now = clock.now()
-    begins = adapter.next_start(now)
+    begins = adapter.plans.next_start(now)
     longest = max(values['solver.deadline'], max(_RETRIES) * values['start.delay']) + _MARGIN
     if begins is None or begins - now > longest:
         return now

@@ -113,20 +113,19 @@ class Replanning:
     def _replanner_of(
         self, plan: ActivePlan, adapter: Adapter, values: Mapping[str, Any]
     ) -> Replanner:
-        """Return the replanner of the active plan; every plan has its own."""
+        """Return the replanner, for the plan, its trackers and parameters as they are now."""
         parameters = build(ReplanParameters, values, 'replan.')
-        replanner = self._replanner
         trackers = {**adapter.tracker_parameters, '': parameters.deviation}
-        if replanner is None or self._reviewed is not plan:
-            earlier = () if replanner is None else replanner.history
-            execution = adapter.execution(plan.problem)
-            replanner = self._replanner = Replanner(execution, parameters)
-            replanner.adopt(plan, earlier)
-            self._reviewed, self._trackers = plan, trackers
-        elif trackers != self._trackers:
-            replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
-        replanner.parameters = parameters
-        return replanner
+        adopted = self._reviewed is plan
+        if self._replanner is None:
+            self._replanner = Replanner(adapter.execution(plan.problem), parameters)
+        elif not adopted or trackers != self._trackers:
+            self._replanner.execution = adapter.execution(plan.problem)
+        if not adopted:
+            self._replanner.adopt(plan)
+        self._reviewed, self._trackers = plan, trackers
+        self._replanner.parameters = parameters
+        return self._replanner
 
     def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
         """Return the problem that the parameters state, from the start of the active plan."""

@@ -124,6 +124,7 @@ class TrackerNode(ManagedNode):
         )
         self._measured = MeasuredState(
             self,
+            self._time,
             self.plant.kind,
             '',
             self._on_state,
@@ -159,7 +160,7 @@ class TrackerNode(ManagedNode):
     def cleanup(self) -> None:
         """Forget what was received."""
         self._newest = self._answer = None
-        self._intake.clear()
+        self._intake.waiting = None
 
     # Parameters.
 
@@ -196,15 +197,12 @@ class TrackerNode(ManagedNode):
         self._clock_steps += 1
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
-    def _on_state(self, state: Array, instant: int) -> None:
-        """Observe a state (nx,) of the instant [ns]; ignore one from the future."""
-        if not self._time.runs:
-            return
-        now, at = self._time.now(), self._time.instant(instant)
-        self._delay = now - at
-        if at > now + self.tracker.parameters.state_timeout:
+    def _on_state(self, state: Array, at: float) -> None:
+        """Observe a state (nx,) of the instant [s]; ignore one from the future."""
+        self._delay = self._time.now() - at
+        if -self._delay > self.tracker.parameters.state_timeout:
             self._ignore_state(
-                f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
+                f'its stamp lies {-self._delay:.3g} s in the future: are the clocks synchronised?'
             )
             return
         self._newest = state, at

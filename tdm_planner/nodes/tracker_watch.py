@@ -15,13 +15,12 @@ from typing import Any
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.clocks import MotionClock, steady_timer
 from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.tracker_status import TOPIC
@@ -63,7 +62,7 @@ class TrackerWatch:
         node.create_subscription(
             ParameterEvent, '/parameter_events', self._on_event, qos_profile_parameter_events
         )
-        node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, _PERIOD, self._ask)
 
     @property
     def heard(self) -> bool:

@@ -25,7 +25,7 @@ from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planned_plants import PlannedPlant, Values
 from tdm_planner.nodes.reading import read_joints
 from tdm_planner.nodes.tracker_watch import TrackerWatch
-from tdm_planner.replanning import Mode, Observation
+from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.trajectory import TimedTrajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
@@ -34,35 +34,6 @@ Array = NDArray[np.float64]
 
 MARKER_RATE = 20.0  # Hz
 OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
-
-
-class ActivePlans:
-    """
-    The newest published plan, pending or active, and the one that is active until it begins.
-
-    A pending plan that is superseded never becomes active. Safe in any thread.
-    """
-
-    def __init__(self) -> None:
-        self._plans: tuple[TimedTrajectory, ...] = ()  # in the order of publication
-
-    def add(self, plan: TimedTrajectory, now: float) -> None:
-        """Add a plan published at the instant `now` [s]."""
-        active = self.at(now)
-        self._plans = (*(() if active is None else (active,)), plan)
-
-    def at(self, now: float) -> TimedTrajectory | None:
-        """Return the plan that is active at an instant [s]; None before the first."""
-        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
-
-    def next_start(self, now: float) -> float | None:
-        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
-        start = self._plans[-1].start if self._plans else now
-        return start if start > now else None
-
-    def clear(self) -> None:
-        """Forget them."""
-        self._plans = ()
 
 
 class Vehicle:
@@ -85,7 +56,6 @@ class Vehicle:
         self.name, self.kind = name, plant.kind
         self.prefix = prefix = f'{name}/' if plant.several else ''
         self._angles = np.array([state in self.kind.angles for state in self.kind.state_names])
-        self.plans = ActivePlans()
         self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
         self.path = (
             node.create_publisher(Path, f'{prefix}path', LATCHED) if self.kind.odometry else None
@@ -94,7 +64,7 @@ class Vehicle:
             None if plant.tracker is None else TrackerWatch(node, clock, prefix, plant.tracker)
         )
         self._picture: Picture | None = None
-        self.measured = MeasuredState(node, self.kind, prefix, self._observe)
+        self.measured = MeasuredState(node, clock, self.kind, prefix, self._observe)
         self.markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
         node.create_timer(1.0 / MARKER_RATE, self._show)
         self.values_changed(values)
@@ -123,13 +93,9 @@ class Vehicle:
         """Return the tracker's mode at the instant `now`; FOLLOWING if it is unknown."""
         return Mode.FOLLOWING if self.tracker is None else self.tracker.mode(now)
 
-    def followed(self, now: float) -> TimedTrajectory | None:
-        """Return the plan that the plant follows; None without one."""
-        return self.plans.at(now) if self.mode(now) is Mode.FOLLOWING else None
-
-    def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
+    def seen(self, now: float, max_age: float) -> Observation:
         """
-        Return the newest state (nx,) and its instant, not older than `max_age` s at `now`.
+        Return the newest state and what the tracker does.
 
         Raises
         ------
@@ -137,20 +103,23 @@ class Vehicle:
             As `MeasuredState.fresh` does.
 
         """
-        state, stamp = self.measured.fresh(self._clock.stamp(now), max_age)
-        return state, self._clock.instant(stamp)
-
-    def seen(self, now: float, max_age: float) -> Observation:
-        """Return the newest state and what the tracker does; raises NoState as `fresh` does."""
         followed = None if self.tracker is None else self.tracker.followed(now)
-        return Observation(*self.fresh(now, max_age), self.mode(now), followed)
+        return Observation(*self.measured.fresh(now, max_age), self.mode(now), followed)
 
-    def predicted(self, values: Values, now: float, start: float) -> Array:
+    def follows(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
+        """Return the motion of the plant by an active plan; None unless it is followed."""
+        motion = plan.motion(self.name)
+        known = motion.trajectory.state_names == self.kind.state_names
+        return motion if known and self.mode(now) is Mode.FOLLOWING else None
+
+    def predicted(
+        self, values: Values, now: float, start: float, plan: ActivePlan | None
+    ) -> Array:
         """
         Return the state (nx,) at the instant `start`, measured not long before `now`.
 
-        A plant that follows a plan, within the tracking tolerance, is predicted along that plan,
-        plus the rest of its deviation. Any other plant is predicted without control.
+        A plant that follows the active `plan`, within the tracking tolerance, is predicted along
+        it, plus the rest of its deviation. Any other plant is predicted without control.
 
         Raises
         ------
@@ -158,27 +127,27 @@ class Vehicle:
             Naming what is missing or too old, or why it cannot be predicted.
 
         """
-        state, measured = self.fresh(now, values['start.max_age'])
-        plan, wait = self.followed(now), start - measured
-        if plan is not None:
-            away = state - plan.reference(measured)
+        state, measured = self.measured.fresh(now, values['start.max_age'])
+        motion, wait = None if plan is None else self.follows(plan, now), start - measured
+        if motion is not None:
+            away = state - motion.reference(measured)
             away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
-            if (np.abs(away) <= self._plant.tracking_tolerance(plan.trajectory, values)).all():
+            if (np.abs(away) <= self._plant.tracking_tolerance(motion.trajectory, values)).all():
                 return np.asarray(
-                    plan.reference(start) + self._plant.remaining_deviation(away, wait)
+                    motion.reference(start) + self._plant.remaining_deviation(away, wait)
                 )
         return self._plant.coasted(state, wait, values)
 
-    def _observe(self, state: Array, stamp: int) -> None:
+    def _observe(self, state: Array, at: float) -> None:
         if self._picture is not None:
-            self._picture.add(self._clock.instant(stamp), state)
+            self._picture.add(at, state)
 
     def _show(self) -> None:
         """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
         newest, markers, picture = self.measured.newest, self.markers, self._picture
         if newest is None or picture is None or markers.get_subscription_count() == 0:
             return
-        stale = self._clock.now() - self._clock.instant(newest[1]) > OLDEST_SHOWN
+        stale = self._clock.now() - newest[1] > OLDEST_SHOWN
         if stale or self._node.count_publishers(markers.topic_name) > 1:
             return
         now = self._node.get_clock().now().to_msg()
@@ -187,9 +156,9 @@ class Vehicle:
     def _applied(self) -> Array:
         """Efforts (nu,) that the plant's driver reports; 0 where it does not."""
         told: dict[str, float] = {}
-        joints = self.measured.joints.newest
+        joints = self.measured.joints
         for joint in self.kind.actuated:
             with suppress(InvalidProblem):
                 if joints is not None:
-                    told |= read_joints([joint], joints.message, [joint.effort])
+                    told |= read_joints([joint], joints, [joint.effort])
         return np.array([told.get(name, 0.0) for name in self.kind.control_names])

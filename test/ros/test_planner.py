@@ -338,6 +338,6 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros: Stepped) 
     assert 'the clock was set by -3.6e+03 s' in planner.here.output
     assert node._plan is plan
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
-    assert node._adapter.next_start(plan.start - 1e-6) == plan.start
-    assert node._adapter.next_start(plan.start) is None
+    assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
+    assert node._adapter.plans.next_start(plan.start) is None
     planner.here.end_cleanly()

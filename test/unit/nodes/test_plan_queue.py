@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
+from tdm_planner.nodes.adapter import ActivePlans
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planned_plants import PlannedRobots
 from tdm_planner.nodes.replanning import Replanning
-from tdm_planner.nodes.vehicle import ActivePlans, Vehicle
+from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
@@ -251,12 +252,14 @@ class Robot(Vehicle):
     def __init__(self, plan: TimedTrajectory | None, state: Any, measured: float) -> None:
         self._plant = PlannedRobots(RobotFormation, {})
         self._angles = np.isin(np.arange(7), (4, 6))
-        self.fresh = lambda *_: (state, measured)  # type: ignore[method-assign]
-        self.followed = lambda _: plan  # type: ignore[method-assign, assignment]
+        self.measured = SimpleNamespace(fresh=lambda *_: (state, measured))  # type: ignore
+        self.follows = lambda *_: plan  # type: ignore[method-assign, assignment]
 
 
 def predict(plan, state, measured, start):
-    return Robot(plan, state, measured).predicted({'start.max_age': 1.0}, measured, start)
+    active: Any = plan
+    robot = Robot(plan, state, measured)
+    return robot.predicted({'start.max_age': 1.0}, measured, start, active)
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
@@ -309,5 +312,3 @@ def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
     assert plans.next_start(19.9) == 20.0
     assert plans.next_start(20.0) is None
     assert plans.at(20.0) is third
-    plans.clear()
-    assert plans.at(20.0) is None
