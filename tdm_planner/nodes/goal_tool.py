@@ -19,13 +19,13 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.answers import Request
-from tdm_planner.nodes.markers import MarkerFactory
+from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.planned_plants import Values
 from tdm_planner.nodes.reading import yaw_of
 from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import ARENA_FRAME
 from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 
@@ -93,10 +93,10 @@ class GoalTool:
 
     def _tell(self, pose: Sequence[float], outcome: str | Failure) -> None:
         """Show why there is no plan, or remove the text shown before."""
-        pen = MarkerFactory(ARENA_FRAME, lifetime=NOTICE_TIME)
+        pen = Pen(ARENA_FRAME, lifetime=NOTICE_TIME)
         if isinstance(outcome, Failure):
             text = textwrap.fill(f'{self._robot}: {outcome.code}: {outcome.reason}', _LINE)
-            marker = pen.text('rejected', 0, text, (pose[0], pose[1], 0.3), _LETTERS)
+            marker = pen.text('rejected', text, (pose[0], pose[1], 0.3), _LETTERS)
         else:
-            marker = pen.delete('rejected', 0)
+            marker = pen.marker('rejected', action=Marker.DELETE)
         self._show(MarkerArray(markers=[marker]))

@@ -78,7 +78,7 @@ class Vehicle:
             if self._picture is None:
                 self._picture = Picture(drawn, self._plant.trail, name)
             else:
-                self._picture.set_up(drawn, self._plant.trail, name)
+                self._picture.set_up(drawn, self._plant.trail)
 
     @property
     def label(self) -> str:
