@@ -23,8 +23,9 @@ from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.goal_tool import GoalTool
 from tdm_planner.nodes.markers import DrawnPath, plan_markers
-from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
+from tdm_planner.nodes.messages import path_message, plan_message, to_stamp
 from tdm_planner.nodes.planned_plants import planned_plant, Values
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.tracker_watch import TrackerWatch
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind

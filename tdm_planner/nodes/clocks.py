@@ -44,7 +44,7 @@ def pacing_clock(node: Node) -> Clock:
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
-def steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
     """Make a timer [s] that also rings while simulated time stands still."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

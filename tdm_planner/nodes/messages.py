@@ -30,30 +30,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.nodes.reading import joint_indices, nanoseconds_of, seconds_of
-from tdm_planner.plant_kind import ARENA_FRAME, Joint, PlantKind, WORLD_FRAME
+from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-__all__ = [
-    'ARENA_FRAME',
-    'LATCHED',
-    'WORLD_FRAME',
-    'command_message',
-    'from_wire',
-    'joint_indices',
-    'joint_states',
-    'nanoseconds_of',
-    'odometry',
-    'path_message',
-    'plan_message',
-    'seconds_of',
-    'stamp_of',
-    'to_duration',
-    'to_quaternion',
-    'to_stamp',
-]
 
 Array = NDArray[np.float64]
 

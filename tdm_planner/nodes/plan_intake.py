@@ -16,7 +16,8 @@ import time
 from typing import Any, NamedTuple
 
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import nanoseconds_of, stamp_of
+from tdm_planner.nodes.messages import stamp_of
+from tdm_planner.nodes.reading import nanoseconds_of
 
 # A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
 # newest one waits, at most until shortly before its start.

@@ -35,11 +35,11 @@ from tdm_planner.nodes.answers import (
 from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import make_plan
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_deferred_service

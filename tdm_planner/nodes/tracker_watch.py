@@ -21,8 +21,8 @@ from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock, steady_timer
-from tdm_planner.nodes.messages import nanoseconds_of
 from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import build, specifications
 from tdm_planner.replanning import Mode

@@ -23,15 +23,10 @@ from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import (
-    LATCHED,
-    nanoseconds_of,
-    plan_message,
-    to_quaternion,
-    to_stamp,
-)
+from tdm_planner.nodes.messages import plan_message, to_quaternion, to_stamp
 from tdm_planner.nodes.other_planners import Recovery
-from tdm_planner.nodes.reading import read_plan
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory

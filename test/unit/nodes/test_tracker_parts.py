@@ -24,7 +24,8 @@ from nav_msgs.msg import Odometry
 import pytest
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
