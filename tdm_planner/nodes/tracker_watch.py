@@ -39,18 +39,18 @@ class TrackerWatch:
     Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
 
     `parameters` are the tracker's, of the class `kind`; None until they are known. They are read
-    when a tracker becomes active, and whenever one of them has changed. Instants are those of
-    `clock` [s]. Safe in any thread.
+    when a tracker becomes active, and whenever one of them has changed. Of a tracker of no `kind`
+    nothing is known but what it publishes. Instants are those of `clock` [s]. Safe in any thread.
     """
 
     def __init__(
-        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters]
+        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters] | None
     ) -> None:
         self._node, self._clock, self._kind = node, clock, kind
         self._statuses: dict[int, int] | None = None  # by start [ns] as published
         self._begins: dict[int, float] = {}  # instants of these starts, when they were first told
         self.parameters: TrackerParameters | None = None
-        self._names = list(specifications(kind))
+        self._names = [] if kind is None else list(specifications(kind))
         self._wanted = False
         self._asked: Future | None = None
         self._patience = 0
@@ -73,7 +73,7 @@ class TrackerWatch:
     def inactive(self) -> bool:
         """Whether the tracker is not active yet, not any more, or gone after it was heard."""
         if self._statuses is None:  # its node may be there; it tells nothing until it is active
-            return bool(self._client.service_is_ready())
+            return self._kind is not None and bool(self._client.service_is_ready())
         canceled = GoalStatus.STATUS_CANCELED
         return (
             all(status == canceled for status in self._statuses.values())
@@ -129,7 +129,7 @@ class TrackerWatch:
         pending = self._asked is not None
         if (pending and self._patience > 0) or not (pending or self._wanted):
             return
-        if not self.heard or not self._client.service_is_ready():
+        if self._kind is None or not self.heard or not self._client.service_is_ready():
             return
         self._wanted, self._patience = False, _ATTEMPTS
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
@@ -137,7 +137,7 @@ class TrackerWatch:
 
     def _on_answer(self, answer: Future) -> None:
         response: Any = answer.result()
-        if answer is not self._asked:
+        if answer is not self._asked or self._kind is None:
             return
         self._asked = None
         values = [parameter_value_to_python(value) for value in response.values]
