@@ -85,7 +85,7 @@ class Planner(ManagedNode):
         self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
         self._unfollowed = ''
         self._requests = self._failures = 0
-        self._prepares = self._prepared = False
+        self._prepared = False
         self._timer = steady_timer(self, _PERIOD, self._on_timer)
         self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
@@ -111,6 +111,8 @@ class Planner(ManagedNode):
         if problem.assess is not Problem.assess:
             Recovery(self, self._adapter.vehicles.values(), self._recover)
         self._replanning.set_up(self._adapter, values)
+        if not self._prepared:  # begun once the executor runs
+            self._first = steady_timer(self, 0.0, self._on_first)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the active plan."""
@@ -149,6 +151,11 @@ class Planner(ManagedNode):
             self.declare(found)
         kept = found.keys() | _REQUEST.keys()
         self.withdraw([name for name in self.parameter_values if name not in kept])
+
+    def _on_first(self) -> None:
+        self.destroy_timer(self._first)
+        tell_of_compilation(self.get_logger().info)
+        self._queue.task(self._prepare, lambda _: self._diagnostics.update())
 
     def _prepare(self) -> None:
         """Prepare what does not depend on a request; in the queue's thread."""
@@ -311,13 +318,8 @@ class Planner(ManagedNode):
     # Time.
 
     def _on_timer(self) -> None:
-        """Notice that the clock was set; begin to prepare the problem once the executor runs."""
         self._time.now()
         self._look_who_follows()
-        if self.configured and not self._prepares:
-            self._prepares = True
-            tell_of_compilation(self.get_logger().info)
-            self._queue.task(self._prepare, lambda _: self._diagnostics.update())
 
     def _on_clock_step(self, step: float) -> None:
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')

@@ -205,7 +205,7 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
         for name, spec in RobotFormation.parameter_specifications({'robots': list(pair)}).items()
     }
     given = {**values, **places, 'robots': list(pair)}
-    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given)
+    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given, print)
     node: Any = ros.node
     recovery = Recovery(node, adapter.vehicles.values(), print)
     monkeypatch.setattr(recovery, '_on_found', lambda *told: found.append(told))
