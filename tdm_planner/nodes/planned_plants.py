@@ -23,17 +23,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from tdm_planner.drawing import Drawn, PendulumDrawing, RobotDrawing, Shape
+from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing, Shape
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.markers import DrawnPath
 from tdm_planner.nodes.tracked_plants import tracked_problem
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
-from tdm_planner.plant_views import StatedView, view_of
+from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.problems.base import Problem
 from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.formation_parameters import Arena, place_in_arena
 from tdm_planner.problems.swing_up_task import VEHICLE as SWING_UP
 from tdm_planner.replanning import (
     Execution,
@@ -239,12 +240,21 @@ class PlannedRobots(PlannedPlant):
 
     def preview(self, values: Values) -> tuple[Sequence[Shape], Sequence[DrawnPath]]:
         """Return the arena, and the robots in their places of the formation."""
-        problem = RobotFormation.from_parameters(values)
-        view, task = view_of(problem), problem.task
-        goals = np.zeros((task.n, 7))
-        goals[:, :2], goals[:, 4] = task.goal, task.goal_yaw
-        ways = [DrawnPath(view, goals[[k]], name) for k, name in enumerate(task.names)]
-        return view.surroundings(), ways
+        arena, drawn = build(Arena, values, 'arena.'), self.drawn(values)
+        zones = arena.obstacles[: len(arena.obstacles) // 3 * 3]
+        around = arena_drawing(
+            arena.length,
+            arena.width,
+            arena.minimum_separation,
+            np.reshape(zones, (-1, 3)).tolist(),
+        )
+        ways = []
+        for name in values['robots']:
+            place = values.get(f'formation.{name}')
+            if place is not None:
+                x, y, yaw = place_in_arena(values['formation.anchor'], place)
+                ways.append(DrawnPath(drawn, np.array([[x, y, 0.0, 0.0, yaw, 0.0, 0.0]]), name))
+        return around, ways
 
 
 _PLANTS: Sequence[tuple[type[Problem], type[PlannedPlant]]] = (
