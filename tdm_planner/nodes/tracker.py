@@ -21,10 +21,10 @@ import sys
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.task import Future
-from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -90,7 +90,6 @@ class TrackerNode(ManagedNode):
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
         self._activated = 0.0
-        self._newest: tuple[Array, float] | None = None
         self._intake = PlanIntake(
             self._time, lambda: self.active, lambda: self.tracker.lead, self._look_at
         )
@@ -102,7 +101,6 @@ class TrackerNode(ManagedNode):
 
     def configure(self) -> None:
         """Listen to plan and state."""
-        self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
@@ -133,13 +131,14 @@ class TrackerNode(ManagedNode):
         self._last, self._rejection = (Phase.IDLE, ''), ''
         self._activated = time.monotonic()
         self._status.begin()
-        if self._newest is not None:
-            self._observe(*self._newest)
+        newest = self._measured.newest
+        if newest is None:
+            self.get_logger().info(_WAITING)
+        else:
+            self._on_state(*newest)
         self._intake.look()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
-        if self._newest is None:
-            self.get_logger().info(_WAITING)
         self._timer = self.create_timer(
             self.tracker.parameters.interval, self._on_tick, clock=clock
         )
@@ -149,13 +148,12 @@ class TrackerNode(ManagedNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
-        self._send(self.tracker.nothing, self.get_clock().now())
+        self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
 
     def cleanup(self) -> None:
         """Forget what was received."""
-        self._newest = self._answer = None
-        self._intake.waiting = None
+        self._answer = self._intake.waiting = None
 
     # Parameters.
 
@@ -200,15 +198,11 @@ class TrackerNode(ManagedNode):
                 f'its stamp lies {-self._delay:.3g} s in the future: are the clocks synchronised?'
             )
             return
-        self._newest = state, at
         if self.active:
-            self._observe(state, at)
-
-    def _observe(self, state: Array, at: float) -> None:
-        try:
-            self.tracker.observe(state, at)
-        except Exception as error:  # noqa: B902
-            self._ignore_state(self._told(error))
+            try:
+                self.tracker.observe(state, at)
+            except Exception as error:  # noqa: B902
+                self._ignore_state(self._told(error))
 
     def _ignore_state(self, reason: str) -> None:
         self._states_ignored += 1
@@ -281,7 +275,7 @@ class TrackerNode(ManagedNode):
         if self._rate is not None:
             self._rate.tick()
         self._intake.look()
-        now, stamp = self._time.now(), self.get_clock().now()
+        now, stamp = self._time.now(), self.get_clock().now().to_msg()
         try:
             command = self.tracker.command(now)
         except Exception as fault:  # noqa: B902
@@ -290,9 +284,7 @@ class TrackerNode(ManagedNode):
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)
-            error = self._error_message(command.action)
-            error.header.stamp = stamp.to_msg()
-            self._error_publisher.publish(error)
+            self._tell_error(command.action, stamp)
         self._note_changes(command)
         self._status.update(self.tracker)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
@@ -300,24 +292,23 @@ class TrackerNode(ManagedNode):
 
     def _send(self, control: Array, stamp: Time) -> None:
         message = command_message(self.plant.kind, control)
-        message.header.stamp = stamp.to_msg()
+        message.header.stamp = stamp
         self._command_publisher.publish(message)
         self._commands += 1
 
-    def _error_message(self, action: Action) -> JointState:
-        """Return the deviation of the states, and the feedback within the command as efforts."""
+    def _tell_error(self, action: Action, stamp: Time) -> None:
+        """Publish the deviation of the states, and the feedback within the command as efforts."""
         kind = self.plant.kind
-        told = zip(
-            (*kind.state_names, *kind.control_names),
-            (*action.error.tolist(), *action.feedback.tolist()),
-            strict=True,
-        )
-        return joint_states(kind.joints, dict(told))
+        names, values = (*kind.state_names, *kind.control_names), (*action.error, *action.feedback)
+        message = joint_states(kind.joints, dict(zip(names, map(float, values), strict=True)))
+        message.header.stamp = stamp
+        self._error_publisher.publish(message)
 
     @property
     def _awaits_state(self) -> bool:
         """Whether the first state is still expected."""
-        return self._newest is None and time.monotonic() < self._activated + FIRST_STATE
+        waits = time.monotonic() < self._activated + FIRST_STATE
+        return waits and self._measured.newest is None
 
     def _note_changes(self, command: Command) -> None:
         waits = self._awaits_state
@@ -363,9 +354,8 @@ class TrackerNode(ManagedNode):
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         slow = '' if self._rate is None else self._rate.problem()
-        warning = self.tracker.warning if self.configured else ''
         timeless, slow = '' if self._time.runs else NO_TIME, f'commands at {slow}' if slow else ''
-        told = [timeless, self._rejection, self._planners.warning, warning, slow]
+        told = [timeless, self._rejection, self._planners.warning, self.tracker.warning, slow]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')
