@@ -72,10 +72,7 @@ class Planner(ManagedNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
-        self._adapter: Adapter | None = None
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
-        publish = partial(self._settle, Request())
-        self._replanning = Replanning(self, self._time, self._queue, publish)
         self._declare_problem()
         self.warn_of_unknown_overrides()
         self._plan: ActivePlan | None = None
@@ -110,15 +107,15 @@ class Planner(ManagedNode):
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
         if problem.assess is not Problem.assess:
             Recovery(self, self._adapter.vehicles.values(), self._recover)
-        self._replanning.set_up(self._adapter, values)
+        publish = partial(self._settle, Request())
+        self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
         if not self._prepared:  # begun once the executor runs
             self._first = steady_timer(self, 0.0, self._on_first)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the active plan."""
         self._failure = None
-        if self._adapter is not None:
-            self._adapter.values_changed(self.parameter_values)
+        self._adapter.values_changed(self.parameter_values)
 
     def deactivate(self) -> None:
         """Reject the requests that are not answered yet; what is being solved is dropped."""
@@ -126,10 +123,8 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._adapter = self._failure = None
-        self._replanning.set_up(None, self.parameter_values)
-        self._superseded = False
-        self._follow(None)
+        self._plan = self._expected = self._failure = None
+        self._superseded, self._unfollowed = False, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Reject values for which the problem cannot say which parameters it has."""
@@ -138,9 +133,9 @@ class Planner(ManagedNode):
     def values_changed(self, names: frozenset[str]) -> None:
         """Let changed parameters act from the next request on."""
         self._declare_problem()
-        if self._adapter is not None:
+        if self.configured:
             self._adapter.values_changed(self.parameter_values)
-            self._replanning.set_up(self._adapter, self.parameter_values)
+            self._replanning.values_changed()
         super().values_changed(names)
         self._diagnostics.update()
 
@@ -182,7 +177,6 @@ class Planner(ManagedNode):
                 )
             if faults := self.faults():
                 raise InvalidProblem('; '.join(faults))
-            assert self._adapter is not None  # it is made before the planner is active
             if parameters:
                 request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
@@ -218,7 +212,6 @@ class Planner(ManagedNode):
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            assert self._adapter is not None
             plan = outcome
             if request.lasting:
                 self._set(request.changes)
@@ -234,7 +227,7 @@ class Planner(ManagedNode):
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
             if request.answer is not None:
-                answer = plan_answer(plan, self._plan_id, self._warnings(self._adapter, plan))
+                answer = plan_answer(plan, self._plan_id, self._warnings(plan))
         except Exception as error:  # noqa: B902
             answer = self._failure = Failure.of(error)
             self._failures += 1
@@ -247,9 +240,9 @@ class Planner(ManagedNode):
             request.answer(answer)
         self._diagnostics.update()
 
-    def _warnings(self, adapter: Adapter, plan: ActivePlan) -> list[str]:
+    def _warnings(self, plan: ActivePlan) -> list[str]:
         """Log and return what is not connected, and that a plan comes late."""
-        warnings, late = adapter.warnings(), self._time.now() - plan.start
+        warnings, late = self._adapter.warnings(), self._time.now() - plan.start
         if late > 0:
             warnings.append(
                 f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
@@ -274,10 +267,10 @@ class Planner(ManagedNode):
 
     def _look_who_follows(self) -> None:
         """Name the trackers that do not follow the active plan once it has begun."""
-        expected, adapter = self._expected, self._adapter
-        if expected is None or adapter is None or self._time.now() - expected[1] < _GRACE:
+        expected = self._expected
+        if expected is None or self._time.now() - expected[1] < _GRACE:
             return
-        self._expected, names = None, adapter.not_following(expected[0])
+        self._expected, names = None, self._adapter.not_following(expected[0])
         if names:
             self._unfollowed = (
                 f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
@@ -299,7 +292,7 @@ class Planner(ManagedNode):
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
         """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
-        if adapter is None or self._others.published(stamp):
+        if self._others.published(stamp):
             return
 
         def compute() -> ActivePlan:
@@ -329,8 +322,7 @@ class Planner(ManagedNode):
         if not ros_clock(self).ros_time_is_active or self._plan is None:
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
-        if self._adapter is not None:
-            self._adapter.forget_plans()
+        self._adapter.forget_plans()
         self._follow(None)
 
     # Diagnostics.
@@ -348,9 +340,8 @@ class Planner(ManagedNode):
         if self._plan is not None:
             values.update(plan_figures(self._plan, now))
         values.update(self._replanning.figures())
-        if self._adapter is not None:
-            for name, age in self._adapter.ages(now).items():
-                values[f'age of {name} [s]'] = 'never received' if age is None else age
+        for name, age in self._adapter.ages(now).items():
+            values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(level, message, values)
 
     def _state(self) -> tuple[Level, str]:

@@ -139,14 +139,15 @@ class Reviewed:
         self.published: list[ActivePlan] = []
         self.now, self.values = 0.0, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
         clock: Any = SimpleNamespace(now=lambda: self.now)
-        node: Any = SimpleNamespace(get_logger=lambda: SILENT, active=True)
+        node: Any = SimpleNamespace(
+            get_logger=lambda: SILENT, active=True, parameter_values=self.values
+        )
         queue: Any = self
-        self.replanning = Replanning(node, clock, queue, self.published.append)
         adapter: Any = SimpleNamespace(
             measures=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
         )
         self.seen: list[Any] = []
-        self.replanning.set_up(adapter, self.values)
+        self.replanning = Replanning(node, clock, queue, adapter, self.published.append)
         problem: Any = 'problem'
         solution: Any = 'solution'
         self.replanning.follow(ActivePlan(problem, solution, 0.0, own={'wide': 2.0}))
