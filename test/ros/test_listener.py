@@ -144,6 +144,7 @@ def test_a_push_and_a_pull_move_the_pendulum_and_a_reset_puts_it_back(seen: Seen
     assert '-' in told
     assert seen.values(SIMULATION)['disturbance.impulse'] == pytest.approx(3e-4)
     seen.told(seen.operations.reset)
+    assert seen.ros.spin_until(lambda: abs(seen.state()[2]) < 1e-9)  # the next test plans from it
 
 
 def test_the_newest_plan_is_known_whoever_asked_for_it(seen: Seen) -> None:
