@@ -83,6 +83,7 @@ class Planner(ManagedNode):
         self._unfollowed = ''
         self._requests = self._failures = 0
         self._prepared = False
+        self._recovery: Recovery | None = None
         self._timer = steady_timer(self, _PERIOD, self._on_timer)
         self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
@@ -106,7 +107,7 @@ class Planner(ManagedNode):
         problem, values = self._problem_class, self.parameter_values
         self._adapter = Adapter(self, self._time, problem, values, self._on_request)
         if problem.assess is not Problem.assess:
-            Recovery(self, self._adapter.vehicles.values(), self._recover)
+            self._recovery = Recovery(self, self._adapter.vehicles.values())
         publish = partial(self._settle, Request())
         self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
         if not self._prepared:  # begun once the executor runs
@@ -123,7 +124,7 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._plan = self._expected = self._failure = None
+        self._plan = self._expected = self._failure = self._recovery = None
         self._superseded, self._unfollowed = False, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
@@ -292,7 +293,7 @@ class Planner(ManagedNode):
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
         """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
-        if self._others.published(stamp):
+        if self._plan is not None or self._others.published(stamp):
             return
 
         def compute() -> ActivePlan:
@@ -313,6 +314,9 @@ class Planner(ManagedNode):
     def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
+        found = None if self._recovery is None else self._recovery.look(self.active)
+        if found is not None:
+            self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
