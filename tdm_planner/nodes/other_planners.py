@@ -115,11 +115,10 @@ class Recovery:
         if not (self._waits and active) or now < self._since + GRACE:
             return None
         self._waits = False
-        with suppress(InvalidProblem):
-            if start:
-                return {
-                    v.name: read_plan(v.kind, self._told[v.name]) for v in self._vehicles
-                }, start
+        if start:
+            with suppress(InvalidProblem):
+                plans = {v.name: read_plan(v.kind, self._told[v.name]) for v in self._vehicles}
+                return plans, start
         return None
 
     def _take(self, vehicle: str, message: JointTrajectory) -> None:
