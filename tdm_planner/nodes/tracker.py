@@ -184,7 +184,7 @@ class TrackerNode(ManagedNode):
             self.tracker = changed
         super().values_changed(names)
 
-    # Messages.
+    # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
 
     def _on_clock_step(self, step: float) -> None:
         self._clock_steps += 1
