@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -29,7 +31,7 @@ from tdm_planner.replanning import Mode
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 _PERIOD = 0.2  # s between attempts to ask for the parameters
-_ATTEMPTS = 10  # periods that an answer may take: its client may have been met only just now
+_PATIENCE = 2.0  # s that an answer may take: its client may have been met only just now
 _FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
 _ACTIVE = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
 
@@ -51,9 +53,8 @@ class TrackerWatch:
         self._begins: dict[int, float] = {}  # instants of these starts, when they were first told
         self.parameters: TrackerParameters | None = None
         self._names = [] if kind is None else list(specifications(kind))
-        self._wanted = False
+        self._due = math.inf  # when to ask for the parameters [s]
         self._asked: Future | None = None
-        self._patience = 0
         self._topic = node.create_subscription(
             GoalStatusArray, f'{prefix}{TOPIC}', self._on_status, LATCHED
         ).topic_name
@@ -116,22 +117,19 @@ class TrackerWatch:
         self._begins = {s: known[s] if s in known else instant(s) for s in told}
         self._statuses = told
         if self.parameters is None or not self._statuses:
-            self._wanted, self._asked = True, None
+            self._due = 0.0
             self._ask()
 
     def _on_event(self, event: ParameterEvent) -> None:
         if event.node == self._name:
-            self._wanted = True
+            self._due = 0.0
 
     def _ask(self) -> None:
-        """Ask for the parameters where they are wanted, one request at a time."""
-        self._patience -= 1
-        pending = self._asked is not None
-        if (pending and self._patience > 0) or not (pending or self._wanted):
+        """Ask for the parameters when that is due, and again where no answer comes."""
+        now, ready = time.monotonic(), self.heard and self._client.service_is_ready()
+        if now < self._due or self._kind is None or not ready:
             return
-        if self._kind is None or not self.heard or not self._client.service_is_ready():
-            return
-        self._wanted, self._patience = False, _ATTEMPTS
+        self._due = now + _PATIENCE
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
         self._asked.add_done_callback(self._on_answer)
 
@@ -139,7 +137,8 @@ class TrackerWatch:
         response: Any = answer.result()
         if answer is not self._asked or self._kind is None:
             return
-        self._asked = None
+        if self._due > 0.0:  # else a parameter has changed meanwhile
+            self._due = math.inf
         values = [parameter_value_to_python(value) for value in response.values]
         try:
             found = build(self._kind, dict(zip(self._names, values, strict=True)))
