@@ -36,7 +36,6 @@ _SHORTEST = 0.01  # s; no plan is found in less
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
-_SECOND = 1_000_000_000  # ns
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 
 
