@@ -168,11 +168,13 @@ class Vehicle:
 
     def _show(self) -> None:
         """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
-        newest, markers, picture = self.measured.newest, self.markers, self._picture
-        if newest is None or picture is None or markers.get_subscription_count() == 0:
+        markers, picture = self.markers, self._picture
+        if picture is None or markers.get_subscription_count() == 0:
             return
-        stale = self._clock.now() - newest[1] > OLDEST_SHOWN
-        if stale or self._node.count_publishers(markers.topic_name) > 1:
+        newest = self.measured.newest
+        if newest is None or self._clock.now() - newest[1] > OLDEST_SHOWN:
+            return
+        if self._node.count_publishers(markers.topic_name) > 1:
             return
         now = self._node.get_clock().now().to_msg()
         markers.publish(picture.draw(now, newest[0], self._applied()))

@@ -21,9 +21,8 @@ from tdm_planner.exceptions import Failure, InvalidProblem
 from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.planned_plants import Values
-from tdm_planner.nodes.reading import yaw_of
-from tdm_planner.parameters import shown
-from tdm_planner.plant_kind import ARENA_FRAME
+from tdm_planner.nodes.reading import check_frame, yaw_of
+from tdm_planner.plant_kind import ARENA_FRAME, ROBOT
 from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -44,9 +43,7 @@ def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
         If the frame is another, a value is not finite, or the quaternion not of unit length.
 
     """
-    frame = message.header.frame_id
-    if frame not in ('', ARENA_FRAME):
-        raise InvalidProblem(f"the pose's frame is '{shown(frame)}': must be '{ARENA_FRAME}'")
+    check_frame(ROBOT, message, 'goal_pose')
     x, y = message.pose.position.x, message.pose.position.y
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InvalidProblem(f"the pose's position is ({x:g}, {y:g}) m: must be finite numbers")
