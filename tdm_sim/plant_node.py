@@ -143,7 +143,7 @@ class PlantNode(ParameterNode):
         """Reject values that contradict each other."""
         self.model.make_setup(build(self.model.parameters, values))
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Apply changed parameters."""
         self.advance()
         self.parameters = build(self.model.parameters, self.parameter_values)

@@ -131,13 +131,13 @@ class Planner(ManagedNode):
         """Reject values for which the problem cannot say which parameters it has."""
         self._problem_class.parameter_specifications(values)
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Let changed parameters act from the next request on."""
         self._declare_problem()
         if self.configured:
             self._adapter.values_changed(self.parameter_values)
             self._replanning.values_changed()
-        super().values_changed(names)
+        super().values_changed()
         self._diagnostics.update()
 
     def _declare_problem(self) -> None:

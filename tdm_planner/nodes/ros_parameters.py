@@ -148,7 +148,7 @@ class ParameterNode(Node):
 
         """
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """React to parameters that were set; to be overridden."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -214,7 +214,7 @@ class ParameterNode(Node):
         if not changed:
             return
         try:
-            self.values_changed(frozenset(changed))
+            self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
             sentence = ' '.join(str(error).split())

@@ -176,13 +176,13 @@ class TrackerNode(ManagedNode):
             except TrajectoryRejected as error:
                 raise InvalidProblem(f'the active plan could not be followed: {error}') from None
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Apply the changed parameters, without a jump of phase or trajectory."""
         if self.configured:
             changed = self._make_tracker(self.parameter_values)
             changed.adopt(self.tracker)
             self.tracker = changed
-        super().values_changed(names)
+        super().values_changed()
 
     # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
 
