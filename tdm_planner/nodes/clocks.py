@@ -21,6 +21,7 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.timer import Timer
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.trajectory import NANOSECOND
 
 NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /clock'
@@ -105,6 +106,11 @@ class MotionClock:
         if self._simulated:
             return (stamp - self._simulated_begin) * NANOSECOND
         return (stamp - self._offset - self._begin) * NANOSECOND
+
+    def instant_of(self, stamp: Any) -> float:
+        """Instant [s] of a message's time stamp; zero means now, as usual in ROS."""
+        nanoseconds, now = nanoseconds_of(stamp), self.now()
+        return self.instant(nanoseconds) if nanoseconds else now
 
     def stamp(self, instant: float) -> int:
         """Stamp [ns] of the node's clock at an instant [s]."""

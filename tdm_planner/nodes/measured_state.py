@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.qos import NEWEST
-from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
+from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 
 Array = NDArray[np.float64]
@@ -158,8 +158,7 @@ class MeasuredState:
         if not self._clock.runs:
             return
         self._faults.pop(name, None)
-        now, stamp = self._clock.now(), nanoseconds_of(message.header.stamp)
-        at = self._clock.instant(stamp) if stamp else now
+        at = self._clock.instant_of(message.header.stamp)
         self._newest[name] = Received(message, states, at)
         newest = self.newest
         if name != self._leading or newest is None:

@@ -82,11 +82,6 @@ class PlanIntake:
         self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
         self.waiting: ReceivedPlan | None = None
 
-    def instant(self, stamp: Any) -> float:
-        """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
-        nanoseconds = nanoseconds_of(stamp)
-        return self._clock.instant(nanoseconds) if nanoseconds else self._clock.now()
-
     def offer(self, data: bytes) -> None:
         """
         Receive a plan in its serialised form.
@@ -119,7 +114,7 @@ class PlanIntake:
         """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
         if nanoseconds_of(plan.stamp) == 0:
             return 0.0
-        wait = self.instant(plan.stamp) - self._clock.now()
+        wait = self._clock.instant_of(plan.stamp) - self._clock.now()
         if abs(wait) < _IMMINENT:
             return _WORTH_AT_START
         return _WORTH_IN_LEAD if 0.0 < wait < self._lead() else 0.0

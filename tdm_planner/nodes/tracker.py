@@ -224,7 +224,7 @@ class TrackerNode(ManagedNode):
             trajectory = read_plan(self.plant.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
-            start = self._intake.instant(offered.stamp) + float(trajectory.times[0])
+            start = self._time.instant_of(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)

@@ -177,7 +177,7 @@ class Parts:
         self.now, self.states, self.ignored = NOW, 0, ['']
         callbacks: list[Any] = []
         clock: Any = SimpleNamespace(
-            runs=True, now=lambda: self.now * 1e-9, instant=lambda stamp: stamp * 1e-9
+            runs=True, instant_of=lambda stamp: (nanoseconds_of(stamp) or self.now) * 1e-9
         )
 
         def subscribe(_: Any, topic: str, callback: Any, *more: Any) -> SimpleNamespace:
