@@ -34,7 +34,7 @@ class Request:
     """
     Who asked for a plan, and for which.
 
-    `answer` gets the figures of the plan as JSON, or why there is none; None where nobody waits:
+    `answer` gets the figures of the plan as JSON, or why there is none; None if no client waits:
     plans of reviews, recovered plans. `changes` are parameters to plan with instead of the node's:
     for this plan alone, or, if they are `lasting`, set on the node with the plan. `title` begins
     the log's line about a failure.

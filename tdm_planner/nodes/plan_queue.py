@@ -15,8 +15,8 @@ solved, the next is answered BUSY. A *task* (preparing the problem, checking a r
 waits for requests. A *review* of the active plan begins only where there is nothing else to do,
 and a request supersedes it.
 
-A computation cannot be interrupted. Where its outcome would be stale (another plan became active,
-the node was deactivated), nobody waits for it any more: it is dropped when it comes.
+A computation cannot be interrupted. An outcome that would be stale (another plan became active,
+the node was deactivated) is dropped when it comes.
 """
 
 from __future__ import annotations
