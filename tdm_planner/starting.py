@@ -18,7 +18,7 @@ one signal interrupts it, others do not disturb the clean-up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 import os
@@ -214,11 +214,22 @@ def ignore_signals() -> None:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
+def _handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Let a handler have the signals meanwhile; in another thread than the main one, nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    previous = [signal.signal(number, handler) for number in SIGNALS]
+    try:
+        yield
+    finally:
+        for number, before in zip(SIGNALS, previous, strict=True):
+            signal.signal(number, before)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let the first SIGINT or SIGTERM raise `Interrupted`, and further ones pass."""
     interrupted: list[Interrupted] = []
 
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
@@ -226,33 +237,23 @@ def interruptible() -> Iterator[None]:
         interrupted.append(Interrupted(number))
         raise interrupted[0]
 
-    previous = [signal.signal(number, interrupt) for number in SIGNALS]
-    try:
-        yield
-    except Exception as error:  # noqa: B902
-        # An extension that is being imported makes an ImportError of it.
-        if interrupted:
-            raise interrupted[0] from error
-        raise
-    finally:
-        for number, handler in zip(SIGNALS, previous, strict=True):
-            signal.signal(number, handler)
+    with _handled_by(interrupt):
+        try:
+            yield
+        except Exception as error:  # noqa: B902
+            # An extension that is being imported makes an ImportError of it.
+            if interrupted:
+                raise interrupted[0] from error
+            raise
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Let signals wait until the block has ended, so that it is done whole or not at all."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     waiting: list[int] = []
-    previous = [
-        signal.signal(number, lambda number, frame: waiting.append(number)) for number in SIGNALS
-    ]
     try:
-        yield
+        with _handled_by(lambda number, frame: waiting.append(number)):
+            yield
     finally:
-        for number, handler in zip(SIGNALS, previous, strict=True):
-            signal.signal(number, handler)
         if waiting:
             signal.raise_signal(waiting[0])

@@ -25,7 +25,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes.diagnostics import TOPIC
-from tdm_planner.nodes.messages import LATCHED, seconds_of
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import seconds_of
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameter_files import read_parameters

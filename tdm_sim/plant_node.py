@@ -143,13 +143,13 @@ class PlantNode(ParameterNode):
         """Reject values that contradict each other."""
         self.model.make_setup(build(self.model.parameters, values))
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Apply changed parameters."""
         self.advance()
         self.parameters = build(self.model.parameters, self.parameter_values)
         given = self.parameters
         self.simulation.setup = self.model.make_setup(given)
-        self._picture.set_up(self.model.drawn(given), given.markers.trail, self._name)
+        self._picture.set_up(self.model.drawn(given), given.markers.trail)
         self._describe()
         source, speed = self._clock_source, self.parameters.real_time_factor
         if source is not None and source.speed != speed:

@@ -12,7 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 import sys
 from types import MappingProxyType
@@ -25,7 +25,7 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.tracked_plants import stated_problem, with_parameters_of
+from tdm_planner.nodes.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import (
     group,
@@ -106,15 +106,9 @@ class StatedModel(PlantModel):
         if any(goal.status == GoalStatus.STATUS_EXECUTING for goal in message.status_list):
             self._node.release()
 
-    def _with(self, parameters: Any) -> DirectProblem:
-        kind: Any = self._problem
-        names = {item.name for item in fields(kind)} - {'solver'}
-        problem: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
-        return problem
-
     def make_setup(self, parameters: Any) -> PlantSetup:
         """Return the plant, its limits and its disturbances as `parameters` say."""
-        problem = self._with(parameters)
+        problem = problem_of(self._problem, parameters)
         plant = DirectPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
         begin = np.nan_to_num(Ends.of(CheckedFormulation(problem)).states[0])
         limits = plant.stated.control_limits
@@ -133,7 +127,7 @@ class StatedModel(PlantModel):
 
     def drawn(self, parameters: Any) -> StatedView:
         """Return the plant as its `drawing` has it with these parameters."""
-        return StatedView(self._with(parameters)).checked()
+        return StatedView(problem_of(self._problem, parameters)).checked()
 
     def push(
         self, parameters: Any, simulation: SimulatedPlant

@@ -32,7 +32,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.reading import nanoseconds_of
 
 SECOND = 1_000_000_000  # ns
 SHORTEST_SWING = 0.3  # s, less than any swing-up takes

@@ -7,50 +7,208 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Connects a problem to ROS: its state topics, its plan messages, its markers."""
+"""Connects a problem to ROS: the plants' states and trackers, plan messages, markers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, TypeVar
 
+from nav_msgs.msg import Path
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.goal_tool import GoalTool, PlanRequest
-from tdm_planner.nodes.markers import DrawnPath, plan_markers
-from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
-from tdm_planner.nodes.planned_plants import planned_plant, Values
+from tdm_planner.nodes.goal_tool import GoalTool
+from tdm_planner.nodes.markers import DrawnPath, MARKER_DEPTH, Picture, plan_markers
+from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.messages import path_message, plan_message, to_stamp
+from tdm_planner.nodes.planned_plants import planned_plant, PlannedPlant, Values
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import read_joints
 from tdm_planner.nodes.tracker_watch import TrackerWatch
-from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.replanning import ActivePlan, Execution, Observation
-from tdm_planner.trajectory import Trajectory
+from tdm_planner.replanning import ActivePlan, Execution, Mode, Observation
+from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 Array = NDArray[np.float64]
 T = TypeVar('T')
 
+MARKER_RATE = 20.0  # Hz
+OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
+
+
+class ActivePlans:
+    """
+    The newest published plan, pending or active, and the one that is active until it begins.
+
+    A pending plan that is superseded never becomes active. Safe in any thread.
+    """
+
+    def __init__(self) -> None:
+        self._plans: tuple[ActivePlan, ...] = ()  # in the order of publication
+
+    def add(self, plan: ActivePlan, now: float) -> None:
+        """Add a plan published at the instant `now` [s]."""
+        active = self.at(now)
+        self._plans = (plan,) if active is None else (active, plan)
+
+    def at(self, now: float) -> ActivePlan | None:
+        """Return the plan that is active at an instant [s]; None before the first."""
+        return next((plan for plan in reversed(self._plans) if plan.start <= now), None)
+
+    def next_start(self, now: float) -> float | None:
+        """Instant [s] at which the newest plan begins; None where that is not after `now`."""
+        start = self._plans[-1].start if self._plans else now
+        return start if start > now else None
+
+
+class Vehicle:
+    """
+    A plant of a planner and its topics; of several plants each has its `prefix`, 'robot1/'.
+
+    Instants are those of `clock` [s].
+    """
+
+    def __init__(
+        self, node: Node, clock: MotionClock, name: str, plant: PlannedPlant, values: Values
+    ) -> None:
+        self._node, self._clock, self._plant = node, clock, plant
+        self.name, self.kind = name, plant.kind
+        self.prefix = prefix = f'{name}/' if plant.several else ''
+        self._angles = np.array([state in self.kind.angles for state in self.kind.state_names])
+        self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
+        self.path = (
+            node.create_publisher(Path, f'{prefix}path', LATCHED) if self.kind.odometry else None
+        )
+        self.tracker = TrackerWatch(node, clock, prefix, plant.tracker)
+        self._picture: Picture | None = None
+        self.measured = MeasuredState(node, clock, self.kind, prefix, self._observe)
+        self.markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
+        node.create_timer(1.0 / MARKER_RATE, self._show)
+        self.values_changed(values)
+
+    def values_changed(self, values: Values) -> None:
+        """Draw the plant as the parameters have it, unless they contradict each other."""
+        with suppress(InvalidProblem):
+            drawn, name = self._plant.drawn(values), self.name if self.prefix else ''
+            if drawn is None:
+                return
+            if self._picture is None:
+                self._picture = Picture(drawn, self._plant.trail, name)
+            else:
+                self._picture.set_up(drawn, self._plant.trail)
+
+    @property
+    def label(self) -> str:
+        """Begin of a sentence about one of several plants."""
+        return f"robot '{self.name}': " if self.prefix else ''
+
+    def parameter(self, state: str) -> str:
+        """Return the name of the parameter with which a state begins."""
+        return f'{self.name}.start.{state}' if self.prefix else f'start.{state}'
+
+    def seen(self, now: float, max_age: float) -> Observation:
+        """
+        Return the newest state and what the tracker does.
+
+        Raises
+        ------
+        NoState
+            As `MeasuredState.fresh` does.
+
+        """
+        tracker = self.tracker
+        return Observation(
+            *self.measured.fresh(now, max_age), tracker.mode(now), tracker.followed(now)
+        )
+
+    def follows(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
+        """Return the motion of the plant by an active plan; None unless it is followed."""
+        motion = plan.motion(self.name)
+        known = motion.trajectory.state_names == self.kind.state_names
+        return motion if known and self.tracker.mode(now) is Mode.FOLLOWING else None
+
+    def predicted(
+        self, values: Values, now: float, start: float, plan: ActivePlan | None
+    ) -> Array:
+        """
+        Return the state (nx,) at the instant `start`, measured not long before `now`.
+
+        A plant that follows the active `plan`, within the tracking tolerance, is predicted along
+        it, plus the rest of its deviation. Any other plant is predicted without control.
+
+        Raises
+        ------
+        InvalidProblem, NoState
+            Naming what is missing or too old, or why it cannot be predicted.
+
+        """
+        state, measured = self.measured.fresh(now, values['start.max_age'])
+        motion, wait = None if plan is None else self.follows(plan, now), start - measured
+        if motion is not None:
+            away = state - motion.reference(measured)
+            away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
+            if (np.abs(away) <= self._plant.tracking_tolerance(motion.trajectory, values)).all():
+                return np.asarray(
+                    motion.reference(start) + self._plant.remaining_deviation(away, wait)
+                )
+        return self._plant.coasted(state, wait, values)
+
+    def _observe(self, state: Array, at: float) -> None:
+        if self._picture is not None:
+            self._picture.add(at, state)
+
+    def _show(self) -> None:
+        """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
+        markers, picture = self.markers, self._picture
+        if picture is None or markers.get_subscription_count() == 0:
+            return
+        newest = self.measured.newest
+        if newest is None or self._clock.now() - newest[1] > OLDEST_SHOWN:
+            return
+        if self._node.count_publishers(markers.topic_name) > 1:
+            return
+        now = self._node.get_clock().now().to_msg()
+        markers.publish(picture.draw(now, newest[0], self._applied()))
+
+    def _applied(self) -> Array:
+        """Efforts (nu,) that the plant's driver reports; 0 where it does not."""
+        told: dict[str, float] = {}
+        joints = self.measured.joints
+        for joint in self.kind.actuated:
+            with suppress(InvalidProblem):
+                if joints is not None:
+                    told |= read_joints([joint], joints, [joint.effort])
+        return np.array([told.get(name, 0.0) for name in self.kind.control_names])
+
 
 class Adapter:
     """
     Gathers the measured states of a problem's plants, and publishes plans for them.
 
-    The planner node makes it once, with the values of its parameters. Instants are those of
-    `clock` [s]. Call methods in the executor's thread, except where they say otherwise.
+    The planner node makes it once, with the values of its parameters. Goal tools ask for plans by
+    `request`. Instants are those of `clock` [s]. Call methods in the executor's thread, except
+    where they say otherwise.
     """
 
     def __init__(
-        self, node: Node, clock: MotionClock, problem: type[Problem], values: Values
+        self,
+        node: Node,
+        clock: MotionClock,
+        problem: type[Problem],
+        values: Values,
+        request: Callable[[Request], None],
     ) -> None:
         self._node, self._clock, self._problem, self._values = node, clock, problem, values
+        self.plans = ActivePlans()
         self._plant = planned_plant(problem, values)
         self.vehicles = {
             name: Vehicle(node, clock, name, self._plant, values)
@@ -58,14 +216,13 @@ class Adapter:
         }
         self._markers = node.create_publisher(MarkerArray, 'markers', LATCHED)
         self._others: dict[str, Any] = {}  # publishers for vehicles that only the solution names
-        self._goal_tools: list[GoalTool] = []
+        self._goal_tools = [
+            GoalTool(node, name, lambda: self._values, request, vehicle.markers.publish)
+            for name, vehicle in self.vehicles.items()
+            if f'formation.{name}' in values
+        ]
         self._drawn = False
         self.values_changed(values)
-
-    @property
-    def trackers(self) -> dict[str, TrackerWatch]:
-        """Return what is known of the trackers, by vehicle."""
-        return {v.name: v.tracker for v in self.vehicles.values() if v.tracker is not None}
 
     def values_changed(self, values: Values) -> None:
         """Follow changed parameters; an active plan is drawn as it was made."""
@@ -76,14 +233,6 @@ class Adapter:
             preview = None if self._drawn else self._plant.preview(values)
             if preview is not None:
                 self._markers.publish(plan_markers(self._plant.kind.frame, *preview))
-
-    def accept_requests(self, request: PlanRequest) -> None:
-        """Let goal tools move the places of vehicles that are parameters."""
-        self._goal_tools = [
-            GoalTool(self._node, name, lambda: self._values, request, vehicle.markers.publish)
-            for name, vehicle in self.vehicles.items()
-            if f'formation.{name}' in self._values
-        ]
 
     # The state.
 
@@ -110,12 +259,14 @@ class Adapter:
             Naming what is missing or too old, and how old it is.
 
         """
-        return self._starts(self._of_all(lambda v: v.predicted(values, now, start)))
+        plan = self.plans.at(now)
+        return self._starts(self._of_all(lambda v: v.predicted(values, now, start, plan)))
 
     def rests(self, now: float) -> bool:
         """Whether the plant is at rest, so that a late start can be delayed."""
-        plans = [vehicle.followed(now) for vehicle in self.vehicles.values()]
-        return self._plant.stays and all(plan is None or plan.end <= now for plan in plans)
+        plan = self.plans.at(now)
+        moved = [v.follows(plan, now) for v in self.vehicles.values()] if plan else []
+        return self._plant.stays and all(motion is None or motion.end <= now for motion in moved)
 
     def observations(self, values: Values, now: float) -> dict[str, Observation]:
         """
@@ -131,8 +282,7 @@ class Adapter:
 
     def ages(self, now: float) -> Mapping[str, float | None]:
         """Age of every measured state [s] by name; None where none was received."""
-        stamp = self._clock.stamp(now)
-        ages = [vehicle.measured.ages(stamp) for vehicle in self.vehicles.values()]
+        ages = [vehicle.measured.ages(now) for vehicle in self.vehicles.values()]
         return {topic: age for vehicle in ages for topic, age in vehicle.items()}
 
     def _of_all(self, ask: Callable[[Vehicle], T]) -> dict[str, T]:
@@ -157,20 +307,19 @@ class Adapter:
 
     # Plans.
 
-    def next_start(self, now: float) -> float | None:
-        """
-        Instant at which the newest published plan begins; None where it has begun at `now`.
-
-        Until then `measured_start` predicts along the plan before. Called in the worker's thread.
-        """
-        first = next(iter(self.vehicles.values()))  # all begin at once
-        return first.plans.next_start(now)
-
     def publish(self, plan: ActivePlan, stamp: int) -> None:
         """Publish a plan whose motion starts at the instant `stamp` [ns], and draw it."""
         trajectories = plan.solution.trajectories
         for name, trajectory in trajectories.items():
-            self._publish_motion(plan, name, trajectory, stamp)
+            kind, besides = plan_kind(plan.problem, trajectory), self._plant.besides
+            message = plan_message(
+                kind, trajectory, to_stamp(stamp), besides(plan.problem, trajectory)
+            )
+            self._topic(name, trajectories).publish(message)
+            vehicle = self.vehicles.get(name)
+            if vehicle is not None and vehicle.path is not None:
+                vehicle.path.publish(path_message(kind, trajectory, stamp))
+        self.plans.add(plan, self._clock.now())
         self._drawn = True
         view = view_of(plan.problem, next(iter(trajectories.values())))
         named = self._plant.several
@@ -182,38 +331,20 @@ class Adapter:
         except InvalidProblem as error:  # markers must not cost the plan
             self._node.get_logger().warning(str(error))
 
-    def _publish_motion(
-        self, plan: ActivePlan, name: str, trajectory: Trajectory, stamp: int
-    ) -> None:
-        kind, problem = plan_kind(plan.problem, trajectory), plan.problem
-        vehicle = self.vehicles.get(name)
-        if vehicle is None and len(plan.solution.trajectories) == 1:
-            (vehicle,) = self.vehicles.values()
-        trajectory, besides = self._plant.complete(problem, trajectory)
-        message = plan_message(kind, trajectory, to_stamp(stamp), besides)
-        if vehicle is None:
-            if name not in self._others:
-                topic = f'{name}/trajectory'
-                self._others[name] = self._node.create_publisher(JointTrajectory, topic, LATCHED)
-            self._others[name].publish(message)
-            return
-        vehicle.trajectory.publish(message)
-        if vehicle.path is not None:
-            vehicle.path.publish(path_message(kind, trajectory, stamp))
-        if trajectory.state_names == vehicle.kind.state_names:
-            vehicle.plans.add(replace(plan.motion(name), trajectory=trajectory), self._clock.now())
+    def _topic(self, name: str, motions: Mapping[str, Trajectory]) -> Any:
+        """Return the publisher of a motion; vehicles that only a solution names have their own."""
+        if name in self.vehicles or len(motions) == 1:
+            return self.vehicles.get(name, next(iter(self.vehicles.values()))).trajectory
+        if name not in self._others:
+            topic = f'{name}/trajectory'
+            self._others[name] = self._node.create_publisher(JointTrajectory, topic, LATCHED)
+        return self._others[name]
 
     def forget_plans(self) -> None:
         """Forget the plans: simulated time was set back, and the trackers have dropped them."""
+        self.plans = ActivePlans()
         for vehicle in self.vehicles.values():
-            vehicle.plans.clear()
-            if vehicle.tracker is not None:
-                vehicle.tracker.forget_plans()
-
-    @property
-    def recognises(self) -> bool:
-        """Whether the problem can assess plans made before."""
-        return self._problem.assess is not Problem.assess
+            vehicle.tracker.forget_plans()
 
     def recognised(
         self, values: Values, trajectories: Mapping[str, Trajectory]
@@ -243,19 +374,19 @@ class Adapter:
     def tracker_parameters(self) -> dict[str, Any]:
         """Parameters of the trackers by vehicle, as far as they are known. Any thread."""
         return {
-            name: watch.parameters
-            for name, watch in self.trackers.items()
-            if watch.parameters is not None
+            name: vehicle.tracker.parameters
+            for name, vehicle in self.vehicles.items()
+            if vehicle.tracker.parameters is not None
         }
 
     def not_following(self, stamp: int) -> list[str]:
         """Return the vehicles whose trackers do not follow the plan of a start [ns]."""
-        return [name for name, watch in self.trackers.items() if watch.rejects(stamp)]
+        return [name for name, v in self.vehicles.items() if v.tracker.rejects(stamp)]
 
     @property
     def inactive(self) -> list[str]:
         """Return the vehicles whose trackers are inactive, or were heard once and are gone."""
-        return [name for name, watch in self.trackers.items() if watch.inactive]
+        return [name for name, v in self.vehicles.items() if v.tracker.inactive]
 
     def warnings(self) -> list[str]:
         """Return a sentence for every plant or tracker of several that is not connected."""

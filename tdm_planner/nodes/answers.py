@@ -11,16 +11,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import json
-from typing import Any, NamedTuple
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure
-from tdm_planner.nodes.services import Answer
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES
 from tdm_planner.problems.base import Problem
@@ -30,49 +29,31 @@ from tdm_planner.trajectory import Trajectory
 _SECOND = 1_000_000_000  # ns
 
 
-class MovedGoal(NamedTuple):
-    """Parameters that a goal tool changes; they are set if there is a plan with them."""
-
-    changes: Mapping[str, Any]
-    purpose: str
-
-
 @dataclass(frozen=True, eq=False)
 class Request:
     """
-    A request to be answered: of `plan` or `plan_with`, or a moved goal.
+    Who asked for a plan, and for which.
 
-    `own` are the parameters of this request alone. Plans of reviews and recovered plans have no
-    `message`, and no client waits for them.
+    `answer` gets the figures of the plan as JSON, or why there is none; None if no client waits:
+    plans of reviews, recovered plans. `changes` are parameters to plan with instead of the node's:
+    for this plan alone, or, if they are `lasting`, set on the node with the plan. `title` begins
+    the log's line about a failure.
     """
 
-    message: Any = None
-    send: Answer = lambda _: None
-    own: Mapping[str, Any] = field(default_factory=dict)
-    title: str = 'no plan'  # of the log's line about a failure
+    answer: Callable[[str | Failure], None] | None = None
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    lasting: bool = False
+    title: str = 'no plan'
 
-    @property
-    def changes(self) -> Mapping[str, Any]:
-        """Return the parameters that are planned with instead of the node's."""
-        return self.message.changes if isinstance(self.message, MovedGoal) else self.own
 
-    @property
-    def wants_figures(self) -> bool:
-        """Whether a service's client waits for the figures of the plan."""
-        return self.message is not None and not isinstance(self.message, MovedGoal)
-
-    def answer(self, outcome: str | Failure) -> None:
-        """Send the response that fits the request: figures of the plan, or code and reason."""
-        success = not isinstance(outcome, Failure)
-        if isinstance(self.message, MovedGoal):
-            self.send('' if isinstance(outcome, str) else f'{outcome.code}: {outcome.reason}')
-            return
-        text = outcome if isinstance(outcome, str) else outcome.to_json()
-        if isinstance(self.message, Trigger.Request):
-            self.send(Trigger.Response(success=success, message=text))
-        else:
-            result = SetParametersResult(successful=success, reason=text)
-            self.send(SetParametersAtomically.Response(result=result))
+def service_response(request: Any, outcome: str | Failure) -> Any:
+    """Return the response of `plan` or `plan_with`: figures of the plan, or code and reason."""
+    success = not isinstance(outcome, Failure)
+    text = outcome.to_json() if isinstance(outcome, Failure) else outcome
+    if isinstance(request, Trigger.Request):
+        return Trigger.Response(success=success, message=text)
+    result = SetParametersResult(successful=success, reason=text)
+    return SetParametersAtomically.Response(result=result)
 
 
 def plan_answer(plan: ActivePlan, plan_id: int, warnings: Sequence[str] = ()) -> str:

@@ -13,12 +13,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+import math
 import time
 from typing import Any, cast
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.timer import Timer
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.trajectory import NANOSECOND
 
 NO_TIME = 'simulated time is not known yet (use_sim_time): nothing has come on /clock'
@@ -40,6 +43,11 @@ def pacing_clock(node: Node) -> Clock:
     if clock.ros_time_is_active:
         return clock
     return Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], object]) -> Timer:
+    """Make a timer [s] that also rings while simulated time stands still."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def watch_set_back(node: Node, callback: Callable[[TimeJump], None], on_change: bool) -> Any:
@@ -99,6 +107,11 @@ class MotionClock:
             return (stamp - self._simulated_begin) * NANOSECOND
         return (stamp - self._offset - self._begin) * NANOSECOND
 
+    def instant_of(self, stamp: Any) -> float:
+        """Instant [s] of a message's time stamp; zero means now, as usual in ROS."""
+        nanoseconds, now = nanoseconds_of(stamp), self.now()
+        return self.instant(nanoseconds) if nanoseconds else now
+
     def stamp(self, instant: float) -> int:
         """Stamp [ns] of the node's clock at an instant [s]."""
         begin = self._simulated_begin if self._simulated else self._offset + self._begin
@@ -125,19 +138,17 @@ class RateWatch:
         self.rate = rate
         self._clock = clock
         self._began = clock()
-        self._ticks: deque[float] = deque()
+        self._ticks: deque[float] = deque(maxlen=math.ceil(_WINDOW * rate) + 1)
 
     def tick(self) -> None:
         """Note that the timer has fired."""
-        now = self._clock()
-        self._ticks.append(now)
-        self._forget(now)
+        self._ticks.append(self._clock())
 
     def measured(self) -> float:
         """Return the rate of the last two seconds, or since the beginning [Hz]."""
         now = self._clock()
-        self._forget(now)
-        return len(self._ticks) / max(min(now - self._began, _WINDOW), 1.0 / self.rate)
+        recent = sum(tick > now - _WINDOW for tick in self._ticks)
+        return recent / max(min(now - self._began, _WINDOW), 1.0 / self.rate)
 
     def problem(self) -> str:
         """Return a sentence where the rate is not held, '' otherwise."""
@@ -148,7 +159,3 @@ class RateWatch:
         return (
             f'{measured:.0f} Hz instead of {self.rate:g}: the computer is too busy, lower the rate'
         )
-
-    def _forget(self, now: float) -> None:
-        while self._ticks and self._ticks[0] <= now - _WINDOW:
-            self._ticks.popleft()

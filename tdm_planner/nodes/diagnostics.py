@@ -17,8 +17,8 @@ from enum import IntEnum
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from tdm_planner.nodes.clocks import steady_timer
 
 TOPIC = '/diagnostics'
 PERIOD = 1.0  # s
@@ -55,9 +55,7 @@ class Diagnostics:
         self._report = report
         self._last: tuple[Level, str] | None = None
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
-        # A steady timer: simulated time may stand still, and that must be reported, too.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(PERIOD, self.publish, clock=clock)
+        self._timer = steady_timer(node, PERIOD, self.publish)
 
     def update(self) -> None:
         """Publish if level or message have changed."""
@@ -112,8 +110,7 @@ class PublisherCount:
         self._node, self._topic, self._publishers = node, topic, publishers
         self._consequence, self._changed = consequence, changed
         self.count = 0
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(PERIOD, self.look, clock=clock)
+        self._timer = steady_timer(node, PERIOD, self.look)
 
     @property
     def warning(self) -> str:

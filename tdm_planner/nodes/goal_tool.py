@@ -11,25 +11,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 import math
 import textwrap
-from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
-from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.markers import MarkerFactory
-from tdm_planner.nodes.reading import yaw_of
-from tdm_planner.parameters import shown
-from tdm_planner.plant_kind import ARENA_FRAME
+from tdm_planner.exceptions import Failure, InvalidProblem
+from tdm_planner.nodes.answers import Request
+from tdm_planner.nodes.markers import Pen
+from tdm_planner.nodes.planned_plants import Values
+from tdm_planner.nodes.reading import check_frame, yaw_of
+from tdm_planner.plant_kind import ARENA_FRAME, ROBOT
 from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
-from visualization_msgs.msg import MarkerArray
-
-# Requests a plan with changed parameters, by name; they are set if there is one. The second
-# argument names the request in the log. The third is called with '' when the plan is published,
-# else with the reason; parameters and active plan then stay.
-PlanRequest = Callable[[Mapping[str, Any], str, Callable[[str], None]], None]
+from visualization_msgs.msg import Marker, MarkerArray
 
 NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible
 
@@ -48,9 +43,7 @@ def arena_pose(message: PoseStamped) -> tuple[float, float, float]:
         If the frame is another, a value is not finite, or the quaternion not of unit length.
 
     """
-    frame = message.header.frame_id
-    if frame not in ('', ARENA_FRAME):
-        raise InvalidProblem(f"the pose's frame is '{shown(frame)}': must be '{ARENA_FRAME}'")
+    check_frame(ROBOT, message, 'goal_pose')
     x, y = message.pose.position.x, message.pose.position.y
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InvalidProblem(f"the pose's position is ({x:g}, {y:g}) m: must be finite numbers")
@@ -70,8 +63,8 @@ class GoalTool:
         self,
         node: Node,
         robot: str,
-        values: Callable[[], Mapping[str, Any]],
-        request: PlanRequest,
+        values: Callable[[], Values],
+        request: Callable[[Request], None],
         show: Callable[[MarkerArray], None],
     ) -> None:
         self._node, self._robot = node, robot
@@ -82,28 +75,25 @@ class GoalTool:
 
     def _on_pose(self, message: PoseStamped) -> None:
         robot, values = self._robot, self._values()
-        purpose = f"goal_pose of '{robot}'"
+        title = f"goal_pose of '{robot}' rejected"
         parameter, anchor = f'formation.{robot}', values['formation.anchor']
         try:
             pose = arena_pose(message)
         except InvalidProblem as error:
-            reason = f'{error.code}: {error}'
-            self._node.get_logger().warning(f'{purpose} rejected: {reason}')
+            failure = Failure.of(error)
+            self._node.get_logger().warning(f'{title}: {failure}')
             place = values.get(parameter) or (0.0, 0.0, 0.0)
-            self._tell(place_in_arena(anchor, place), reason)
+            self._tell(place_in_arena(anchor, place), failure)
             return
-        self._request(
-            {parameter: place_in_formation(anchor, pose)},
-            purpose,
-            lambda reason: self._tell(pose, reason),
-        )
+        changes = {parameter: place_in_formation(anchor, pose)}
+        self._request(Request(lambda outcome: self._tell(pose, outcome), changes, True, title))
 
-    def _tell(self, pose: Sequence[float], reason: str) -> None:
+    def _tell(self, pose: Sequence[float], outcome: str | Failure) -> None:
         """Show why there is no plan, or remove the text shown before."""
-        pen = MarkerFactory(ARENA_FRAME, lifetime=NOTICE_TIME)
-        if reason:
-            text = textwrap.fill(f'{self._robot}: {reason}', _LINE)
-            marker = pen.text('rejected', 0, text, (pose[0], pose[1], 0.3), _LETTERS)
+        pen = Pen(ARENA_FRAME, lifetime=NOTICE_TIME)
+        if isinstance(outcome, Failure):
+            text = textwrap.fill(f'{self._robot}: {outcome.code}: {outcome.reason}', _LINE)
+            marker = pen.text('rejected', text, (pose[0], pose[1], 0.3), _LETTERS)
         else:
-            marker = pen.delete('rejected', 0)
+            marker = pen.marker('rejected', action=Marker.DELETE)
         self._show(MarkerArray(markers=[marker]))

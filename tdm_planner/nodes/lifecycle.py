@@ -129,7 +129,7 @@ class ManagedNode(LifecycleNodeMixin, ParameterNode):
         finally:
             self._starting = False
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Start if invalid parameters had prevented it."""
         if self._start_failed and self._stage == 'unconfigured':
             self.bring_up()

@@ -22,15 +22,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 import zlib
 
-from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Quaternion, Vector3
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Vector3
 import numpy as np
 from numpy.typing import NDArray
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from tdm_planner.drawing import Box, Disc, Drawn, Line, points_of, Shape, way_of
+from tdm_planner.nodes.messages import to_duration, to_quaternion
 from visualization_msgs.msg import Marker, MarkerArray
 
 Array = NDArray[np.float64]
@@ -69,11 +70,6 @@ _PALETTE = (
 )
 
 
-def to_quaternion(yaw: float) -> Quaternion:
-    """Return the rotation by `yaw` [rad] about the vertical."""
-    return Quaternion(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
-
-
 def colour_of(name: str, alpha: float = 1.0) -> ColorRGBA:
     """
     Return the colour of a robot, the same wherever it is drawn.
@@ -97,96 +93,43 @@ def to_points(positions: Array) -> list[Point]:
 
 
 @dataclass(frozen=True)
-class MarkerFactory:
+class Pen:
     """Makes markers in one frame, with its `stamp` and `lifetime` [s]; 0 is for ever."""
 
     frame: str
     stamp: Time = field(default_factory=Time)
     lifetime: float = 0.0
 
-    def marker(
-        self, namespace: str, number: int, kind: int, colour: ColorRGBA, scale: Sequence[float]
-    ) -> Marker:
-        """Return a marker at the origin; `scale` [m] is as its kind reads it."""
-        marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD, color=colour)
-        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
-        marker.scale = Vector3(**dict(zip('xyz', scale, strict=False)))
-        whole = int(self.lifetime)
-        marker.lifetime = Duration(sec=whole, nanosec=round((self.lifetime - whole) * 1e9))
-        return marker
-
-    def solid(
-        self,
-        namespace: str,
-        number: int,
-        kind: int,
-        colour: ColorRGBA,
-        scale: Sequence[float],
-        position: Sequence[float],
-        orientation: Quaternion | None = None,
-    ) -> Marker:
-        """Return a sphere, cylinder, arrow... at a position [m]."""
-        marker = self.marker(namespace, number, kind, colour, scale)
-        marker.pose.position = Point(**dict(zip('xyz', position, strict=False)))
-        if orientation is not None:
-            marker.pose.orientation = orientation
-        return marker
+    def marker(self, namespace: str = '', number: int = 0, **fields: Any) -> Marker:
+        """Return a marker with further fields of the message."""
+        header = Header(frame_id=self.frame, stamp=self.stamp)
+        lifetime = to_duration(self.lifetime)
+        return Marker(header=header, ns=namespace, id=number, lifetime=lifetime, **fields)
 
     def line(
-        self,
-        namespace: str,
-        number: int,
-        points: Sequence[Point],
-        colour: ColorRGBA,
-        width: float,
+        self, namespace: str, number: int, points: list[Point], colour: ColorRGBA, width: float
     ) -> Marker:
         """Return a line through two points or more."""
-        marker = self.marker(namespace, number, Marker.LINE_STRIP, colour, [width])
-        marker.points = list(points)
-        return marker
+        scale = Vector3(x=width)
+        kind = Marker.LINE_STRIP
+        return self.marker(namespace, number, type=kind, points=points, color=colour, scale=scale)
 
-    def text(
-        self, namespace: str, number: int, text: str, position: Sequence[float], height: float
-    ) -> Marker:
+    def text(self, namespace: str, text: str, position: Sequence[float], height: float) -> Marker:
         """Return white letters that face the viewer, capitals `height` m high."""
-        kind, scale = Marker.TEXT_VIEW_FACING, (0.0, 0.0, height)
-        marker = self.solid(namespace, number, kind, _WHITE, scale, position)
-        marker.text = text
-        return marker
-
-    def delete(self, namespace: str, number: int) -> Marker:
-        """Return a message that removes one marker."""
-        marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
-        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
-        return marker
-
-    def delete_all(self) -> Marker:
-        """Return a message that removes everything that the topic has drawn."""
-        marker = Marker(action=Marker.DELETEALL)
-        marker.header.frame_id, marker.header.stamp = self.frame, self.stamp
-        return marker
+        return self.marker(
+            namespace,
+            type=Marker.TEXT_VIEW_FACING,
+            text=text,
+            pose=to_pose(position),
+            color=_WHITE,
+            scale=Vector3(z=height),
+        )
 
 
-class Trail:
-    """The recent positions of a point, not older than `age` s."""
-
-    def __init__(self, age: float) -> None:
-        self.age = age
-        self._places: deque[tuple[float, Point]] = deque()
-
-    def add(self, instant: float, place: Point) -> None:
-        """Remember a place; an instant [s] before the last one starts a new trail."""
-        places = self._places
-        if places and instant < places[-1][0]:
-            places.clear()
-        places.append((instant, place))
-        while instant - places[0][0] > self.age + _ROUNDING:
-            places.popleft()
-
-    @property
-    def points(self) -> list[Point]:
-        """Return the places, oldest first."""
-        return [point for _, point in self._places]
+def to_pose(position: Sequence[float], yaw: float = 0.0) -> Pose:
+    """Return a pose at a position [m], turned about the vertical by `yaw` [rad]."""
+    point = Point(**dict(zip('xyz', position, strict=False)))
+    return Pose(position=point, orientation=to_quaternion(yaw))
 
 
 class Picture:
@@ -198,27 +141,30 @@ class Picture:
     """
 
     def __init__(self, drawn: Drawn, trail: float, name: str = '') -> None:
-        self._trails: dict[int, Trail] = {}
-        self.set_up(drawn, trail, name)
+        self._name = name
+        self._trails: dict[int, deque[tuple[float, Point]]] = {}  # by shape: instants, places
+        self.set_up(drawn, trail)
 
-    def set_up(self, drawn: Drawn, trail: float, name: str = '') -> None:
+    def set_up(self, drawn: Drawn, trail: float) -> None:
         """Draw another plant, with a trail of `trail` s, from now on."""
-        self._drawn, self._name = drawn, name
+        self._drawn = drawn
         self._age, self._spacing = trail, max(trail / _TRAIL_POINTS, _SHORTEST_SPACING)
-        for kept in self._trails.values():
-            kept.age = trail
         self._width = 0.0  # of lines [m], until the first drawing
         self._due = -math.inf  # instant [s] of the next place of the trails
 
     def add(self, instant: float, state: Array) -> None:
         """Lengthen the trails by the places in a state (nx,) at an instant [s]."""
-        if self._due - self._spacing <= instant < self._due - _ROUNDING:
+        if instant < self._due - self._spacing:  # the clock was set back
+            self.clear()
+        if instant < self._due - _ROUNDING:
             return
         self._due = instant + self._spacing
         for number, shape in enumerate(self._shapes(state, None)):
             if shape.trail:
-                trail = self._trails.setdefault(number, Trail(self._age))
-                trail.add(instant, to_points(_followed(shape, 1))[0])
+                trail = self._trails.setdefault(number, deque())
+                trail.append((instant, to_points(_followed(shape, 1))[0]))
+                while instant - trail[0][0] > self._age + _ROUNDING:
+                    trail.popleft()
 
     def clear(self) -> None:
         """Forget the trails, where the plant did not move but was put elsewhere."""
@@ -229,19 +175,16 @@ class Picture:
         self, stamp: Time, state: Array, control: Array, lifetime: float = LIFETIME
     ) -> MarkerArray:
         """Return the plant in a state (nx,) under controls (nu,), visible for `lifetime` [s]."""
-        pen, shapes = (
-            MarkerFactory(self._drawn.kind.frame, stamp, lifetime),
-            self._shapes(state, control),
-        )
+        pen, shapes = Pen(self._drawn.kind.frame, stamp, lifetime), self._shapes(state, control)
         width, name = self._width, self._name
         shown = [_marker(pen, k, shape, width, name) for k, shape in enumerate(shapes)]
         for number, trail in self._trails.items():
-            if len(trail.points) > 1:
-                colour = colour_of(name) if name else _TRAIL
-                shown.append(pen.line('trail', number, trail.points, colour, 0.5 * width))
+            if len(trail) > 1:
+                colour, points = colour_of(name) if name else _TRAIL, [place for _, place in trail]
+                shown.append(pen.line('trail', number, points, colour, 0.5 * width))
         if name:
             x, y, _ = _followed(shapes[0], 1)[0].tolist()
-            shown.append(pen.text('name', 0, name, (x, y - 20.0 * width, 0.0), 10.0 * width))
+            shown.append(pen.text('name', name, (x, y - 20.0 * width), 10.0 * width))
         return MarkerArray(markers=shown)
 
     def _shapes(self, state: Array, control: Array | None) -> Sequence[Shape]:
@@ -272,8 +215,8 @@ def plan_markers(
     The drawing of an earlier message is deleted first. Namespaces are those of `Picture`, and
     `planned_path`; each plant has a hundred numbers, the first hundred are the surroundings'.
     """
-    pen = MarkerFactory(frame)
-    shown = [pen.delete_all()]
+    pen = Pen(frame)
+    shown = [pen.marker(action=Marker.DELETEALL)]
     ends = [list(_in_motion(way, way.states[-1])) for way in ways]
     width = _WIDTH * _size([*surroundings, *(shape for end in ends for shape in end)])
     shown += [_marker(pen, k, shape, width) for k, shape in enumerate(surroundings)]
@@ -315,7 +258,7 @@ def _size(shapes: Iterable[Shape]) -> float:
     return float(max(extents))
 
 
-def _marker(pen: MarkerFactory, number: int, shape: Shape, width: float, name: str = '') -> Marker:
+def _marker(pen: Pen, number: int, shape: Shape, width: float, name: str = '') -> Marker:
     """Return a shape as a marker; bodies and goals of a plant with a name have its colour."""
     style, colour = shape.style, _COLOURS[shape.style]
     if name and not isinstance(shape, Line) and style in ('body', 'goal'):
@@ -324,16 +267,17 @@ def _marker(pen: MarkerFactory, number: int, shape: Shape, width: float, name: s
     if isinstance(shape, Disc) and style == 'reach' and points.shape[1] == 2:
         circle = shape.radius * np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)], axis=1)
         return pen.line(style, number, to_points(points + circle), colour, 0.5 * width)
+    flat, kind, pose = points.shape[1] == 2, Marker.SPHERE, to_pose(points[0].tolist())
     if isinstance(shape, Disc):
-        ball, kind = [2.0 * shape.radius] * 3, Marker.SPHERE
-        if points.shape[1] == 2:
-            ball, kind = [*ball[:2], width], Marker.CYLINDER
-        return pen.solid(style, number, kind, colour, ball, points[0].tolist())
-    if isinstance(shape, Box):
-        size = [*map(float, shape.size), width][:3]
-        turned = to_quaternion(math.remainder(float(np.asarray(shape.turn)), math.tau))
-        centre = [float(np.asarray(part)) for part in shape.centre]
-        return pen.solid(style, number, Marker.CUBE, colour, size, centre, turned)
-    if points.shape[1] == 2:  # above what is drawn in the plane
-        points = np.pad(points, ((0, 0), (0, 1)), constant_values=width)
-    return pen.line(style, number, to_points(points), colour, width)
+        size = [2.0 * shape.radius] * (2 if flat else 3)
+        kind = Marker.CYLINDER if flat else kind
+    elif isinstance(shape, Box):
+        size, kind = [*map(float, shape.size)], Marker.CUBE
+        turn = math.remainder(float(np.asarray(shape.turn)), math.tau)
+        pose = to_pose([float(np.asarray(part)) for part in shape.centre], turn)
+    else:
+        if flat:  # above what is drawn in the plane
+            points = np.pad(points, ((0, 0), (0, 1)), constant_values=width)
+        return pen.line(style, number, to_points(points), colour, width)
+    scale = Vector3(**dict(zip('xyz', [*size, width], strict=False)))
+    return pen.marker(style, number, type=kind, pose=pose, color=colour, scale=scale)

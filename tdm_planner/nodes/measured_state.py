@@ -7,14 +7,14 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""A plant's measured state from the topics it comes on, for planners and trackers."""
+"""The newest state of a plant, as its messages tell."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -22,66 +22,86 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
+from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.qos import NEWEST
-from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
+from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
-from tdm_planner.trajectory import NANOSECOND
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Received:
-    """A message, the states it holds by name, and the instant of their measurement [ns]."""
+class Received(NamedTuple):
+    """A message, the states it holds by name, and the instant of their measurement [s]."""
 
     message: Any
     states: Mapping[str, float]
-    instant: int
+    instant: float
 
 
-class NewestMeasurement:
+class MeasuredState:
     """
-    Keeps the newest message of a topic; a stamp of zero means the time of arrival.
+    The newest state of a plant, from `odom` where it has one and from `joint_states`.
 
-    `read` raises InvalidProblem for a message that does not hold the states. Such a message is
-    ignored: `ignored` is called with the reason, and `missing` quotes it until a valid message
-    arrives. Every other message becomes the `newest`, and `observer` is called.
+    `prefix` is the plant's namespace ('' or 'robot1/'). Instants are those of `clock`: a stamp of
+    zero means the arrival, and nothing is taken before the clock runs. `observer` is called with
+    every state and its instant. A message that does not hold the states is ignored, as is a state
+    whose parts are more than `longest()` [s] apart: `ignored` is called with the reason. Safe to
+    read in any thread.
     """
 
     def __init__(
         self,
         node: Node,
-        message_type: Any,
-        topic: str,
-        read: Callable[[Any], Mapping[str, float]],
-        observer: Callable[[], None],
-        ignored: Callable[[str], None],
+        clock: MotionClock,
+        kind: PlantKind,
+        prefix: str,
+        observer: Callable[[Array, float], None],
+        ignored: Callable[[str], None] = lambda _: None,
+        longest: Callable[[], float] = lambda: math.inf,
     ) -> None:
-        self._node = node
-        self._read = read
-        self._observer, self._ignored = observer, ignored
-        self.newest: Received | None = None
-        self._fault = ''
-        subscription = node.create_subscription(message_type, topic, self._receive, NEWEST)
-        self.topic: str = subscription.topic_name
+        self._clock, self._kind, self._prefix = clock, kind, prefix
+        self._observer, self._ignored, self._longest = observer, ignored, longest
+        read: Callable[[Any], Mapping[str, float]] = partial(read_odometry, kind)
+        sources = [('odom', Odometry, read)] if kind.odometry else []
+        sources.append(('joint_states', JointState, self._read_joints))
+        self._newest: dict[str, Received] = {}
+        self._faults: dict[str, str] = {}  # of the last message
+        self._topics: dict[str, str] = {}  # resolved
+        for name, message_type, read in sources:
+            take = partial(self._receive, name, read)
+            subscription = node.create_subscription(message_type, prefix + name, take, NEWEST)
+            self._topics[name] = subscription.topic_name
+        self._leading = sources[0][0]  # its stamps are those of the states
 
     @property
-    def missing(self) -> str:
-        """Say that no state was received yet; '' once there is one."""
-        return '' if self.newest else f'no state was received on {self.topic}{self._last_fault}'
+    def topic(self) -> str:
+        """Topic whose stamps are those of the states."""
+        return self._topics[self._leading]
 
     @property
-    def _last_fault(self) -> str:
-        return f'; the last message there does not hold it: {self._fault}' if self._fault else ''
+    def missing(self) -> list[str]:
+        """Return a sentence for every topic on which no state was received yet."""
+        return [
+            f'no state was received on {topic}{self._told(name)}'
+            for name, topic in self._topics.items()
+            if name not in self._newest
+        ]
 
-    def age(self, now: int) -> float | None:
-        """Age of the newest message [s]; None if there is none."""
-        newest = self.newest
-        return None if newest is None else (now - newest.instant) * NANOSECOND
+    @property
+    def joints(self) -> JointState | None:
+        """Return the newest message of `joint_states`; None until there is one."""
+        received = self._newest.get('joint_states')
+        return None if received is None else received.message
 
-    def fresh(self, now: int, max_age: float) -> Received:
+    @property
+    def newest(self) -> tuple[Array, float] | None:
+        """Return the newest state (nx,) and its instant [s]; None until it is complete."""
+        parts = [part for name in self._topics if (part := self._newest.get(name)) is not None]
+        return self._state(parts) if len(parts) == len(self._topics) else None
+
+    def fresh(self, now: float, max_age: float) -> tuple[Array, float]:
         """
-        Return the newest message, not older than `max_age` s at the instant `now` [ns].
+        Return the newest state (nx,) and its instant [s], not older than `max_age` s at `now`.
 
         Raises
         ------
@@ -89,119 +109,62 @@ class NewestMeasurement:
             If there is none, or it is too old, or from the future by more than `max_age`.
 
         """
-        newest, fault = self.newest, self._last_fault
-        if newest is None:
-            raise NoState(self.missing)
-        age = (now - newest.instant) * NANOSECOND
-        if age > max_age:
-            raise NoState(
-                f'the newest state on {self.topic} is {age:.3g} s old: must not be older than '
-                f'{max_age:g} s (start.max_age){fault}'
-            )
-        if age < -max_age:
-            raise NoState(
-                f'the newest state on {self.topic} is stamped {-age:.3g} s in the future: the '
-                'clocks of its publisher and of the planner differ'
-            )
-        return newest
+        missing = self.missing
+        if missing:
+            raise NoState(missing[0])
+        for name, topic in self._topics.items():
+            age = now - self._newest[name].instant
+            if age > max_age:
+                raise NoState(
+                    f'the newest state on {topic} is {age:.3g} s old: must not be older than '
+                    f'{max_age:g} s (start.max_age){self._told(name)}'
+                )
+            if age < -max_age:
+                raise NoState(
+                    f'the newest state on {topic} is stamped {-age:.3g} s in the future: the '
+                    'clocks of its publisher and of the planner differ'
+                )
+        return self._state([self._newest[name] for name in self._topics])
 
-    def _receive(self, message: Any) -> None:
-        try:
-            states = self._read(message)
-        except InvalidProblem as error:
-            self._fault = str(error)
-            self._ignored(self._fault)
-            return
-        self._fault = ''
-        stamp = nanoseconds_of(message.header.stamp)
-        arrival = self._node.get_clock().now().nanoseconds
-        self.newest = Received(message, states, stamp or arrival)
-        self._observer()
-
-
-class MeasuredState:
-    """
-    The newest state of a plant, from `odom` where it has one and from `joint_states`.
-
-    `prefix` is the plant's namespace ('' or 'robot1/'). `observer` is called with every state and
-    its instant [ns], `ignored` with the reason why a message is ignored. A state is ignored, too,
-    if its parts are more than `longest()` [s] apart.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        kind: PlantKind,
-        prefix: str,
-        observer: Callable[[Array, int], None],
-        ignored: Callable[[str], None] = lambda _: None,
-        longest: Callable[[], float] = lambda: math.inf,
-    ) -> None:
-        self._kind, self._prefix, self._observer = kind, prefix, observer
-        self._ignored, self._longest = ignored, longest
-        self.joints = NewestMeasurement(
-            node,
-            JointState,
-            f'{prefix}joint_states',
-            lambda message: read_joints(kind.measured, message, kind.state_names),
-            lambda: None if kind.odometry else self._observe(),
-            ignored,
-        )
-        self._parts = {'joint_states': self.joints}
-        if kind.odometry:
-            odometry = NewestMeasurement(
-                node,
-                Odometry,
-                f'{prefix}odom',
-                lambda message: read_odometry(kind, message),
-                self._observe,
-                ignored,
-            )
-            self._parts = {'odom': odometry, **self._parts}
-
-    @property
-    def topic(self) -> str:
-        """Topic whose stamps are those of the states."""
-        return next(iter(self._parts.values())).topic
-
-    @property
-    def missing(self) -> list[str]:
-        """Return a sentence for every topic on which no state was received yet."""
-        return [part.missing for part in self._parts.values() if part.missing]
-
-    @property
-    def newest(self) -> tuple[Array, int] | None:
-        """Return the newest state (nx,) and its instant [ns]; None until it is complete."""
-        parts = [part.newest for part in self._parts.values()]
-        received = [part for part in parts if part is not None]
-        return self._state(received) if len(received) == len(parts) else None
-
-    def fresh(self, now: int, max_age: float) -> tuple[Array, int]:
-        """
-        Return the newest state (nx,) and its instant [ns], not older than `max_age` s at `now`.
-
-        Raises
-        ------
-        NoState
-            As `NewestMeasurement.fresh` does.
-
-        """
-        return self._state([part.fresh(now, max_age) for part in self._parts.values()])
-
-    def ages(self, now: int) -> dict[str, float | None]:
+    def ages(self, now: float) -> dict[str, float | None]:
         """Age [s] of the newest message by topic; None where there is none."""
-        return {f'{self._prefix}{name}': part.age(now) for name, part in self._parts.items()}
+        newest = {name: self._newest.get(name) for name in self._topics}
+        return {
+            self._prefix + name: None if part is None else now - part.instant
+            for name, part in newest.items()
+        }
 
-    def _state(self, parts: Sequence[Received]) -> tuple[Array, int]:
+    def _told(self, name: str) -> str:
+        fault = self._faults.get(name)
+        return f'; the last message there does not hold it: {fault}' if fault else ''
+
+    def _state(self, parts: Sequence[Received]) -> tuple[Array, float]:
         values = {name: value for part in parts for name, value in part.states.items()}
         return np.array([values[name] for name in self._kind.state_names]), parts[0].instant
 
-    def _observe(self) -> None:
-        newest = self.newest
-        if newest is None:
+    def _read_joints(self, message: JointState) -> Mapping[str, float]:
+        return read_joints(self._kind.measured, message, self._kind.state_names)
+
+    def _receive(
+        self, name: str, read: Callable[[Any], Mapping[str, float]], message: Any
+    ) -> None:
+        """Take a part of the state; the leading one completes it."""
+        try:
+            states = read(message)
+        except InvalidProblem as error:
+            self._faults[name] = str(error)
+            self._ignored(str(error))
             return
-        instants = [part.newest.instant for part in self._parts.values() if part.newest]
-        apart, longest = (max(instants) - min(instants)) * NANOSECOND, self._longest()
+        if not self._clock.runs:
+            return
+        self._faults.pop(name, None)
+        at = self._clock.instant_of(message.header.stamp)
+        self._newest[name] = Received(message, states, at)
+        newest = self.newest
+        if name != self._leading or newest is None:
+            return
+        apart = max(abs(part.instant - at) for part in self._newest.values())
+        longest = self._longest()
         if apart > longest:
             self._ignored(
                 f'odom and the newest joint_states are {apart:.3g} s apart, more than '

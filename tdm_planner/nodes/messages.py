@@ -22,7 +22,7 @@ from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from numpy.typing import NDArray
@@ -30,31 +30,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.markers import to_quaternion
-from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.nodes.reading import joint_indices, nanoseconds_of, seconds_of
-from tdm_planner.plant_kind import ARENA_FRAME, Joint, PlantKind, WORLD_FRAME
+from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-__all__ = [
-    'ARENA_FRAME',
-    'LATCHED',
-    'WORLD_FRAME',
-    'command_message',
-    'from_wire',
-    'joint_indices',
-    'joint_states',
-    'nanoseconds_of',
-    'odometry',
-    'path_message',
-    'plan_message',
-    'seconds_of',
-    'stamp_of',
-    'to_duration',
-    'to_quaternion',
-    'to_stamp',
-]
 
 Array = NDArray[np.float64]
 
@@ -104,6 +82,11 @@ def to_duration(seconds: float) -> Duration:
     """Span of time [s], rounded to the nanosecond, as a message."""
     nanoseconds = round(seconds / NANOSECOND)
     return Duration(sec=nanoseconds // _SECOND, nanosec=nanoseconds % _SECOND)
+
+
+def to_quaternion(yaw: float) -> Quaternion:
+    """Return the rotation by `yaw` [rad] about the vertical."""
+    return Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
 
 
 def plan_message(

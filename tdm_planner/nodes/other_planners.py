@@ -16,21 +16,19 @@ A planner that was killed and restarted recovers the active plan from the tracke
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from functools import partial
 import json
 import time
 
 from rclpy.node import Node
-from rclpy.timer import Timer
 from std_msgs.msg import String
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.adapter import Vehicle
 from tdm_planner.nodes.diagnostics import PublisherCount
-from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
-from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 
@@ -90,51 +88,38 @@ class OtherPlanners:
 
 class Recovery:
     """
-    Hands the plan that the trackers follow when the node starts to `recover`, after `GRACE`.
+    Finds the plan that the trackers follow when the planner starts; to be looked at repeatedly.
 
-    `recover` gets the trajectories by vehicle and the instant [ns] of their common start. If
-    starts differ, the trajectories are not parts of one plan, and `recover` is not called.
+    Where the trackers tell of different starts, their trajectories are not parts of one plan.
     """
 
-    def __init__(
-        self,
-        node: ManagedNode,
-        vehicles: Collection[Vehicle],
-        recover: Callable[[Mapping[str, Trajectory], int], None],
-    ) -> None:
-        self._node, self._recover, self._count = node, recover, len(vehicles)
+    def __init__(self, node: Node, vehicles: Collection[Vehicle]) -> None:
+        self._vehicles = vehicles
         self._until = time.monotonic() + WINDOW
-        self._newest: dict[str, tuple[Trajectory | None, int]] = {}
-        self._found: tuple[Mapping[str, Trajectory], int] | None = None
-        self._timer: Timer | None = None
+        self._told: dict[str, JointTrajectory] = {}  # by vehicle; empty: it follows none
+        self._start, self._since = 0, 0.0  # of the plan that all follow [ns], told since [s]
+        self._waits = False  # for GRACE to pass, and for the planner to become active
         for vehicle in vehicles:
             topic = f'{vehicle.prefix}active_trajectory'
-            take = partial(self._on_message, vehicle)
+            take = partial(self._take, vehicle.name)
             node.create_subscription(JointTrajectory, topic, take, LATCHED)
 
-    def _on_message(self, vehicle: Vehicle, message: JointTrajectory) -> None:
-        """Store the plan that one tracker follows; an empty message means none."""
-        trajectory, start = None, nanoseconds_of(message.header.stamp)
-        with suppress(InvalidProblem):
-            trajectory = read_plan(vehicle.kind, message)
-        self._newest[vehicle.name] = trajectory, start
-        told = self._newest.items()
-        if len(told) == self._count and all(stamp == start for _, (_, stamp) in told):
-            whole = {name: plan for name, (plan, _) in told if plan is not None}
-            self._on_found(whole if len(whole) == self._count else {}, start)
+    def look(self, active: bool) -> tuple[dict[str, Trajectory], int] | None:
+        """Return trajectories by vehicle and their start [ns], once there are any."""
+        now, told = time.monotonic(), self._told.values()
+        starts = {nanoseconds_of(plan.header.stamp) if plan.points else 0 for plan in told}
+        start = starts.pop() if len(told) == len(self._vehicles) and len(starts) == 1 else 0
+        if start != self._start:
+            self._start, self._since = start, now
+            self._waits |= bool(start) and now < self._until  # later ones are no predecessor's
+        if not (self._waits and active) or now < self._since + GRACE:
+            return None
+        self._waits = False
+        if start:
+            with suppress(InvalidProblem):
+                plans = {v.name: read_plan(v.kind, self._told[v.name]) for v in self._vehicles}
+                return plans, start
+        return None
 
-    def _on_found(self, trajectories: Mapping[str, Trajectory], start: int) -> None:
-        if self._timer is None and time.monotonic() > self._until:
-            return  # too late to be a predecessor's plan
-        self._found = (trajectories, start) if trajectories else None
-        if self._timer is None:
-            self._timer = self._node.create_timer(GRACE, self._on_timer)
-
-    def _on_timer(self) -> None:
-        if self._timer is None or not self._node.active:
-            return
-        self._node.destroy_timer(self._timer)
-        self._timer = None
-        found, self._found = self._found, None
-        if found is not None:
-            self._recover(*found)
+    def _take(self, vehicle: str, message: JointTrajectory) -> None:
+        self._told[vehicle] = message

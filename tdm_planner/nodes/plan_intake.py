@@ -16,7 +16,8 @@ import time
 from typing import Any, NamedTuple
 
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import nanoseconds_of, stamp_of
+from tdm_planner.nodes.messages import stamp_of
+from tdm_planner.nodes.reading import nanoseconds_of
 
 # A flood of plans must not slow the commands down: plans beyond the time budget are dropped. The
 # newest one waits, at most until shortly before its start.
@@ -31,29 +32,24 @@ class TimeBudget:
     """
     A time budget: a `reserve` [s] to begin with, refilled by a `share` of the time that passes.
 
-    Ask whether it `allows` work, and report what was `spent` [s]. `clock` returns seconds.
+    Ask what is `left` [s], less than nothing if it is overdrawn, and report what was `spent`.
+    `clock` returns seconds.
     """
 
     def __init__(self, share: float, reserve: float, clock: Callable[[], float]) -> None:
         self._share, self._reserve, self._clock = share, reserve, clock
-        self._left, self._at = reserve, clock()
+        self._paid = clock() - reserve / share  # instant up to which the share is spent [s]
 
     @property
-    def allows(self) -> bool:
-        """Whether there is any left."""
+    def left(self) -> float:
+        """Time that may be spent now [s]."""
         now = self._clock()
-        self._left = min(self._reserve, self._left + self._share * (now - self._at))
-        self._at = now
-        return self._left > 0.0
-
-    @property
-    def overdrawn(self) -> float:
-        """How much more has been spent than there was [s]."""
-        return 0.0 if self.allows else -self._left
+        self._paid = max(self._paid, now - self._reserve / self._share)
+        return self._share * (now - self._paid)
 
     def spent(self, seconds: float) -> None:
         """Subtract the time of work; it may exceed what was left."""
-        self._left -= seconds
+        self._paid += seconds / self._share
 
 
 class ReceivedPlan(NamedTuple):
@@ -69,10 +65,10 @@ class ReceivedPlan(NamedTuple):
 
 class PlanIntake:
     """
-    Hands received plans to `look_at`, at most as many as the time budget allows.
+    Hands the newest plan received to `look_at`, once the time budget allows it.
 
-    The newest plan waits while the budget is used up or the node is not `ready`. `lead` is the
-    time [s] before its start that a plan needs to be prepared.
+    It waits, too, while the node is not `ready`. `lead` is the time [s] before its start that a
+    plan needs to be prepared.
     """
 
     def __init__(
@@ -84,12 +80,7 @@ class PlanIntake:
     ) -> None:
         self._clock, self._ready, self._lead, self._look_at = clock, ready, lead, look_at
         self._budget = TimeBudget(_SHARE, _RESERVE, time.monotonic)
-        self._waiting: ReceivedPlan | None = None
-
-    def instant(self, stamp: Any) -> float:
-        """Instant of a time stamp [s]; stamps of zero mean now, as usual in ROS."""
-        nanoseconds = nanoseconds_of(stamp)
-        return self._clock.instant(nanoseconds) if nanoseconds else self._clock.now()
+        self.waiting: ReceivedPlan | None = None
 
     def offer(self, data: bytes) -> None:
         """
@@ -101,46 +92,29 @@ class PlanIntake:
             If it has no time stamp.
 
         """
-        offer, waiting = ReceivedPlan(stamp_of(data), data), self._waiting
-        self._waiting = offer
-        ready = self._ready() and self._clock.runs
-        if (
-            ready
-            and waiting is not None
-            and self.instant(offer.stamp) < self.instant(waiting.stamp)
-        ):
-            # Two planners: the plan that starts last counts, which may be the earlier one.
-            if self._budget.allows:
-                self._take(waiting)
-            else:
-                self._waiting = waiting
+        self.waiting = ReceivedPlan(stamp_of(data), data)
         self.look()
 
     def look(self) -> None:
         """Look at the plan that waits, if there is time for it."""
-        offer = self._waiting
-        if offer is None or not self._ready() or not self._clock.runs:
+        plan = self.waiting
+        if plan is None or not self._ready() or not self._clock.runs:
             return
-        if self._budget.allows or self._budget.overdrawn < self._worth(offer):
-            self._waiting = None
-            self._take(offer)
+        left = self._budget.left
+        if left <= 0.0 and left + self._worth(plan) <= 0.0:
+            return
+        self.waiting = None
+        began = time.perf_counter()
+        try:
+            self._look_at(plan)
+        finally:
+            self._budget.spent(time.perf_counter() - began)
 
-    def clear(self) -> None:
-        """Forget the plan that waits."""
-        self._waiting = None
-
-    def _worth(self, offer: ReceivedPlan) -> float:
-        """Return by how much a plan may exceed the budget [s]."""
-        if nanoseconds_of(offer.stamp) == 0:
-            return 0.0  # a start of now can wait
-        wait = self.instant(offer.stamp) - self._clock.now()
+    def _worth(self, plan: ReceivedPlan) -> float:
+        """Return by how much a plan may exceed the budget [s]; a start of now can wait."""
+        if nanoseconds_of(plan.stamp) == 0:
+            return 0.0
+        wait = self._clock.instant_of(plan.stamp) - self._clock.now()
         if abs(wait) < _IMMINENT:
             return _WORTH_AT_START
         return _WORTH_IN_LEAD if 0.0 < wait < self._lead() else 0.0
-
-    def _take(self, offer: ReceivedPlan) -> None:
-        began = time.perf_counter()
-        try:
-            self._look_at(offer)
-        finally:
-            self._budget.spent(time.perf_counter() - began)

@@ -66,11 +66,12 @@ class PlannedPlant:
     Until a plan begins, the tracker holds it where it can. How fast feedback removes deviations is
     not known.
 
-    `tracker` is the class of its tracker's parameters, None if it is not of this package. `trail`
-    is the time [s] for which its trail is drawn.
+    `vehicle` is its name in plans. `tracker` is the class of its tracker's parameters, None if it
+    is not of this package. `trail` is the time [s] for which its trail is drawn.
     """
 
     kind: PlantKind
+    vehicle: ClassVar[str] = VEHICLE
     tracker: type[TrackerParameters] | None = None
     trail: ClassVar[float] = 2.0
     stays: ClassVar[bool] = True  # until a plan begins
@@ -93,8 +94,7 @@ class PlannedPlant:
 
     def names(self, values: Values) -> Sequence[str]:
         """Return the names of the vehicles."""
-        del values
-        return (VEHICLE,)
+        return tuple(values['robots']) if self.several else (self.vehicle,)
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (nx,) of a plant that follows its plan."""
@@ -120,11 +120,9 @@ class PlannedPlant:
         """Return the model of how trackers execute plans. In the worker's thread."""
         return GenericExecution(self.kind.state_names, values['replan.deviation'])
 
-    def complete(
-        self, problem: Any, trajectory: Trajectory
-    ) -> tuple[Trajectory, Mapping[str, Array]]:
-        """Return a motion to be published, and histories (N,) beside its states by name."""
-        return trajectory, {}
+    def besides(self, problem: Any, trajectory: Trajectory) -> Mapping[str, Array]:
+        """Return histories (N,) of joints beside the states and controls, by name."""
+        return {}
 
     def drawn(self, values: Values) -> Drawn | None:
         """Return what a plant looks like; None where not all of its state is measured."""
@@ -143,16 +141,13 @@ class PlannedPendulum(PlannedPlant):
     """The rotary pendulum; between plans it swings without torque."""
 
     kind = PENDULUM
+    vehicle = SWING_UP
     tracker = PendulumTrackerParameters
     trail = 1.0
     stays = False
 
     def __init__(self, problem: type[Problem], values: Values) -> None:
         """Take no parameters: everything is a class attribute."""
-
-    def names(self, values: Values) -> Sequence[str]:
-        """Return its name."""
-        return (SWING_UP,)
 
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (4,) of a pendulum that follows its plan."""
@@ -190,13 +185,6 @@ class PlannedPendulum(PlannedPlant):
         """Return zero (4,): the feedback removes the deviation."""
         return np.zeros_like(away)
 
-    def complete(
-        self, problem: PendulumSwingUp, trajectory: Trajectory
-    ) -> tuple[Trajectory, Mapping[str, Array]]:
-        """Return a motion with the rates of its states."""
-        rated = trajectory.rates is not None
-        return trajectory if rated else trajectory.with_rates(problem.plant.derivative), {}
-
     def execution(
         self, problem: PendulumSwingUp, trackers: Mapping[str, Any], values: Values
     ) -> Execution:
@@ -221,10 +209,6 @@ class PlannedRobots(PlannedPlant):
     def __init__(self, problem: type[Problem], values: Values) -> None:
         """Take no parameters: everything is a class attribute."""
 
-    def names(self, values: Values) -> Sequence[str]:
-        """Return the names of the robots."""
-        return tuple(values['robots'])
-
     def tracking_tolerance(self, plan: Trajectory, values: Values) -> Array:
         """Return the largest deviations (7,); the thruster's angle may be anything."""
         return np.array([0.15, 0.15, 0.1, 0.1, 0.3, 0.3, np.inf])
@@ -245,13 +229,10 @@ class PlannedRobots(PlannedPlant):
         """Return the trackers' feedback as a model."""
         return FormationExecution(problem, trackers)
 
-    def complete(
-        self, problem: RobotFormation, trajectory: Trajectory
-    ) -> tuple[Trajectory, Mapping[str, Array]]:
-        """Return a motion with its rates, and the change of the wheel's speed since the start."""
+    def besides(self, problem: RobotFormation, trajectory: Trajectory) -> Mapping[str, Array]:
+        """Return the change of the wheel's speed since the start."""
         omega = trajectory.state('omega')
-        wheel = problem.plant.wheel_speed(omega, initial_omega=float(omega[0]))
-        return trajectory.with_rates(problem.plant.derivative), {'wheel_speed': wheel}
+        return {'wheel_speed': problem.plant.wheel_speed(omega, initial_omega=float(omega[0]))}
 
     def drawn(self, values: Values) -> Drawn:
         """Return a robot with these parameters."""

@@ -19,30 +19,30 @@ import sys
 from typing import Any
 
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.clock import Clock, ClockType, TimeJump
+from rclpy.clock import TimeJump
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.answers import (
-    MovedGoal,
     plan_answer,
     plan_figures,
     plan_summary,
     Request,
+    service_response,
 )
-from tdm_planner.nodes.clocks import MotionClock, ros_clock, watch_set_back
+from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
 from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planning import make_plan
+from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.replanning import Replanning
 from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.services import Answer, create_deferred_service
+from tdm_planner.nodes.services import create_deferred_service
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.base import Problem
@@ -52,7 +52,7 @@ from tdm_planner.replanning import ActivePlan
 from tdm_planner.trajectory import Trajectory
 
 _REQUEST = specifications(RequestParameters)
-_CLOCK_PERIOD = 0.1  # s between looks whether the time of day was set
+_PERIOD = 0.1  # s between looks whether the time of day was set
 _GRACE = 0.3  # s from a plan's start until trackers must have reported that they follow it
 _SUPERSEDED = "another planner's plan is active"
 
@@ -72,10 +72,7 @@ class Planner(ManagedNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('planner', 'planning', _REQUEST, **options)
         self._problem_class: type[Problem] = load_problem(self.parameter_values['problem'])
-        self._adapter: Adapter | None = None
         self._queue, self._time = PlanQueue(self), MotionClock(self, self._on_clock_step)
-        publish = partial(self._settle, Request())
-        self._replanning = Replanning(self, self._time, self._queue, publish)
         self._declare_problem()
         self.warn_of_unknown_overrides()
         self._plan: ActivePlan | None = None
@@ -85,9 +82,9 @@ class Planner(ManagedNode):
         self._expected: tuple[int, float] | None = None  # start [ns, s] of a plan not followed yet
         self._unfollowed = ''
         self._requests = self._failures = 0
-        self._prepares = self._prepared = False
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._clock_timer = self.create_timer(_CLOCK_PERIOD, self._on_clock_timer, clock=steady)
+        self._prepared = False
+        self._recovery: Recovery | None = None
+        self._timer = steady_timer(self, _PERIOD, self._on_timer)
         self._jumps = watch_set_back(self, self._on_simulated_jump, on_change=False)
         self.bring_up()
 
@@ -98,23 +95,28 @@ class Planner(ManagedNode):
         self._summary = self.create_publisher(String, SUMMARY, LATCHED)
         self._others = OtherPlanners(self, self._on_other_plan, self._diagnostics.update)
         for kind, name in ((Trigger, 'plan'), (SetParametersAtomically, 'plan_with')):
-            create_deferred_service(self, kind, name, self._on_request)
-        self._adapter = Adapter(self, self._time, self._problem_class, self.parameter_values)
-        self._adapter.accept_requests(
-            lambda changes, purpose, done: self._on_request(MovedGoal(changes, purpose), done)
-        )
-        if self._adapter.recognises:
-            Recovery(self, self._adapter.vehicles.values(), self._recover)
-        self._replanning.set_up(self._adapter, self.parameter_values)
-        self._first = self.create_timer(
-            0.0, self._on_first, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+            create_deferred_service(
+                self,
+                kind,
+                name,
+                lambda message, send: self._on_request(
+                    Request(lambda outcome: send(service_response(message, outcome))),
+                    getattr(message, 'parameters', ()),
+                ),
+            )
+        problem, values = self._problem_class, self.parameter_values
+        self._adapter = Adapter(self, self._time, problem, values, self._on_request)
+        if problem.assess is not Problem.assess:
+            self._recovery = Recovery(self, self._adapter.vehicles.values())
+        publish = partial(self._settle, Request())
+        self._replanning = Replanning(self, self._time, self._queue, self._adapter, publish)
+        if not self._prepared:  # begun once the executor runs
+            self._first = steady_timer(self, 0.0, self._on_first)
 
     def activate(self) -> None:
         """Serve requests from now on, and go on to review the active plan."""
         self._failure = None
-        if self._adapter is not None:
-            self._adapter.values_changed(self.parameter_values)
+        self._adapter.values_changed(self.parameter_values)
 
     def deactivate(self) -> None:
         """Reject the requests that are not answered yet; what is being solved is dropped."""
@@ -122,22 +124,20 @@ class Planner(ManagedNode):
 
     def cleanup(self) -> None:
         """Forget the active plan: its topics are gone."""
-        self._adapter = self._failure = None
-        self._replanning.set_up(None, self.parameter_values)
-        self._superseded = False
-        self._follow(None)
+        self._plan = self._expected = self._failure = self._recovery = None
+        self._superseded, self._unfollowed = False, ''
 
     def check_values(self, values: Mapping[str, Any]) -> None:
         """Reject values for which the problem cannot say which parameters it has."""
         self._problem_class.parameter_specifications(values)
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Let changed parameters act from the next request on."""
         self._declare_problem()
-        if self._adapter is not None:
+        if self.configured:
             self._adapter.values_changed(self.parameter_values)
-            self._replanning.set_up(self._adapter, self.parameter_values)
-        super().values_changed(names)
+            self._replanning.values_changed()
+        super().values_changed()
         self._diagnostics.update()
 
     def _declare_problem(self) -> None:
@@ -149,12 +149,9 @@ class Planner(ManagedNode):
         self.withdraw([name for name in self.parameter_values if name not in kept])
 
     def _on_first(self) -> None:
-        """Begin to prepare the problem once the executor runs; later calls do nothing."""
         self.destroy_timer(self._first)
-        if not self._prepares:
-            self._prepares = True
-            tell_of_compilation(self.get_logger().info)
-            self._queue.task(self._prepare, lambda _: self._diagnostics.update())
+        tell_of_compilation(self.get_logger().info)
+        self._queue.task(self._prepare, lambda _: self._diagnostics.update())
 
     def _prepare(self) -> None:
         """Prepare what does not depend on a request; in the queue's thread."""
@@ -170,12 +167,9 @@ class Planner(ManagedNode):
     # Requests. Every one passes _on_request, PlanQueue.request, _next and _run, make_plan,
     # PlanQueue._deliver, _settle, Adapter.publish.
 
-    def _on_request(self, message: Any, send: Answer) -> None:
-        """Queue a request, or reject it with the reason."""
+    def _on_request(self, request: Request, parameters: Sequence[Any] = ()) -> None:
+        """Queue a request, with `parameters` of its own, or reject it with the reason."""
         self._requests += 1
-        request = Request(message, send)
-        if isinstance(message, MovedGoal):
-            request = replace(request, title=f'{message.purpose} rejected')
         try:
             if not self.active:
                 raise Inactive(
@@ -184,9 +178,8 @@ class Planner(ManagedNode):
                 )
             if faults := self.faults():
                 raise InvalidProblem('; '.join(faults))
-            assert self._adapter is not None  # it is made before the planner is active
-            if isinstance(message, SetParametersAtomically.Request):
-                request = replace(request, own=self._own_parameters(message.parameters))
+            if parameters:
+                request = replace(request, changes=self._own_parameters(parameters))
             values = {**self.parameter_values, **request.changes}
             self._queue.request(
                 partial(make_plan, self._problem_class, values, self._adapter, self._time),
@@ -194,7 +187,8 @@ class Planner(ManagedNode):
             )
             self._diagnostics.update()
         except (Busy, Inactive) as error:
-            request.answer(Failure.of(error))
+            if request.answer is not None:
+                request.answer(Failure.of(error))
         except Exception as error:  # noqa: B902
             self._settle(request, error)
 
@@ -215,14 +209,15 @@ class Planner(ManagedNode):
 
     def _settle(self, request: Request, outcome: ActivePlan | Exception) -> None:
         """Publish a plan, or keep the active one and say why there is no new one."""
-        answer: ActivePlan | Failure
+        answer: str | Failure = ''
         try:
             if isinstance(outcome, Exception):
                 raise outcome
-            assert self._adapter is not None
-            if isinstance(request.message, MovedGoal):
-                self._set(request.message.changes)
-            plan = replace(outcome, own={**outcome.own, **request.own})
+            plan = outcome
+            if request.lasting:
+                self._set(request.changes)
+            else:
+                plan = replace(outcome, own={**outcome.own, **request.changes})
             stamp = self._time.stamp(plan.start)
             self._adapter.publish(plan, stamp)
             self._plan_id += 1
@@ -232,7 +227,8 @@ class Planner(ManagedNode):
             self._others.publishes(stamp)
             self._summary.publish(String(data=plan_summary(plan, self._plan_id, stamp)))
             self.get_logger().info(f'plan {self._plan_id}: {plan.solution.summary}')
-            answer = plan
+            if request.answer is not None:
+                answer = plan_answer(plan, self._plan_id, self._warnings(plan))
         except Exception as error:  # noqa: B902
             answer = self._failure = Failure.of(error)
             self._failures += 1
@@ -241,18 +237,13 @@ class Planner(ManagedNode):
                 self.get_logger().error(f'{request.title}: {answer}')
             else:
                 self.get_logger().warning(f'{request.title}: {answer}')
-        if isinstance(answer, Failure):
+        if request.answer is not None:
             request.answer(answer)
-        elif request.wants_figures:
-            request.answer(self._figures_of(answer))
-        else:
-            request.answer('')
         self._diagnostics.update()
 
-    def _figures_of(self, plan: ActivePlan) -> str:
-        """Return the answer with the plan's figures and warnings."""
-        warnings = [] if self._adapter is None else self._adapter.warnings()
-        late = self._time.now() - plan.start
+    def _warnings(self, plan: ActivePlan) -> list[str]:
+        """Log and return what is not connected, and that a plan comes late."""
+        warnings, late = self._adapter.warnings(), self._time.now() - plan.start
         if late > 0:
             warnings.append(
                 f'plan {self._plan_id} is published {late:.3f} s after the start of its motion: '
@@ -260,7 +251,7 @@ class Planner(ManagedNode):
             )
         for sentence in warnings:
             self.get_logger().warning(sentence)
-        return plan_answer(plan, self._plan_id, warnings)
+        return warnings
 
     def _set(self, values: Mapping[str, Any]) -> None:
         result = self.set_parameters_atomically([Parameter(n, value=v) for n, v in values.items()])
@@ -277,10 +268,10 @@ class Planner(ManagedNode):
 
     def _look_who_follows(self) -> None:
         """Name the trackers that do not follow the active plan once it has begun."""
-        expected, adapter = self._expected, self._adapter
-        if expected is None or adapter is None or self._time.now() - expected[1] < _GRACE:
+        expected = self._expected
+        if expected is None or self._time.now() - expected[1] < _GRACE:
             return
-        self._expected, names = None, adapter.not_following(expected[0])
+        self._expected, names = None, self._adapter.not_following(expected[0])
         if names:
             self._unfollowed = (
                 f'plan {self._plan_id} is not followed by {", ".join(names)}: the tracker says why'
@@ -302,7 +293,7 @@ class Planner(ManagedNode):
     def _recover(self, trajectories: Mapping[str, Trajectory], stamp: int) -> None:
         """Recover the plan that the trackers follow, if no other planner has published it."""
         adapter, values = self._adapter, self.parameter_values
-        if adapter is None or self._others.published(stamp):
+        if self._plan is not None or self._others.published(stamp):
             return
 
         def compute() -> ActivePlan:
@@ -320,9 +311,12 @@ class Planner(ManagedNode):
 
     # Time.
 
-    def _on_clock_timer(self) -> None:
+    def _on_timer(self) -> None:
         self._time.now()
         self._look_who_follows()
+        found = None if self._recovery is None else self._recovery.look(self.active)
+        if found is not None:
+            self._recover(*found)
 
     def _on_clock_step(self, step: float) -> None:
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the active plan goes on')
@@ -332,8 +326,7 @@ class Planner(ManagedNode):
         if not ros_clock(self).ros_time_is_active or self._plan is None:
             return
         self.get_logger().warning('simulated time was set back: the active plan is dropped')
-        if self._adapter is not None:
-            self._adapter.forget_plans()
+        self._adapter.forget_plans()
         self._follow(None)
 
     # Diagnostics.
@@ -351,9 +344,8 @@ class Planner(ManagedNode):
         if self._plan is not None:
             values.update(plan_figures(self._plan, now))
         values.update(self._replanning.figures())
-        if self._adapter is not None:
-            for name, age in self._adapter.ages(now).items():
-                values[f'age of {name} [s]'] = 'never received' if age is None else age
+        for name, age in self._adapter.ages(now).items():
+            values[f'age of {name} [s]'] = 'never received' if age is None else age
         return Report(level, message, values)
 
     def _state(self) -> tuple[Level, str]:

@@ -31,12 +31,11 @@ from tdm_planner.replanning import ActivePlan
 
 CODES = tuple(error.code for error in ERRORS)
 
-_RETRIES = (0.5, 0.25)  # shares of `start.delay` after which a motion may begin instead
+_SHARES = (1.0, 0.5, 0.25)  # of `start.delay`, after which a motion may begin
 _SHORTEST = 0.01  # s; no plan is found in less
 _PREPARING = 0.5  # share of `start.delay` that is left when a plan is ready
 _MARGIN = 0.1  # s that checking and publishing a plan may take
 _LOOK = 0.002  # s between looks at the clock, and for a first state
-_SECOND = 1_000_000_000  # ns
 _PATIENCE = 10.0  # s, the longest wait for a first state: BUSY is answered meanwhile
 
 
@@ -49,6 +48,9 @@ def make_plan(
     """
     Plan for the parameters `values` (the problem's and the request's), at the present of `clock`.
 
+    From a measured state, plan for an earlier start than `start.delay` if that is infeasible: a
+    plant in motion may have left its limits by then.
+
     Raises
     ------
     TdmError
@@ -60,53 +62,30 @@ def make_plan(
         _await_first_state(adapter, values['start.max_age'], clock)
     if not clock.runs:
         raise NoState(NO_TIME)
-    if measured:
-        return _plan_from_measured(problem_class, values, adapter, clock)
-    now, delay = clock.now(), values['start.delay']
-    problem = problem_class.from_parameters(values)
-    solution = _verified(problem.solve())
-    return ActivePlan(problem, solution, _in_time(now + delay, delay, clock))
-
-
-def _plan_from_measured(
-    problem_class: type[Problem],
-    values: Mapping[str, Any],
-    adapter: Adapter,
-    clock: MotionClock,
-) -> ActivePlan:
-    """
-    Plan from the measured state, for an earlier start than `start.delay` if that is infeasible.
-
-    A plant in motion may have left its limits by then.
-    """
     failure: TdmError | None = None
-    now = _after_a_start(adapter, values, clock)
-    delays = [share * values['start.delay'] for share in (1.0, *_RETRIES)]
+    now = _after_a_start(adapter, values, clock) if measured else clock.now()
+    delays = [share * values['start.delay'] for share in (_SHARES if measured else _SHARES[:1])]
     starts = [now + delay for delay in delays]
     for delay, start, sooner in zip(delays, starts, [*starts[1:], None], strict=True):
-        measured = adapter.measured_start(values, now, start)
+        begin = adapter.measured_start(values, now, start) if measured else {}
         try:
-            problem = problem_class.from_parameters({**values, **measured})
+            problem = problem_class.from_parameters({**values, **begin})
             allowed = problem.solver.deadline
             if failure is not None:
                 allowed = min(allowed, _time_until(start, sooner, clock.now()))
                 if allowed < _SHORTEST:
                     break
             solution = _verified(problem.solve(deadline=allowed))
-            if adapter.rests(now):
-                start = _in_time(start, delay, clock)
+            if not measured or adapter.rests(now):  # solving may have left too little time
+                start = max(start, clock.now() + _PREPARING * delay)
             return ActivePlan(problem, solution, start)
         except (InvalidProblem, Infeasible) as error:
-            if failure is None and isinstance(error, (DeadlineExceeded, VerificationFailed)):
+            final = isinstance(error, (DeadlineExceeded, VerificationFailed))
+            if not measured or (final and failure is None):
                 raise
             failure = failure or _with_prediction_note(error, delay)
     assert failure is not None
     raise failure
-
-
-def _in_time(start: float, delay: float, clock: MotionClock) -> float:
-    """Delay a start [s] that solving has left too little of the `delay` [s] for."""
-    return max(start, clock.now() + _PREPARING * delay)
 
 
 def _await_first_state(adapter: Adapter, max_age: float, clock: MotionClock) -> None:
@@ -145,8 +124,8 @@ def _after_a_start(adapter: Adapter, values: Mapping[str, Any], clock: MotionClo
     plan; until then, the one before.
     """
     now = clock.now()
-    begins = adapter.next_start(now)
-    longest = max(values['solver.deadline'], max(_RETRIES) * values['start.delay']) + _MARGIN
+    begins = adapter.plans.next_start(now)
+    longest = max(values['solver.deadline'], _SHARES[1] * values['start.delay']) + _MARGIN
     if begins is None or begins - now > longest:
         return now
     patience = time.monotonic() + 2.0 * longest  # simulated time may stand still

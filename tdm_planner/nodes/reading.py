@@ -81,7 +81,7 @@ def read_plan(
         finite, or times that do not increase strictly from 0 or later.
 
     """
-    _check_frame(kind, message, 'trajectory')
+    check_frame(kind, message, 'trajectory')
     names, points = message.joint_names, message.points
     index = joint_indices(names, [joint.name for joint in kind.joints])
     if len(points) < 2:
@@ -140,7 +140,8 @@ def _wanted(joints: Sequence[Joint], quantity: str, known: set[str]) -> list[tup
     return [(place, name) for place, name in found if name in known]
 
 
-def _check_frame(kind: PlantKind, message: Any, what: str) -> None:
+def check_frame(kind: PlantKind, message: Any, what: str) -> None:
+    """Raise InvalidProblem where a message is in another frame than the plant's."""
     if kind.odometry and message.header.frame_id not in ('', kind.frame):
         raise InvalidProblem(
             f"{what} 'frame_id' = '{shown(message.header.frame_id)}' must be '{kind.frame}'"
@@ -200,7 +201,7 @@ def read_odometry(kind: PlantKind, message: Any) -> dict[str, float]:
         If the frame is another, a value is not finite, or the quaternion not of unit length.
 
     """
-    _check_frame(kind, message, 'odometry')
+    check_frame(kind, message, 'odometry')
     place, rates = message.pose.pose, message.twist.twist
     yaw = yaw_of(place.orientation)
     c, s = math.cos(yaw), math.sin(yaw)

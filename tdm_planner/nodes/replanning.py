@@ -44,12 +44,13 @@ class Replanning:
         node: ManagedNode,
         clock: MotionClock,
         queue: PlanQueue,
+        adapter: Adapter,
         publish: Callable[[ActivePlan], None],
     ) -> None:
         self._node, self._clock, self._queue, self._publish = node, clock, queue, publish
+        self._adapter = adapter
+        self._rate = 0.0  # Hz
         self._timer: Timer | None = None
-        self._adapter: Adapter | None = None
-        self._values: Mapping[str, Any] = {}
         self._plan: ActivePlan | None = None
         self._replanner: Replanner | None = None
         self._reviewed: ActivePlan | None = None
@@ -57,18 +58,18 @@ class Replanning:
         self._asked: tuple[Mapping[str, Any], ActivePlan, Problem] | None = None
         self._reviews = self._replans = 0
         self._last = ''
+        self.values_changed()
 
-    def set_up(self, adapter: Adapter | None, values: Mapping[str, Any]) -> None:
-        """Follow changed parameters; a changed rate gets a new timer."""
-        before = self._adapter, self._values.get('replan.rate')
-        self._adapter, self._values = adapter, dict(values)
-        rate = values['replan.rate']
-        if (adapter, rate) == before:
+    def values_changed(self) -> None:
+        """Review at the rate that the node's parameters say from now on."""
+        rate = self._node.parameter_values['replan.rate']
+        if rate == self._rate:
             return
+        self._rate = rate
         if self._timer is not None:
             self._node.destroy_timer(self._timer)
             self._timer = None
-        if rate > 0 and adapter is not None:
+        if rate > 0:
             self._timer = self._node.create_timer(
                 min(1.0 / rate, LONGEST_PERIOD), self._on_timer, clock=pacing_clock(self._node)
             )
@@ -86,9 +87,9 @@ class Replanning:
 
     def _on_timer(self) -> None:
         plan, adapter = self._plan, self._adapter
-        if not self._node.active or plan is None or adapter is None or not adapter.measures:
+        if not self._node.active or plan is None or not adapter.measures:
             return
-        values = {**self._values, **plan.own}
+        values = {**self._node.parameter_values, **plan.own}
         now = self._clock.now()
         inactive = adapter.inactive if plan.start <= now else []
         if inactive:
@@ -105,28 +106,26 @@ class Replanning:
             return
 
         def review() -> Review:
-            replanner = self._replanner_of(plan, adapter, values)
+            replanner = self._replanner_of(plan, values)
             return replanner.review(self._problem(plan, values), observations, now)
 
         self._queue.review(review, self._on_review)
 
-    def _replanner_of(
-        self, plan: ActivePlan, adapter: Adapter, values: Mapping[str, Any]
-    ) -> Replanner:
-        """Return the replanner of the active plan; every plan has its own."""
+    def _replanner_of(self, plan: ActivePlan, values: Mapping[str, Any]) -> Replanner:
+        """Return the replanner, for the plan, its trackers and parameters as they are now."""
         parameters = build(ReplanParameters, values, 'replan.')
-        replanner = self._replanner
+        adapter = self._adapter
         trackers = {**adapter.tracker_parameters, '': parameters.deviation}
-        if replanner is None or self._reviewed is not plan:
-            earlier = () if replanner is None else replanner.history
-            execution = adapter.execution(plan.problem)
-            replanner = self._replanner = Replanner(execution, parameters)
-            replanner.adopt(plan, earlier)
-            self._reviewed, self._trackers = plan, trackers
-        elif trackers != self._trackers:
-            replanner.execution, self._trackers = adapter.execution(plan.problem), trackers
-        replanner.parameters = parameters
-        return replanner
+        adopted = self._reviewed is plan
+        if self._replanner is None:
+            self._replanner = Replanner(adapter.execution(plan.problem), parameters)
+        elif not adopted or trackers != self._trackers:
+            self._replanner.execution = adapter.execution(plan.problem)
+        if not adopted:
+            self._replanner.adopt(plan)
+        self._reviewed, self._trackers = plan, trackers
+        self._replanner.parameters = parameters
+        return self._replanner
 
     def _problem(self, plan: ActivePlan, values: Mapping[str, Any]) -> Problem:
         """Return the problem that the parameters state, from the start of the active plan."""

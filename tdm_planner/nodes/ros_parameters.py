@@ -72,7 +72,7 @@ class ParameterNode(Node):
     ) -> None:
         self._specifications: dict[str, ParameterSpec] = {}
         self._values: dict[str, Any] = {}
-        self._invalid_overrides: dict[str, str] = {}
+        self.invalid_overrides: dict[str, str] = {}  # sentences by parameter
         super().__init__(name, **options)
         for service in self.services:
             answer_malformed_requests(self, service)
@@ -114,11 +114,6 @@ class ParameterNode(Node):
         """Every declared parameter's value in its Python type; None where it is unset."""
         return dict(self._values)
 
-    @property
-    def invalid_overrides(self) -> Mapping[str, str]:
-        """Sentences about values given at the start and not allowed, by parameter."""
-        return MappingProxyType(self._invalid_overrides)
-
     def declare(self, specifications: Mapping[str, ParameterSpec]) -> None:
         """
         Declare parameters, each with its value from the command line or file, or its default.
@@ -134,7 +129,7 @@ class ParameterNode(Node):
         for name in names:
             self._specifications.pop(name)
             self._values.pop(name)
-            self._invalid_overrides.pop(name, None)
+            self.invalid_overrides.pop(name, None)
             self.undeclare_parameter(name)
 
     def warn_of_unknown_overrides(self) -> None:
@@ -153,7 +148,7 @@ class ParameterNode(Node):
 
         """
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """React to parameters that were set; to be overridden."""
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -215,11 +210,11 @@ class ParameterNode(Node):
             if value is None:  # rclpy has forgotten it
                 self._declare(self._specifications[name], None)
             self._values[name] = value
-            self._invalid_overrides.pop(name, None)
+            self.invalid_overrides.pop(name, None)
         if not changed:
             return
         try:
-            self.values_changed(frozenset(changed))
+            self.values_changed()
         except Exception as error:  # noqa: B902
             # The values are set; the next request reports the fault.
             sentence = ' '.join(str(error).split())
@@ -249,7 +244,7 @@ class ParameterNode(Node):
         except InvalidProblem as error:
             if spec.name in self.decisive:
                 raise
-            self._invalid_overrides[spec.name] = str(error)
+            self.invalid_overrides[spec.name] = str(error)
             self.get_logger().error(f'{error}; {spec.default} is kept')
             return spec.default
 

@@ -26,8 +26,8 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.starting import ignore_signals, SIGNALS
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.1  # s between looks at whether a signal has arrived
 
 
@@ -62,27 +62,14 @@ class StopSignal:
 
     def catch(self) -> None:
         """Install the handlers."""
-        for number in _SIGNALS:
+        for number in SIGNALS:
             signal.signal(number, self._on_signal)
-
-    def ignore(self) -> None:
-        """Ignore further signals: under `ros2 launch` Ctrl-C arrives twice."""
-        for number in _SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         self.asked, self._first = True, min(self._first, now)
         if now - self._first > self.GRACE:
             raise KeyboardInterrupt
-
-
-def spin(node: Node, executor: Executor, end: StopSignal) -> None:
-    """Serve the node's callbacks until a signal arrives."""
-    executor.add_node(node)
-    # EventsExecutor.spin() does not return on a signal, spin_once() does.
-    while rclpy.ok() and not end.asked:
-        executor.spin_once(timeout_sec=LONGEST_WAIT)
 
 
 def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -109,7 +96,10 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
         # command would be sent.
         gc.freeze()
         executor = make_executor()
-        spin(node, executor, end)
+        executor.add_node(node)
+        # EventsExecutor.spin() does not return on a signal, spin_once() does.
+        while rclpy.ok() and not end.asked:
+            executor.spin_once(timeout_sec=LONGEST_WAIT)
     except ExternalShutdownException:
         pass
     except KeyboardInterrupt:
@@ -123,7 +113,7 @@ def run(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int
             what = '' if invalid else f'{type(error).__name__}: '
             print(f'fatal: {what}{" ".join(str(error).split())}', file=sys.stderr)
     finally:
-        end.ignore()
+        ignore_signals()  # under `ros2 launch` Ctrl-C arrives twice
         # Free it before the process ends, or others would see the node for another 20 s.
         if executor is not None and not broken:
             executor.shutdown()

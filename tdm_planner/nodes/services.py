@@ -27,9 +27,9 @@ import warnings
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from tdm_planner.nodes.clocks import steady_timer
 from tdm_planner.nodes.qos import SERVICE
 
 RETRY = 0.2  # s until an answer is sent again; doubled each time, as an attempt holds the node up
@@ -65,8 +65,7 @@ def answer_reliably(node: Node, service: Any) -> None:
             node.destroy_timer(timer)
             answer(response, header, attempts - 1)
 
-        wait = RETRY * 2.0 ** (ATTEMPTS - attempts)
-        timer = node.create_timer(wait, again, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        timer = steady_timer(node, RETRY * 2.0 ** (ATTEMPTS - attempts), again)
 
     service.send_response = answer
 

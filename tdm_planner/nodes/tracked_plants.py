@@ -22,7 +22,7 @@ from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.parameters import shown, specifications, to_mapping
+from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
 from tdm_planner.problems.direct_problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
@@ -33,7 +33,6 @@ from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
-_NOT_OF_THE_PLANT = ('solver', 'start')
 _NODE = frozenset(('autostart', 'kind', 'problem'))  # parameters of the nodes themselves
 
 
@@ -57,10 +56,10 @@ def stated_problem(name: str) -> type[DirectProblem]:
 
 
 def with_parameters_of(
-    base: type[Any], problem: type[DirectProblem], besides: Sequence[str] = _NOT_OF_THE_PLANT
+    base: type[Any], problem: type[DirectProblem], besides: Sequence[str] = ('solver', 'start')
 ) -> type[Any]:
     """
-    Return the dataclass of a node's parameters: those of `base`, and the problem's own.
+    Return the dataclass of a node's parameters: those of `base`, and the problem's but `besides`.
 
     Raises
     ------
@@ -90,12 +89,12 @@ def with_parameters_of(
     )
 
 
-def problem_from(problem: type[DirectProblem], values: Mapping[str, Any]) -> DirectProblem:
-    """Make the problem from a node's parameters; its start and solver are the defaults."""
-    own = specifications(problem)
-    skipped = tuple(f'{name}.' for name in _NOT_OF_THE_PLANT)
-    given = {n: v for n, v in values.items() if n in own and not n.startswith(skipped)}
-    return problem.from_parameters(given)
+def problem_of(problem: type[DirectProblem], parameters: Any) -> DirectProblem:
+    """Make the problem from a node's parameters, see `with_parameters_of`; others are defaults."""
+    kind: Any = problem
+    names = [item.name for item in dataclasses.fields(kind) if hasattr(parameters, item.name)]
+    made: DirectProblem = kind(**{name: getattr(parameters, name) for name in names})
+    return made
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def tracked_problem(problem: type[DirectProblem]) -> TrackedPlant:
     """Return the plant of a stated problem; its tracker has the problem's parameters as well."""
 
     def make_tracker(parameters: Any) -> TrajectoryTracker:
-        return StatedTracker(problem_from(problem, to_mapping(parameters)), parameters)
+        return StatedTracker(problem_of(problem, parameters), parameters)
 
     kind = kind_of(problem())
     return TrackedPlant(kind, with_parameters_of(TrackerParameters, problem), make_tracker)

@@ -21,10 +21,10 @@ import sys
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.task import Future
-from rclpy.time import Time
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -33,15 +33,10 @@ from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWat
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import (
-    command_message,
-    from_wire,
-    joint_states,
-    LATCHED,
-    nanoseconds_of,
-)
+from tdm_planner.nodes.messages import command_message, from_wire, joint_states
 from tdm_planner.nodes.plan_intake import PlanIntake, ReceivedPlan
-from tdm_planner.nodes.reading import read_plan
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import TrackerStatus
@@ -95,7 +90,6 @@ class TrackerNode(ManagedNode):
         self._answer: Future | None = None
         self._last: tuple[Phase, str] = (Phase.IDLE, '')
         self._activated = 0.0
-        self._newest: tuple[Array, float] | None = None
         self._intake = PlanIntake(
             self._time, lambda: self.active, lambda: self.tracker.lead, self._look_at
         )
@@ -107,7 +101,6 @@ class TrackerNode(ManagedNode):
 
     def configure(self) -> None:
         """Listen to plan and state."""
-        self.plant = tracked_plant(self.parameter_values[_KIND.name])
         self.tracker = self._make_tracker(self.parameter_values)
         self._command_publisher = self.create_publisher(JointState, 'joint_command', QUEUE)
         self._error_publisher = self.create_publisher(JointState, 'tracking_error', QUEUE)
@@ -124,6 +117,7 @@ class TrackerNode(ManagedNode):
         )
         self._measured = MeasuredState(
             self,
+            self._time,
             self.plant.kind,
             '',
             self._on_state,
@@ -137,13 +131,14 @@ class TrackerNode(ManagedNode):
         self._last, self._rejection = (Phase.IDLE, ''), ''
         self._activated = time.monotonic()
         self._status.begin()
-        if self._newest is not None:
-            self._observe(*self._newest)
+        newest = self._measured.newest
+        if newest is None:
+            self.get_logger().info(_WAITING)
+        else:
+            self._on_state(*newest)
         self._intake.look()
         clock = pacing_clock(self)
         self._rate = RateWatch(self.tracker.parameters.rate, seconds_by(clock))
-        if self._newest is None:
-            self.get_logger().info(_WAITING)
         self._timer = self.create_timer(
             self.tracker.parameters.interval, self._on_tick, clock=clock
         )
@@ -153,13 +148,12 @@ class TrackerNode(ManagedNode):
         if self._timer is not None:
             self.destroy_timer(self._timer)
             self._timer = self._rate = None
-        self._send(self.tracker.nothing, self.get_clock().now())
+        self._send(self.tracker.nothing, self.get_clock().now().to_msg())
         self._status.cancel()
 
     def cleanup(self) -> None:
         """Forget what was received."""
-        self._newest = self._answer = None
-        self._intake.clear()
+        self._answer = self._intake.waiting = None
 
     # Parameters.
 
@@ -182,40 +176,33 @@ class TrackerNode(ManagedNode):
             except TrajectoryRejected as error:
                 raise InvalidProblem(f'the active plan could not be followed: {error}') from None
 
-    def values_changed(self, names: frozenset[str]) -> None:
+    def values_changed(self) -> None:
         """Apply the changed parameters, without a jump of phase or trajectory."""
         if self.configured:
             changed = self._make_tracker(self.parameter_values)
             changed.adopt(self.tracker)
             self.tracker = changed
-        super().values_changed(names)
+        super().values_changed()
 
-    # Messages.
+    # Messages. A state passes MeasuredState._receive and _on_state; then _on_tick and _send.
 
     def _on_clock_step(self, step: float) -> None:
         self._clock_steps += 1
         self.get_logger().warning(f'the clock was set by {step:+.3g} s: the motion goes on')
 
-    def _on_state(self, state: Array, instant: int) -> None:
-        """Observe a state (nx,) of the instant [ns]; ignore one from the future."""
-        if not self._time.runs:
-            return
-        now, at = self._time.now(), self._time.instant(instant)
-        self._delay = now - at
-        if at > now + self.tracker.parameters.state_timeout:
+    def _on_state(self, state: Array, at: float) -> None:
+        """Observe a state (nx,) of the instant [s]; ignore one from the future."""
+        self._delay = self._time.now() - at
+        if -self._delay > self.tracker.parameters.state_timeout:
             self._ignore_state(
-                f'its stamp lies {at - now:.3g} s in the future: are the clocks synchronised?'
+                f'its stamp lies {-self._delay:.3g} s in the future: are the clocks synchronised?'
             )
             return
-        self._newest = state, at
         if self.active:
-            self._observe(state, at)
-
-    def _observe(self, state: Array, at: float) -> None:
-        try:
-            self.tracker.observe(state, at)
-        except Exception as error:  # noqa: B902
-            self._ignore_state(self._told(error))
+            try:
+                self.tracker.observe(state, at)
+            except Exception as error:  # noqa: B902
+                self._ignore_state(self._told(error))
 
     def _ignore_state(self, reason: str) -> None:
         self._states_ignored += 1
@@ -237,7 +224,7 @@ class TrackerNode(ManagedNode):
             trajectory = read_plan(self.plant.kind, message)
             begins += round(float(trajectory.times[0]) / NANOSECOND)
             now = self._time.now()
-            start = self._intake.instant(offered.stamp) + float(trajectory.times[0])
+            start = self._time.instant_of(offered.stamp) + float(trajectory.times[0])
             if self.tracker.follows(trajectory, start):
                 return
             self._check_latest(start)
@@ -288,7 +275,7 @@ class TrackerNode(ManagedNode):
         if self._rate is not None:
             self._rate.tick()
         self._intake.look()
-        now, stamp = self._time.now(), self.get_clock().now()
+        now, stamp = self._time.now(), self.get_clock().now().to_msg()
         try:
             command = self.tracker.command(now)
         except Exception as fault:  # noqa: B902
@@ -297,9 +284,7 @@ class TrackerNode(ManagedNode):
         self._send(command.control, stamp)
         if command.action is not None:
             self._deviation = self.tracker.deviation(command.action.error)
-            error = self._error_message(command.action)
-            error.header.stamp = stamp.to_msg()
-            self._error_publisher.publish(error)
+            self._tell_error(command.action, stamp)
         self._note_changes(command)
         self._status.update(self.tracker)
         if command.phase is Phase.RECOVERING and self.tracker.wants_plan:
@@ -307,24 +292,23 @@ class TrackerNode(ManagedNode):
 
     def _send(self, control: Array, stamp: Time) -> None:
         message = command_message(self.plant.kind, control)
-        message.header.stamp = stamp.to_msg()
+        message.header.stamp = stamp
         self._command_publisher.publish(message)
         self._commands += 1
 
-    def _error_message(self, action: Action) -> JointState:
-        """Return the deviation of the states, and the feedback within the command as efforts."""
+    def _tell_error(self, action: Action, stamp: Time) -> None:
+        """Publish the deviation of the states, and the feedback within the command as efforts."""
         kind = self.plant.kind
-        told = zip(
-            (*kind.state_names, *kind.control_names),
-            (*action.error.tolist(), *action.feedback.tolist()),
-            strict=True,
-        )
-        return joint_states(kind.joints, dict(told))
+        names, values = (*kind.state_names, *kind.control_names), (*action.error, *action.feedback)
+        message = joint_states(kind.joints, dict(zip(names, map(float, values), strict=True)))
+        message.header.stamp = stamp
+        self._error_publisher.publish(message)
 
     @property
     def _awaits_state(self) -> bool:
         """Whether the first state is still expected."""
-        return self._newest is None and time.monotonic() < self._activated + FIRST_STATE
+        waits = time.monotonic() < self._activated + FIRST_STATE
+        return waits and self._measured.newest is None
 
     def _note_changes(self, command: Command) -> None:
         waits = self._awaits_state
@@ -370,9 +354,8 @@ class TrackerNode(ManagedNode):
         """Return phase, deviation, ages and counts."""
         phase, problem = self._last
         slow = '' if self._rate is None else self._rate.problem()
-        warning = self.tracker.warning if self.configured else ''
         timeless, slow = '' if self._time.runs else NO_TIME, f'commands at {slow}' if slow else ''
-        told = [timeless, self._rejection, self._planners.warning, warning, slow]
+        told = [timeless, self._rejection, self._planners.warning, self.tracker.warning, slow]
         told = [text for text in told if text]
         level = Level.ERROR if problem else Level.WARN if told else Level.OK
         doing = problem or (_WAITING if self._awaits_state else '')

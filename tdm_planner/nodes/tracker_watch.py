@@ -10,27 +10,28 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import GetParameters
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.task import Future
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.clocks import MotionClock, steady_timer
 from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracker_status import TOPIC
 from tdm_planner.parameters import build, specifications
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 
 _PERIOD = 0.2  # s between attempts to ask for the parameters
-_ATTEMPTS = 10  # periods that an answer may take: its client may have been met only just now
+_PATIENCE = 2.0  # s that an answer may take: its client may have been met only just now
 _FOLLOWED = (GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_SUCCEEDED)
 _ACTIVE = (GoalStatus.STATUS_ACCEPTED, *_FOLLOWED)
 
@@ -40,21 +41,20 @@ class TrackerWatch:
     Listens to the tracker in the namespace `prefix` ('' or 'robot1/') of a planner.
 
     `parameters` are the tracker's, of the class `kind`; None until they are known. They are read
-    when a tracker becomes active, and whenever one of them has changed. Instants are those of
-    `clock` [s]. Safe in any thread.
+    when a tracker becomes active, and whenever one of them has changed. Of a tracker of no `kind`
+    nothing is known but what it publishes. Instants are those of `clock` [s]. Safe in any thread.
     """
 
     def __init__(
-        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters]
+        self, node: Node, clock: MotionClock, prefix: str, kind: type[TrackerParameters] | None
     ) -> None:
         self._node, self._clock, self._kind = node, clock, kind
         self._statuses: dict[int, int] | None = None  # by start [ns] as published
         self._begins: dict[int, float] = {}  # instants of these starts, when they were first told
         self.parameters: TrackerParameters | None = None
-        self._names = list(specifications(kind))
-        self._wanted = False
+        self._names = [] if kind is None else list(specifications(kind))
+        self._due = math.inf  # when to ask for the parameters [s]
         self._asked: Future | None = None
-        self._patience = 0
         self._topic = node.create_subscription(
             GoalStatusArray, f'{prefix}{TOPIC}', self._on_status, LATCHED
         ).topic_name
@@ -63,7 +63,7 @@ class TrackerWatch:
         node.create_subscription(
             ParameterEvent, '/parameter_events', self._on_event, qos_profile_parameter_events
         )
-        node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady_timer(node, _PERIOD, self._ask)
 
     @property
     def heard(self) -> bool:
@@ -74,7 +74,7 @@ class TrackerWatch:
     def inactive(self) -> bool:
         """Whether the tracker is not active yet, not any more, or gone after it was heard."""
         if self._statuses is None:  # its node may be there; it tells nothing until it is active
-            return bool(self._client.service_is_ready())
+            return self._kind is not None and bool(self._client.service_is_ready())
         canceled = GoalStatus.STATUS_CANCELED
         return (
             all(status == canceled for status in self._statuses.values())
@@ -117,30 +117,28 @@ class TrackerWatch:
         self._begins = {s: known[s] if s in known else instant(s) for s in told}
         self._statuses = told
         if self.parameters is None or not self._statuses:
-            self._wanted, self._asked = True, None
+            self._due = 0.0
             self._ask()
 
     def _on_event(self, event: ParameterEvent) -> None:
         if event.node == self._name:
-            self._wanted = True
+            self._due = 0.0
 
     def _ask(self) -> None:
-        """Ask for the parameters where they are wanted, one request at a time."""
-        self._patience -= 1
-        pending = self._asked is not None
-        if (pending and self._patience > 0) or not (pending or self._wanted):
+        """Ask for the parameters when that is due, and again where no answer comes."""
+        now, ready = time.monotonic(), self.heard and self._client.service_is_ready()
+        if now < self._due or self._kind is None or not ready:
             return
-        if not self.heard or not self._client.service_is_ready():
-            return
-        self._wanted, self._patience = False, _ATTEMPTS
+        self._due = now + _PATIENCE
         self._asked = self._client.call_async(GetParameters.Request(names=self._names))
         self._asked.add_done_callback(self._on_answer)
 
     def _on_answer(self, answer: Future) -> None:
         response: Any = answer.result()
-        if answer is not self._asked:
+        if answer is not self._asked or self._kind is None:
             return
-        self._asked = None
+        if self._due > 0.0:  # else a parameter has changed meanwhile
+            self._due = math.inf
         values = [parameter_value_to_python(value) for value in response.values]
         try:
             found = build(self._kind, dict(zip(self._names, values, strict=True)))

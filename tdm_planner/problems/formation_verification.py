@@ -103,7 +103,9 @@ def assessed(
         np.array([gas_used(task.plant, motions[name]) for name in task.names]),
     )
     return Solution(
-        trajectories={name: motions[name] for name in task.names},
+        trajectories={
+            name: motions[name].with_rates(task.plant.derivative) for name in task.names
+        },
         verification=overall,
         cost=sum(terms.values()),
         parameters=parameters,

@@ -162,9 +162,10 @@ class PendulumSwingUp(Problem, Validated):
 
     def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
         """Return an earlier swing-up, with its check and its arcs' durations recomputed."""
-        arcs = arcs_of(trajectories[VEHICLE])
+        motion = trajectories[VEHICLE].with_rates(self.plant.derivative)
+        arcs = arcs_of(motion)
         durations = np.zeros(0) if arcs is None else arcs.durations
-        return self.task.plan(trajectories[VEHICLE], durations, 0.0)
+        return self.task.plan(motion, durations, 0.0)
 
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None

@@ -106,8 +106,7 @@ def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: floa
     controls[:-1, 0] = plant.mass * task.thrust * burning
     controls[:-1, 1] = np.round(np.diff(alpha) / np.diff(times), _DIGITS)
     controls[:-1, 2] = plant.inertia * np.where(middle < switch, a, -a)
-    found = flown(task, robot, times, controls, alpha[0], 'zero_order_hold')
-    return found.with_rates(plant.derivative)
+    return flown(task, robot, times, controls, alpha[0], 'zero_order_hold')
 
 
 def _thruster_path(

@@ -51,8 +51,10 @@ class ActivePlan:
         return self.start + self.solution.duration
 
     def motion(self, vehicle: str) -> TimedTrajectory:
-        """Return the motion of one vehicle."""
-        return TimedTrajectory(self.solution.trajectories[vehicle], self.start)
+        """Return the motion of one vehicle; of a plan for one, whatever it is called."""
+        known = vehicle in self.solution.trajectories
+        motion = self.solution.trajectories[vehicle] if known else self.solution.trajectory
+        return TimedTrajectory(motion, self.start)
 
     def elapsed(self, time: float) -> float:
         """Time since the start of the motion [s] at an instant [s]."""

@@ -17,7 +17,7 @@ accepting a plan take.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 import time
@@ -65,22 +65,17 @@ class Replanner:
         self._reviews = 0
         self._improved_at = -math.inf
 
-    @property
-    def history(self) -> tuple[ActivePlan, ...]:
-        """Return the last plans adopted, the active one at the end."""
-        return self._earlier if self.plan is None else (*self._earlier, self.plan)
-
-    def adopt(self, plan: ActivePlan, earlier: Sequence[ActivePlan] | None = None) -> None:
+    def adopt(self, plan: ActivePlan) -> None:
         """
         Take note of the plan that is active from now on, or from its start on.
 
-        It supersedes those before it (`earlier`, where they were adopted elsewhere). By what
-        the trackers tell, one of these may be found to be active still: a plan that begins too
-        far from the plant is rejected.
+        It supersedes those before it. By what the trackers tell, one of these may be found to be
+        active still: a plan that begins too far from the plant is rejected.
         """
-        before = self.history if earlier is None else earlier
+        before = self._earlier if self.plan is None else (*self._earlier, self.plan)
         self.execution.adopt(plan)
-        self.plan, self._earlier = plan, tuple(before)[-_REMEMBERED:]
+        self.plan, self._earlier = plan, before[-_REMEMBERED:]
+        self._improved_at = -math.inf
 
     def review(
         self, problem: Problem, observations: Mapping[str, Observation], now: float

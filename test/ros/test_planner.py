@@ -27,8 +27,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import LATCHED, nanoseconds_of, to_stamp
-from tdm_planner.nodes.reading import read_plan
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp
@@ -338,6 +339,6 @@ def test_when_the_clock_is_set_the_plan_goes_on_as_the_plant_does(ros: Stepped) 
     assert 'the clock was set by -3.6e+03 s' in planner.here.output
     assert node._plan is plan
     assert node._time.stamp(plan.start) == start - 3600 * 1_000_000_000
-    assert node._adapter.next_start(plan.start - 1e-6) == plan.start
-    assert node._adapter.next_start(plan.start) is None
+    assert node._adapter.plans.next_start(plan.start - 1e-6) == plan.start
+    assert node._adapter.plans.next_start(plan.start) is None
     planner.here.end_cleanly()

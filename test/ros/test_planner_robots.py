@@ -21,17 +21,12 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from stepped_ros import Stepped
+from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import (
-    LATCHED,
-    nanoseconds_of,
-    plan_message,
-    to_quaternion,
-    to_stamp,
-)
-from tdm_planner.nodes.other_planners import Recovery
-from tdm_planner.nodes.reading import read_plan
+from tdm_planner.nodes.messages import plan_message, to_quaternion, to_stamp
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation
 from tdm_planner.trajectory import Trajectory
@@ -202,16 +197,14 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
     places = {'formation.robot1': [0.4, 0.0, 0.0], 'formation.robot2': [-0.4, 0.0, 0.0]}
     problem = RobotFormation.from_parameters({'robots': list(pair), **places})
     plan = problem.solve()
-    found: list[Any] = []
     values = {
         name: spec.default
         for name, spec in RobotFormation.parameter_specifications({'robots': list(pair)}).items()
     }
     given = {**values, **places, 'robots': list(pair)}
-    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given)
-    node: Any = ros.node
-    recovery = Recovery(node, adapter.vehicles.values(), print)
-    monkeypatch.setattr(recovery, '_on_found', lambda *told: found.append(told))
+    adapter = Adapter(ros.node, MotionClock(ros.node), RobotFormation, given, print)
+    monkeypatch.setattr(other_planners, 'GRACE', 0.0)
+    recovery = other_planners.Recovery(ros.node, adapter.vehicles.values())
     publishers = {
         robot: ros.publisher(f'{robot}/active_trajectory', JointTrajectory, LATCHED)
         for robot in pair
@@ -224,9 +217,11 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
 
     follow('robot1', 5)
     follow('robot2', 4)
-    assert not found
+    assert recovery.look(active=True) is None
     follow('robot2', 5)
-    trajectories, start = found[-1]
+    found = recovery.look(active=True)
+    assert found is not None
+    trajectories, start = found
     assert start == 5
     for robot in pair:
         planned = plan.trajectories[robot]
@@ -235,4 +230,4 @@ def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(
     for publisher in publishers.values():
         publisher.publish(JointTrajectory())
     ros.settle()
-    assert not found[-1][0]
+    assert recovery.look(active=True) is None

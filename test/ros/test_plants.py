@@ -23,7 +23,7 @@ from ros_harness import MODULES
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import runtime
+from tdm_planner.starting import ignore_signals
 
 
 class Left(BaseException):
@@ -165,14 +166,12 @@ def test_the_end_of_a_node_that_is_made(
 def test_signals_while_it_leaves_are_let_pass(
     left: list[int], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    ignore = runtime.StopSignal.ignore
-
-    def ask_and_ignore(end: runtime.StopSignal) -> None:
+    def ask_and_ignore() -> None:
         ask_twice()
-        ignore(end)
+        ignore_signals()
         ask_twice()
 
-    monkeypatch.setattr(runtime.StopSignal, 'ignore', ask_and_ignore)
+    monkeypatch.setattr(runtime, 'ignore_signals', ask_and_ignore)
     assert run(node_that(ask), left) == 0
     assert told(capfd) == []
 

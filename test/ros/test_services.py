@@ -114,7 +114,7 @@ class Middleware:
 
         monkeypatch.setattr(Service, 'send_response', send)
         monkeypatch.setattr('tdm_planner.nodes.services.RETRY', 0.01)
-        monkeypatch.setattr('tdm_planner.nodes.services.Clock', Clock)  # one that runs
+        monkeypatch.setattr('tdm_planner.nodes.clocks.Clock', Clock)  # one that runs
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_harness import ENOUGH, NodeProcess, Ros, SOURCE
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.plan_files import load_plan
 from tdm_planner.trajectory import Trajectory
 import yaml

@@ -37,7 +37,7 @@ from cyclonedds.util import duration
 import pytest
 from ros_harness import ENOUGH, Ros
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import nanoseconds_of
+from tdm_planner.nodes.reading import nanoseconds_of
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.0, 'solver.deadline': ENOUGH}
 TRAJECTORY, STATE = 'trajectory_msgs/msg/JointTrajectory', 'sensor_msgs/msg/JointState'

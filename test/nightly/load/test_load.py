@@ -22,7 +22,7 @@ import numpy as np
 from pendulum_rig import COMMAND_TIMEOUT, note, PendulumRig
 import pytest
 from ros_harness import Ros
-from tdm_planner.nodes.messages import seconds_of
+from tdm_planner.nodes.reading import seconds_of
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import Trajectory

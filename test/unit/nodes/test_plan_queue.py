@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
+from tdm_planner.nodes.adapter import ActivePlans, Vehicle
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planned_plants import PlannedRobots
 from tdm_planner.nodes.replanning import Replanning
-from tdm_planner.nodes.vehicle import ActivePlans, Vehicle
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation
@@ -139,14 +139,15 @@ class Reviewed:
         self.published: list[ActivePlan] = []
         self.now, self.values = 0.0, {**to_mapping(ReplanParameters(), 'replan.'), 'wide': 1.0}
         clock: Any = SimpleNamespace(now=lambda: self.now)
-        node: Any = SimpleNamespace(get_logger=lambda: SILENT, active=True)
+        node: Any = SimpleNamespace(
+            get_logger=lambda: SILENT, active=True, parameter_values=self.values
+        )
         queue: Any = self
-        self.replanning = Replanning(node, clock, queue, self.published.append)
         adapter: Any = SimpleNamespace(
             measures=True, inactive=[], observations=lambda values, *_: self.seen.append(values)
         )
         self.seen: list[Any] = []
-        self.replanning.set_up(adapter, self.values)
+        self.replanning = Replanning(node, clock, queue, adapter, self.published.append)
         problem: Any = 'problem'
         solution: Any = 'solution'
         self.replanning.follow(ActivePlan(problem, solution, 0.0, own={'wide': 2.0}))
@@ -175,28 +176,35 @@ def test_a_review_asks_with_the_plans_own_parameters_and_a_late_plan_is_dropped(
 
 
 class Restarted:
-    """A planner being restarted; `told` is called with what trackers say, timers ring at will."""
+    """A planner being restarted, of two vehicles whose trackers tell what they follow."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now, self.active = 100.0, False
-        self.timers: list[Callable[[], None]] = []
-        self.taken: list[Any] = []
+        self.taken: list[tuple[list[str], int]] = []
         monkeypatch.setattr(other_planners, 'time', SimpleNamespace(monotonic=lambda: self.now))
-        this: Any = self
-        recovery = other_planners.Recovery(this, [], lambda *found: self.taken.append(found))
-        self.told: Callable[[Any, int], None] = recovery._on_found
+        monkeypatch.setattr(other_planners, 'read_plan', lambda _, message: message.plan)
+        self.takes: list[Callable[[Any], None]] = []
+        node: Any = SimpleNamespace(create_subscription=self.subscribe)
+        vehicles: Any = [SimpleNamespace(name=n, prefix=f'{n}/', kind=None) for n in 'ab']
+        self.recovery = other_planners.Recovery(node, vehicles)
 
-    def create_timer(self, period: float, ring: Callable[[], None]) -> Callable[[], None]:
-        self.timers.append(ring)
-        return ring
+    def subscribe(self, _: Any, topic: str, take: Callable[[Any], None], *more: Any) -> None:
+        assert topic.endswith('/active_trajectory')
+        self.takes.append(take)
 
-    def destroy_timer(self, timer: Callable[[], None]) -> None:
-        self.timers.remove(timer)
+    def told(self, plan: str, *starts: int) -> None:
+        """Let the trackers tell of a plan's start [s], one after the other; 0: of none."""
+        for take, start in zip(self.takes, starts, strict=True):
+            header = SimpleNamespace(stamp=SimpleNamespace(sec=start, nanosec=0))
+            points = [1, 2] if start else []
+            take(SimpleNamespace(header=header, points=points, plan=plan))
+            self.later(0.0)
 
     def later(self, seconds: float) -> None:
         self.now += seconds
-        for ring in list(self.timers):
-            ring()
+        found = self.recovery.look(self.active)
+        if found is not None:
+            self.taken.append((list(found[0].values()), found[1] // 10**9))  # type: ignore
 
 
 @pytest.fixture
@@ -206,33 +214,38 @@ def restarted(monkeypatch: pytest.MonkeyPatch) -> Restarted:
 
 def test_what_is_followed_when_it_starts_is_taken_over(restarted: Restarted) -> None:
     restarted.active = True
-    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.told('A', 1, 1)
+    assert restarted.taken == []
     restarted.later(1.0)
-    assert restarted.taken == [({'pendulum': 'plan A'}, 1)]
+    assert restarted.taken == [(['A', 'A'], 1)]
+    restarted.later(1.0)
     restarted.now += other_planners.WINDOW
-    restarted.told({'pendulum': 'plan B'}, 2)
+    restarted.told('B', 2, 2)
     restarted.later(60.0)
     assert len(restarted.taken) == 1
 
 
-def test_what_begins_long_after_it_started_is_not(restarted: Restarted) -> None:
+@pytest.mark.parametrize(('delay', 'starts'), [(0.0, (1, 2)), (0.0, (1, 0)), (11.0, (1, 1))])
+def test_what_not_all_follow_or_begins_long_after_it_started_is_not(
+    restarted: Restarted, delay: float, starts: tuple[int, int]
+) -> None:
     restarted.active = True
-    restarted.now += other_planners.WINDOW + 1.0
-    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.now += delay
+    restarted.told('A', *starts)
     restarted.later(60.0)
     assert restarted.taken == []
 
 
-@pytest.mark.parametrize('news', [{}, {'pendulum': 'plan B'}])
+@pytest.mark.parametrize(('start', 'taken'), [(0, []), (2, [(['B', 'B'], 2)])])
 def test_what_was_given_up_before_it_was_activated_is_forgotten(
-    restarted: Restarted, news: Any
+    restarted: Restarted, start: int, taken: Any
 ) -> None:
-    restarted.told({'pendulum': 'plan A'}, 1)
+    restarted.told('A', 1, 1)
     restarted.later(30.0)
-    restarted.told(news, 2)
+    restarted.told('B', start, start)
     restarted.active = True
     restarted.later(1.0)
-    assert restarted.taken == ([(news, 2)] if news else [])
+    assert restarted.taken == taken
 
 
 START = 1_700.0
@@ -251,12 +264,14 @@ class Robot(Vehicle):
     def __init__(self, plan: TimedTrajectory | None, state: Any, measured: float) -> None:
         self._plant = PlannedRobots(RobotFormation, {})
         self._angles = np.isin(np.arange(7), (4, 6))
-        self.fresh = lambda *_: (state, measured)  # type: ignore[method-assign]
-        self.followed = lambda _: plan  # type: ignore[method-assign, assignment]
+        self.measured = SimpleNamespace(fresh=lambda *_: (state, measured))  # type: ignore
+        self.follows = lambda *_: plan  # type: ignore[method-assign, assignment]
 
 
 def predict(plan, state, measured, start):
-    return Robot(plan, state, measured).predicted({'start.max_age': 1.0}, measured, start)
+    active: Any = plan
+    robot = Robot(plan, state, measured)
+    return robot.predicted({'start.max_age': 1.0}, measured, start, active)
 
 
 @pytest.mark.parametrize('at', [0.2, 1.3, 3.3])
@@ -309,5 +324,3 @@ def test_until_a_plan_begins_the_one_before_is_carried_out(plan):
     assert plans.next_start(19.9) == 20.0
     assert plans.next_start(20.0) is None
     assert plans.at(20.0) is third
-    plans.clear()
-    assert plans.at(20.0) is None

@@ -70,6 +70,10 @@ class Adapter:
         self.comes, self.begins = comes, BEGIN + begins
         self.asked: list[float] = []
 
+    @property
+    def plans(self) -> Adapter:
+        return self
+
     def next_start(self, now: float) -> float | None:
         return self.begins if self.begins > now else None
 

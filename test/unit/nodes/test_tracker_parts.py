@@ -24,14 +24,15 @@ from nav_msgs.msg import Odometry
 import pytest
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import nanoseconds_of, to_stamp
+from tdm_planner.nodes.messages import to_stamp
+from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.nodes.tracked_plants import tracked_plant
 from tdm_planner.nodes.tracker_status import goal_id, TrackerStatus
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.tracking import Phase
 from trajectory_msgs.msg import JointTrajectory
 
-NOW = 1_700_000_000_000_000_000  # ns
+NOW = 1_700_000_000_000  # ns
 TIMEOUT = 0.1  # s
 NAMES = {
     getattr(GoalStatus, name): name.removeprefix('STATUS_')
@@ -175,17 +176,19 @@ class Parts:
     def __init__(self) -> None:
         self.now, self.states, self.ignored = NOW, 0, ['']
         callbacks: list[Any] = []
-        clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
+        clock: Any = SimpleNamespace(
+            runs=True, instant_of=lambda stamp: (nanoseconds_of(stamp) or self.now) * 1e-9
+        )
 
         def subscribe(_: Any, topic: str, callback: Any, *more: Any) -> SimpleNamespace:
             callbacks.append(callback)
             return SimpleNamespace(topic_name=topic)
 
-        node: Any = SimpleNamespace(get_clock=lambda: clock, create_subscription=subscribe)
-        MeasuredState(node, ROBOT, '', self.observe, self.ignored.append, lambda: TIMEOUT)
-        self.take_joints, self.take_odometry = callbacks
+        node: Any = SimpleNamespace(create_subscription=subscribe)
+        MeasuredState(node, clock, ROBOT, '', self.observe, self.ignored.append, lambda: TIMEOUT)
+        self.take_odometry, self.take_joints = callbacks
 
-    def observe(self, state: Any, _: int) -> None:
+    def observe(self, state: Any, _: float) -> None:
         self.states += 1
         assert state[-1] == 0.3
 
