@@ -13,10 +13,11 @@ The planner's queue: one computation at a time beside the executor, requests bef
 A *request* is solved as soon as the computation under way has ended; while one waits or is being
 solved, the next is answered BUSY. A *task* (preparing the problem, checking a recovered plan)
 waits for requests. A *review* of the active plan begins only where there is nothing else to do,
-and a request supersedes it.
+and a request supersedes it: its outcome is dropped.
 
-A computation cannot be interrupted. An outcome that would be stale (another plan became active,
-the node was deactivated) is dropped when it comes.
+Every computation belongs to the *generation* in which it began. Whatever makes outcomes stale
+(another plan became active, the node was deactivated) begins a new generation; an outcome of an
+earlier one is dropped when it comes. A computation cannot be interrupted.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ class Kind(Enum):
 class _Job:
     kind: Kind
     compute: Compute
-    done: Done | None  # None: the outcome is dropped
+    done: Done
+    generation: int = -1
 
 
 class PlanQueue:
@@ -65,6 +67,7 @@ class PlanQueue:
         self._node = node
         self._running: _Job | None = None
         self._waiting: deque[_Job] = deque()
+        self._generation = 0
 
     @property
     def solving(self) -> bool:
@@ -101,16 +104,16 @@ class PlanQueue:
     def drop_review(self) -> None:
         """Drop the outcome of a review under way: it is of a plan that is not active any more."""
         if self._running is not None and self._running.kind is Kind.REVIEW:
-            self._running.done = None
+            self._generation += 1
 
     def cancel(self, error: TdmError) -> None:
         """Drop everything; a request that is not answered yet is done with `error`."""
-        dropped = self._jobs
+        dropped = [job for job in self._jobs if job.generation in (-1, self._generation)]
         self._waiting.clear()
+        self._generation += 1
         for job in dropped:
-            done, job.done = job.done, None
-            if done is not None and job.kind is Kind.REQUEST:
-                done(error)
+            if job.kind is Kind.REQUEST:
+                job.done(error)
 
     @property
     def _jobs(self) -> list[_Job]:
@@ -120,6 +123,7 @@ class PlanQueue:
         if self._running is not None or not self._waiting:
             return
         job = self._running = self._waiting.popleft()
+        job.generation = self._generation
         threading.Thread(target=self._run, args=(job,), name=THREAD, daemon=True).start()
 
     def _run(self, job: _Job) -> None:
@@ -133,6 +137,6 @@ class PlanQueue:
 
     def _deliver(self, job: _Job, outcome: Any) -> None:
         self._running = None
-        if job.done is not None:
+        if job.generation == self._generation:
             job.done(outcome)
         self._next()
