@@ -19,7 +19,7 @@ that swings more slowly than its model is late after a few swings, and no weak m
 forward: s, how far the plan has come, follows the state, and the plan is played at the pendulum's
 own pace, the root of its gravity over the model's, which is estimated on the way. Planned rates
 grow with the pace, planned torques with its square. The other constants are estimated as well.
-What they differ by is part of x, which stays constant: the feedback foresees what that does along
+What they differ by is a constant part of x: the feedback takes into account what that does along
 the rest of the plan. The regulator about upright is active from the plan's end. It is so before
 where the plan is lost, if the state is inside the largest level set of its cost to go,
 x'P x <= T_max^2 / (K P^-1 K'), in which its torque does not saturate.
