@@ -246,8 +246,7 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     size = n + na + ng
     hessian = np.zeros((size, size))
     hessian[:n, :n] = at.hessian
-    diagonal = np.arange(n, size)
-    hessian[diagonal, diagonal] = SLACK_CURVATURE
+    hessian.ravel()[n * (size + 1) :: size + 1] = SLACK_CURVATURE
     gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
     rows, least = _elastic_rows(at, n, na, ng)
     lower, upper = np.zeros(size), np.full(size, 1e12)
@@ -277,20 +276,20 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
 def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, Array]:
     """Rows A z >= b: equalities from both sides, inequalities, absolute terms, in that order."""
     ne, ni = at.equalities.size, at.inequalities.size
-    rows = np.zeros((2 * ne + ni + 2 * na, n + na + ng))
-    rows[:ne, :n] = at.equality_jacobian
-    both = 2 * ne
-    rows[ne:both, :n] = -at.equality_jacobian
-    rows[:both, n + na] = 1.0
-    middle = slice(both, both + ni)
-    rows[middle, :n] = at.inequality_jacobian
-    rows[np.arange(2 * ne, 2 * ne + ni), n + na + at.inequality_groups] = 1.0
+    both, last = 2 * ne, 2 * ne + ni
+    rows, least = np.zeros((last + 2 * na, n + na + ng)), np.empty(last + 2 * na)
+    if ne:
+        rows[:ne, :n], rows[ne:both, :n] = at.equality_jacobian, -at.equality_jacobian
+        rows[:both, n + na] = 1.0
+        least[:ne], least[ne:both] = -at.equalities, at.equalities
+    rows[both:last, :n] = at.inequality_jacobian
+    rows[np.arange(both, last), n + na + at.inequality_groups] = 1.0
+    least[both:last] = -at.inequalities
     if na:
-        above, below = slice(2 * ne + ni, 2 * ne + ni + na), slice(2 * ne + ni + na, None)
+        above, below = slice(last, last + na), slice(last + na, None)
         rows[above, :n], rows[below, :n] = -at.terms_jacobian, at.terms_jacobian
-        terms = slice(n, n + na)
-        rows[above, terms] = rows[below, terms] = np.eye(na)
-    least = np.concatenate([-at.equalities, at.equalities, -at.inequalities, at.terms, -at.terms])
+        rows[above, n : n + na] = rows[below, n : n + na] = np.eye(na)
+        least[above], least[below] = at.terms, -at.terms
     return rows, least
 
 
@@ -340,12 +339,16 @@ def solve_quadratic_program(
     Shapes: `hessian` (n, n), `gradient` (n,), `rows` A (m, n), `least` b (m,), bounds (n,).
     """
     n, m = gradient.size, least.size
+    above, below = np.full(n + m, _INFINITE), np.empty(n + m)
+    np.minimum(upper, _INFINITE, out=above[:n])
+    np.maximum(lower, -_INFINITE, out=below[:n])
+    below[n:] = least
     step, _, flag, info = daqp.solve(
         np.ascontiguousarray(hessian),
         np.ascontiguousarray(gradient),
         np.ascontiguousarray(rows),
-        np.concatenate([np.minimum(upper, _INFINITE), np.full(m, _INFINITE)]),
-        np.concatenate([np.maximum(lower, -_INFINITE), least]),
+        above,
+        below,
         np.zeros(n + m, dtype=np.int32),
     )
     if flag < 1 or not np.isfinite(step).all():

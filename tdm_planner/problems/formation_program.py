@@ -75,7 +75,9 @@ class FormationProgram(NonlinearProgram):
         arrivals = np.zeros((task.n, task.n, self.size))
         arrivals[np.arange(task.n), np.arange(task.n)] = arriving * units
         arrivals = arrivals.reshape(task.n, -1)[:, self.free]
-        self._arriving = arriving
+        self._used = np.flatnonzero(arriving)
+        self._speeds = arriving[self._used]
+        self._arrived = task.coast - task.arrived
         self._first, self._intervals = self.weights[0] * arrivals[0], np.diff(arrivals, axis=0)
 
     def _clearances(self) -> Array:
@@ -109,8 +111,7 @@ class FormationProgram(NonlinearProgram):
 
     def durations(self, x: Array) -> Array:
         """Time that every motion takes after its coast, (n,) s."""
-        used = self._arriving > 0.0
-        return np.asarray(x[:, used] @ self._arriving[used])
+        return np.asarray(x[:, self._used] @ self._speeds)
 
     def usual_durations(self) -> Array:
         """Durations (n,) s of first guesses."""
@@ -154,8 +155,8 @@ class FormationProgram(NonlinearProgram):
 
     def _late(self, x: Array) -> tuple[float, Array]:
         """Return when the first robot arrives, and by how much the others are off (n - 1,)."""
-        arrivals = self.durations(x) + self.task.coast - self.task.arrived
-        return float(arrivals[0]), np.diff(arrivals) - self.task.interval
+        arrivals = self.durations(x) + self._arrived
+        return float(arrivals[0]), arrivals[1:] - arrivals[:-1] - self.task.interval
 
     def linearise(self, point: Point, multipliers: Multipliers | None) -> Linearisation:
         """Exact first derivatives; Hessian of the gas, made positive definite."""

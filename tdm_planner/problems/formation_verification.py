@@ -57,9 +57,14 @@ def assessed(
     Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
     `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` the largest penalty that passes.
     """
-    last = max(motions[name].duration for name in task.names)
+    derivative = task.plant.derivative
+    motions = {
+        name: motion if motion.rates is not None else motion.with_rates(derivative)
+        for name, motion in ((name, motions[name]) for name in task.names)
+    }
+    last = max(motion.duration for motion in motions.values())
     times = even_times(0.0, last, _RESOLUTION)
-    robots, every_state = {}, []
+    limits, robots, every_state = robot_constraints(task), {}, []
     for i, name in enumerate(task.names):
         motion = motions[name]
         own = np.union1d(times[times <= motion.duration], motion.times)
@@ -71,7 +76,7 @@ def assessed(
             replayed,
             np.array([*task.goal[i], 0.0, 0.0, task.goal_yaw[i], 0.0, 0.0]),
             TERMINAL_TOLERANCE,
-            robot_constraints(task),
+            limits,
             consistency=_CONSISTENCY,
             start=start_state(task, i),
         )
@@ -103,9 +108,7 @@ def assessed(
         np.array([gas_used(task.plant, motions[name]) for name in task.names]),
     )
     return Solution(
-        trajectories={
-            name: motions[name].with_rates(task.plant.derivative) for name in task.names
-        },
+        trajectories=motions,
         verification=overall,
         cost=sum(terms.values()),
         parameters=parameters,
@@ -170,8 +173,8 @@ def robot_constraints(task: FormationTask) -> list[Constraint]:
     half = task.separation / 2
 
     def walls(times: Array, states: Array, controls: Array) -> Array:
-        place = states[:, :2]
-        return np.asarray(np.minimum(place, task.sides - place).min(axis=1) - half)
+        nearest = np.minimum(states[:, :2], task.sides - states[:, :2])
+        return np.asarray(np.minimum(nearest[:, 0], nearest[:, 1]) - half)
 
     constraints = [
         Constraint(
