@@ -49,7 +49,9 @@ Array = NDArray[np.float64]
 
 THRUST, LOWER_THRUST = 'thrust', 'thrust, lower bound'
 
-_ALLOWED = 0.05  # of a stated plant: share of a state's range, and of a limit
+_ALLOWED = 0.05  # share of a limit, and of the range of a stated plant's state
+_ROUNDING = 1e-9
+_SETTLED = 12.0  # 1 / w0 in which a pendulum that is caught stands upright
 
 
 class Tolerance(NamedTuple):
@@ -64,14 +66,12 @@ class PlantView:
     A plant; of one that is not known more than its names, nothing is judged or drawn.
 
     `name` is that of a vehicle that has no other. `settling` is the time [s] after the planned end
-    by which the goal must be reached; `allowed` what a limit may be violated by, `enforced` the
-    limits that the plant keeps by itself; `near` the deviations within which the goal counts as
-    reached, where they do not depend on the plan; `place` the states that are its place in the
-    plane, where several of a kind keep a distance.
+    by which the goal must be reached; `enforced` the limits that the plant keeps by itself; `near`
+    the deviations within which the goal counts as reached, where they do not depend on the plan;
+    `place` the states that are its place in the plane, where several of a kind keep a distance.
     """
 
-    settling: ClassVar[float] = 0.0
-    allowed: ClassVar[float] = 1e-9
+    settling: float = 0.0
     enforced: ClassVar[frozenset[str]] = frozenset()
     place: ClassVar[tuple[str, ...]] = ()
     near: ClassVar[tuple[Tolerance, ...]] = ()
@@ -106,6 +106,10 @@ class PlantView:
     def constraints(self, plan: Trajectory) -> Sequence[Constraint]:
         """Return the limits of one vehicle's motion."""
         return () if self.problem is None else self.problem.constraints_on(plan)
+
+    def allowed(self, limit: str) -> float:
+        """Return what a limit may be violated by, in its unit."""
+        return _ROUNDING
 
     @property
     def separation(self) -> float | None:
@@ -143,7 +147,7 @@ class PlantView:
 
 
 class PendulumView(PlantView):
-    """The rotary pendulum, upright at the end."""
+    """The rotary pendulum, upright at the end; a swing-up may use all of the disk's range."""
 
     name = 'pendulum'
     title = 'Swing-up of the rotary pendulum'
@@ -164,7 +168,14 @@ class PendulumView(PlantView):
         if problem is not None:
             limits = problem.limits
             drawn = PendulumDrawing(problem.plant, limits.torque, limits.disk_angle)
+            self.settling = max(self.settling, _SETTLED / problem.plant.natural_frequency)
         super().__init__(PENDULUM, problem, drawn)
+
+    def allowed(self, limit: str) -> float:
+        """Return room for the feedback beyond the disk's angle, none beyond the torque."""
+        if limit != 'disk_angle' or self._limits is None:
+            return super().allowed(limit)
+        return _ALLOWED * self._limits.disk_angle
 
     def bounds(self) -> Mapping[str, tuple[float, ...]]:
         """Both sides of the torque and of the disk's angle."""
@@ -252,7 +263,6 @@ class StatedView(PlantView):
     """A plant of a statement: its own end conditions and limits, and its own drawing."""
 
     settling = 1.0
-    allowed = _ALLOWED  # feedback needs room, too
 
     def __init__(self, problem: DirectProblem) -> None:
         super().__init__(kind_of(problem), problem)
@@ -260,6 +270,10 @@ class StatedView(PlantView):
         self._statement = problem
         self._known: dict[Trajectory, tuple[Array, bool]] = {}
         self.name = self.title = problem.name
+
+    def allowed(self, limit: str) -> float:
+        """Return the share by which margins of limits may be negative: feedback needs room."""
+        return _ALLOWED
 
     def checked(self) -> StatedView:
         """Return this after a drawing of the start; raises InvalidProblem where that fails."""

@@ -216,7 +216,7 @@ def _violated(vehicle: Vehicle) -> list[str]:
         f"{vehicle.name} violated the limit '{name}' by {-margin.worst:.4g} {margin.unit}".rstrip()
         + f' after {margin.instant:.2f} s'
         for name, margin in smallest(judged).items()
-        if not margin.worst >= -vehicle.view.allowed and name not in vehicle.view.enforced
+        if not margin.worst >= -vehicle.view.allowed(name) and name not in vehicle.view.enforced
     ]
 
 

@@ -23,10 +23,11 @@ import pytest
 from ros_harness import SOURCE
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, specifications
+from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_planner.tracking.motion import wrapped
-from tdm_sim.report.verdict import arrival
+from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.study.flights import ClosedLoop, fly
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
@@ -78,3 +79,18 @@ def test_random_rigs_off_by_five_per_cent_are_caught(seed: int, off: int, rate: 
     since = arrival(vehicle)
     assert since is not None
     assert since < plan.duration + 3.0
+
+
+@pytest.mark.parametrize(('seed', 'slow'), [(9600, False), (9643, True)])
+def test_a_swing_up_that_uses_the_whole_range_of_the_disk_is_held(seed: int, slow: bool) -> None:
+    """It overshoots the limit by what the noise of sensors does, and settles at its own pace."""
+    problem = replace(rig(seed), torque_reserve=0.2)
+    plan = problem.solve(deadline=20.0)
+    (motion,) = plan.trajectories.values()
+    assert np.abs(motion.state('psi')).max() > 0.999 * problem.limits.disk_angle
+    assert (view_of(problem).settling > 10.0) is slow
+    for off in range(2):
+        found = judge(fly(problem, plan, ClosedLoop(), off))
+        assert found is not None
+        assert found.reasons == ()
+        assert found.reached
