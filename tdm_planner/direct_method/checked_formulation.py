@@ -67,14 +67,14 @@ class CheckedFormulation:
 
     def outputs(self) -> dict[str, Output]:
         """Return the reference functions by name, at least one."""
-        found = self._mapping('outputs', Output)
+        found = self._named('outputs', Output)
         if not found:
             raise InvalidProblem('a formulation needs at least one output')
         return found
 
     def integrated(self) -> dict[str, Integrated]:
         """Return the integrated states by name."""
-        found = self._mapping('integrated', Integrated)
+        found = self._named('integrated', Integrated)
         for name in found:
             if name not in self.state_names:
                 raise InvalidProblem(
@@ -98,13 +98,12 @@ class CheckedFormulation:
             raise InvalidProblem(
                 f'invert returns {shown(found)}, expected a pair: states and controls'
             )
-        values = []
-        for kind, names, part in zip(
-            ('state', 'control'), (self.state_names, self.control_names), found, strict=True
-        ):
-            what = f'what invert returns as {kind}s'
-            values.append(self._stacked(part, len(names), what, shape))
-        return values[0], values[1]
+        kinds = ('state', self.state_names), ('control', self.control_names)
+        states, controls = (
+            self._stacked(part, len(names), f'what invert returns as {kind}s', shape)
+            for (kind, names), part in zip(kinds, found, strict=True)
+        )
+        return states, controls
 
     def derivative(self, states: Values, controls: Values) -> Values:
         """Return the rates of all states, (..., nx)."""
@@ -114,11 +113,7 @@ class CheckedFormulation:
 
     def margins(self, times: Values, states: Values, controls: Values) -> dict[str, Values]:
         """Return what is left to every limit, (K,) by name; those of `control_limits` last."""
-        found = self._call('margins', times, components(states), components(controls))
-        if not isinstance(found, Mapping):
-            raise InvalidProblem(
-                f'margins returns {shown(found)}, expected a mapping from names to margins'
-            )
+        found = self._mapping('margins', times, components(states), components(controls))
         names = list(found)
         if self._margin_names is None:
             if not all(isinstance(name, str) for name in names):
@@ -138,9 +133,7 @@ class CheckedFormulation:
     @cached_property
     def control_limits(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of the controls that are limited, by name; may be infinite."""
-        found = self._call('control_limits')
-        if not isinstance(found, Mapping):
-            raise InvalidProblem(f'control_limits returns {shown(found)}, expected a mapping')
+        found = self._mapping('control_limits')
         limits = {}
         for name, pair in found.items():
             if name not in self.control_names:
@@ -175,10 +168,8 @@ class CheckedFormulation:
     @cached_property
     def reserves(self) -> dict[str, float]:
         """Share of every limit that is kept for feedback, by the name of its margin."""
-        found = getattr(self.formulation, 'reserve', {})
-        names = self.limit_names
-        reserves = {}
-        for limit, share in dict(found).items():
+        names, reserves = self.limit_names, {}
+        for limit, share in dict(getattr(self.formulation, 'reserve', {})).items():
             meant = [n for n in names if n == limit or n.rpartition(', ')[0] == limit]
             if not meant:
                 raise InvalidProblem(
@@ -221,9 +212,7 @@ class CheckedFormulation:
 
     def guess(self, s: Array) -> dict[str, Array]:
         """Return the outputs that `first_guess` states, (K,) by name, along the arc `s` (K,)."""
-        found = self._call('first_guess', s)
-        if not isinstance(found, Mapping):
-            raise InvalidProblem(f'first_guess returns {shown(found)}, expected a mapping by name')
+        found = self._mapping('first_guess', s)
         names = self.outputs()
         for name in found:
             if name not in names:
@@ -270,10 +259,14 @@ class CheckedFormulation:
             raise InvalidProblem(f'{kind}_names = {shown(found)} has the same name twice')
         return tuple(found)
 
-    def _mapping(self, function: str, kind: type) -> dict[str, Any]:
-        found = self._call(function)
+    def _mapping(self, function: str, *arguments: Any) -> Mapping[Any, Any]:
+        found = self._call(function, *arguments)
         if not isinstance(found, Mapping):
             raise InvalidProblem(f'{function} returns {shown(found)}, expected a mapping by name')
+        return found
+
+    def _named(self, function: str, kind: type) -> dict[str, Any]:
+        found = self._mapping(function)
         for name, value in found.items():
             if not isinstance(value, kind):
                 raise InvalidProblem(

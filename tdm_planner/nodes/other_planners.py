@@ -25,10 +25,10 @@ import time
 from rclpy.node import Node
 from std_msgs.msg import String
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.adapter import Vehicle
 from tdm_planner.nodes.diagnostics import PublisherCount
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
+from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory
 

@@ -183,7 +183,7 @@ REFUSED = {  # function: (what it is instead or returns, words)
         ({3: 1.0}, 'must be strings'),
         ({'force': np.nan}, "margins gives 'force' = nan at node 0 of 21"),
         ({'force': np.inf}, "margins gives 'force' = inf at node 0 of 21"),
-        ([1.0], 'expected a mapping from names to margins'),
+        ([1.0], 'expected a mapping by name'),
         (lambda s, t, x, u: {'force': 9.0 - np.sum(u[0] ** 2)}, SUMMED.format('margins')),
     ],
     'running_cost': [

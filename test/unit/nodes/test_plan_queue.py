@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import Busy, Inactive
 from tdm_planner.nodes import other_planners
-from tdm_planner.nodes.adapter import ActivePlans, Vehicle
+from tdm_planner.nodes.adapter import ActivePlans
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.nodes.planned_plants import PlannedRobots
 from tdm_planner.nodes.replanning import Replanning
+from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.problems import RobotFormation

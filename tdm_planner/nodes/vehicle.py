@@ -1,0 +1,156 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""One plant of a planner: its topics, its measured state, its tracker, its markers."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+from nav_msgs.msg import Path
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.nodes.clocks import MotionClock
+from tdm_planner.nodes.markers import MARKER_DEPTH, Picture
+from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.planned_plants import PlannedPlant, Values
+from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.reading import read_joints
+from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.replanning import ActivePlan, Mode, Observation
+from tdm_planner.trajectory import TimedTrajectory
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+Array = NDArray[np.float64]
+
+MARKER_RATE = 20.0  # Hz
+OLDEST_SHOWN = 0.5  # s; a state older than that is not drawn any more
+
+
+class Vehicle:
+    """
+    A plant of a planner and its topics; of several plants each has its `prefix`, 'robot1/'.
+
+    Instants are those of `clock` [s].
+    """
+
+    def __init__(
+        self, node: Node, clock: MotionClock, name: str, plant: PlannedPlant, values: Values
+    ) -> None:
+        self._node, self._clock, self._plant = node, clock, plant
+        self.name, self.kind = name, plant.kind
+        self.prefix = prefix = f'{name}/' if plant.several else ''
+        self._angles = np.array([state in self.kind.angles for state in self.kind.state_names])
+        self.trajectory = node.create_publisher(JointTrajectory, f'{prefix}trajectory', LATCHED)
+        self.path = (
+            node.create_publisher(Path, f'{prefix}path', LATCHED) if self.kind.odometry else None
+        )
+        self.tracker = TrackerWatch(node, clock, prefix, plant.tracker)
+        self._picture: Picture | None = None
+        self.measured = MeasuredState(node, clock, self.kind, prefix, self._observe)
+        self.markers = node.create_publisher(MarkerArray, f'{prefix}plant_markers', MARKER_DEPTH)
+        node.create_timer(1.0 / MARKER_RATE, self._show)
+        self.values_changed(values)
+
+    def values_changed(self, values: Values) -> None:
+        """Draw the plant as the parameters have it, unless they contradict each other."""
+        with suppress(InvalidProblem):
+            drawn, name = self._plant.drawn(values), self.name if self.prefix else ''
+            if drawn is None:
+                return
+            if self._picture is None:
+                self._picture = Picture(drawn, self._plant.trail, name)
+            else:
+                self._picture.set_up(drawn, self._plant.trail)
+
+    @property
+    def label(self) -> str:
+        """Begin of a sentence about one of several plants."""
+        return f"robot '{self.name}': " if self.prefix else ''
+
+    def parameter(self, state: str) -> str:
+        """Return the name of the parameter with which a state begins."""
+        return f'{self.name}.start.{state}' if self.prefix else f'start.{state}'
+
+    def seen(self, now: float, max_age: float) -> Observation:
+        """
+        Return the newest state and what the tracker does.
+
+        Raises
+        ------
+        NoState
+            As `MeasuredState.fresh` does.
+
+        """
+        tracker = self.tracker
+        return Observation(
+            *self.measured.fresh(now, max_age), tracker.mode(now), tracker.followed(now)
+        )
+
+    def follows(self, plan: ActivePlan, now: float) -> TimedTrajectory | None:
+        """Return the motion of the plant by an active plan; None unless it is followed."""
+        motion = plan.motion(self.name)
+        known = motion.trajectory.state_names == self.kind.state_names
+        return motion if known and self.tracker.mode(now) is Mode.FOLLOWING else None
+
+    def predicted(
+        self, values: Values, now: float, start: float, plan: ActivePlan | None
+    ) -> Array:
+        """
+        Return the state (nx,) at the instant `start`, measured not long before `now`.
+
+        A plant that follows the active `plan`, within the tracking tolerance, is predicted along
+        it, plus the rest of its deviation. Any other plant is predicted without control.
+
+        Raises
+        ------
+        InvalidProblem, NoState
+            Naming what is missing or too old, or why it cannot be predicted.
+
+        """
+        state, measured = self.measured.fresh(now, values['start.max_age'])
+        motion, wait = None if plan is None else self.follows(plan, now), start - measured
+        if motion is not None:
+            away = state - motion.reference(measured)
+            away[self._angles] = np.angle(np.exp(1j * away[self._angles]))
+            if (np.abs(away) <= self._plant.tracking_tolerance(motion.trajectory, values)).all():
+                return np.asarray(
+                    motion.reference(start) + self._plant.remaining_deviation(away, wait)
+                )
+        return self._plant.coasted(state, wait, values)
+
+    def _observe(self, state: Array, at: float) -> None:
+        if self._picture is not None:
+            self._picture.add(at, state)
+
+    def _show(self) -> None:
+        """Draw a real plant while a viewer subscribes; simulated plants draw themselves."""
+        markers, picture = self.markers, self._picture
+        if picture is None or markers.get_subscription_count() == 0:
+            return
+        newest = self.measured.newest
+        if newest is None or self._clock.now() - newest[1] > OLDEST_SHOWN:
+            return
+        if self._node.count_publishers(markers.topic_name) > 1:
+            return
+        now = self._node.get_clock().now().to_msg()
+        markers.publish(picture.draw(now, newest[0], self._applied()))
+
+    def _applied(self) -> Array:
+        """Efforts (nu,) that the plant's driver reports; 0 where it does not."""
+        told: dict[str, float] = {}
+        joints = self.measured.joints
+        for joint in self.kind.actuated:
+            with suppress(InvalidProblem):
+                if joints is not None:
+                    told |= read_joints([joint], joints, [joint.effort])
+        return np.array([told.get(name, 0.0) for name in self.kind.control_names])
