@@ -14,8 +14,6 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from benchmark.receding import Vehicle
-from benchmark.rigs import rig
 from closed_loop import (
     HANGING,
     Loop,
@@ -34,15 +32,11 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
     Phase,
     TrajectoryRejected,
 )
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.mismatch import mismatched
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
 
 STUCK = moved(HANGING, 0.0, 0.8, 0.0, 0.0)
 
@@ -105,49 +99,6 @@ def test_where_the_plan_is_lost_upright_is_held_if_it_can_be(plan: Trajectory, l
     assert loop.tracker.phase is Phase.HOLDING
     loop.run(0.5)
     assert held(loop, 0.3)
-
-
-@pytest.mark.parametrize(('seed', 'wrong'), [(7010, 0), (7036, 1)])
-def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
-    seed: int, wrong: int
-) -> None:
-    """Rigs of weak motors, on which gravity is up to 7 % weaker than the model says."""
-    asked = replace(rig(seed), torque_reserve=0.2)
-    model, true = asked.plant, mismatched(asked.plant, 0.05, wrong)
-    parameters = PendulumTrackerParameters(rate=50.0, plant=model, limits=asked.limits)
-    quick, pace = model.natural_frequency, true.natural_frequency / model.natural_frequency
-    sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
-    limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
-    setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
-    loop = Loop(Vehicle(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
-    plan = asked.solve(deadline=20.0).trajectory
-    loop.begin(plan)
-    loop.run(0.1 + 0.9 * plan.duration)
-    motion = loop.tracker.current
-    assert motion is not None
-    assert motion.pace == pytest.approx(pace, abs=0.01)
-    assert motion.elapsed(loop.now) == pytest.approx(pace * (loop.now - motion.start), rel=0.02)
-    loop.run(0.2 * plan.duration + 20.0 / quick)
-    assert loop.tracker.phase is Phase.HOLDING
-    count = round(5.0 / quick / loop.tick)
-    assert np.abs(wrapped(np.array(loop.states[-count:])[:, 0])).max() < 0.05
-
-
-def noise(tracker: PendulumTracker) -> np.ndarray:
-    """Return what is assumed of the measured states (4,)."""
-    return tracker.estimator.noise.measurement[:4]
-
-
-def test_scales_follow_the_rig() -> None:
-    usual, large = pendulum_tracker(), pendulum_tracker(plant__gravity=981.0)
-    assert usual.warning == ''
-    assert noise(usual) == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
-    assert noise(large) / noise(usual) == pytest.approx([1, 1, 10, 10])
-    assert large.warning == 'rate = 200 Hz is too slow for this rig: must be 1282 Hz or more'
-    assert noise(pendulum_tracker(estimator__rate_noise=0.3))[2:] == pytest.approx([0.3, 0.3])
-    wide = pendulum_tracker(limits__disk_angle=4.0)
-    assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5
-    assert wide.deviation(np.array([-0.6, 2.0, 9.0, 9.0])) == 0.6
 
 
 def test_without_errors_the_feedback_has_little_to_do(plan: Trajectory) -> None:
