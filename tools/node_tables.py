@@ -31,18 +31,30 @@ from tools.parameter_texts import parameter_table, yaml_value
 
 Specifications = Mapping[str, ParameterSpec]
 
-PUBLIC_MODULES = {  # and the page that lists their names, in docs/api
-    'tdm_planner': 'index',
-    'tdm_planner.problems': 'problems',
-    'tdm_planner.direct_method': 'direct_method',
-    'tdm_planner.plants': 'plants',
-    'tdm_planner.tracking': 'tracking',
-    'tdm_planner.trajectory': 'results',
-    'tdm_planner.verification': 'results',
-    'tdm_planner.parameters': 'parameters',
-    'tdm_planner.plan_files': 'results',
-    'tdm_planner.client': 'results',
-    'tdm_sim': 'simulation',
+# What is promised of Python: by module, and the page of docs/api with their docstrings.
+FACE: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    'tdm_planner.problems': (
+        'problems',
+        ('PendulumSwingUp', 'RobotFormation', 'DirectProblem', 'Problem', 'Solution'),
+    ),
+    'tdm_planner.direct_method': ('problems', ('Formulation', 'Output', 'Integrated', 'Duration')),
+    'tdm_planner.parameters': ('problems', ('parameter', 'group', 'Range', 'Validated')),
+    'tdm_planner.drawing': ('problems', ('Line', 'Disc', 'Box')),
+    'tdm_planner.trajectory': ('results', ('Trajectory',)),
+    'tdm_planner.verification': ('results', ('Verification',)),
+    'tdm_planner.plan_files': ('results', ('load_plan', 'save_plan')),
+    'tdm_planner.client': ('results', ('PlanClient', 'PlanResult')),
+    'tdm_planner.exceptions': (
+        'results',
+        (
+            'TdmError',
+            'InvalidProblem',
+            'Infeasible',
+            'DeadlineExceeded',
+            'VerificationFailed',
+        ),
+    ),
+    'tdm_sim.study': ('studies', ('run', 'ClosedLoop')),
 }
 
 
@@ -124,34 +136,24 @@ def key_table(keys: Iterable[str]) -> str:
 
 
 def python_modules() -> str:
-    """Return a table of the public modules, linked to the pages that list their names."""
-    rows = ['| module | what it is |', '| --- | --- |']
-    for name, page in PUBLIC_MODULES.items():
-        sentence = first_sentence(importlib.import_module(name))
-        rows.append(f'| [{name}](api/{page}.md) | {sentence} |')
+    """Return a table of the names that are promised, linked to the pages that tell of them."""
+    rows = ['| module | names |', '| --- | --- |']
+    for module, (page, names) in FACE.items():
+        shown = ', '.join(f'`{name}`' for name in names)
+        rows.append(f'| [{module}](api/{page}.md) | {shown} |')
     return '\n'.join(rows) + '\n'
 
 
-def python_names(module_name: str) -> str:
-    """Return a table of the names of a public module."""
-    module = importlib.import_module(module_name)
+def python_names(page: str) -> str:
+    """Return a table of the names that a page of docs/api tells of."""
     rows = ['| name | what it is |', '| --- | --- |']
-    rows += [f'| `{n}` | {first_sentence(getattr(module, n))} |' for n in public_names(module)]
+    for module, (where, names) in FACE.items():
+        found = importlib.import_module(module)
+        if where == page:
+            rows += [
+                f'| `{module}.{name}` | {first_sentence(getattr(found, name))} |' for name in names
+            ]
     return '\n'.join(rows) + '\n'
-
-
-def public_names(module: Any) -> list[str]:
-    """Return what `__all__` lists, or else the classes and functions defined in the module."""
-    listed: list[str] | None = getattr(module, '__all__', None)
-    if listed is not None:
-        return [name for name in listed if not name.startswith('__')]
-    return [
-        name
-        for name, value in vars(module).items()
-        if not name.startswith('_')
-        and (inspect.isclass(value) or inspect.isfunction(value))
-        and value.__module__ == module.__name__
-    ]
 
 
 def first_sentence(value: Any) -> str:
