@@ -118,12 +118,10 @@ class PlanLaw:
 
     def ahead(self, elapsed: float, rates: Array, error: Array) -> float:
         """
-        Time [s] by which a state is ahead of the plan, by its deviation `error` from it.
+        Time [s] by which a state is ahead of the plan, by its deviation `error` (nx,) from it.
 
-        That is how far along the plan, which changes at `rates`, the deviation is cheapest. Both
-        are the leading parts of the regulator's state; what follows is zero.
+        That is how far along the plan, which changes at `rates` (nx,), the deviation is cheapest.
         """
-        weighed = rates @ self.costs[self.places(np.asarray(elapsed)), : rates.size]
-        return float(weighed[: error.size] @ error) / max(
-            float(weighed[: rates.size] @ rates), 1e-300
-        )
+        size = rates.size
+        weighed = self.costs[self.places(np.asarray(elapsed)), :size, :size] @ rates
+        return float(weighed @ error) / max(float(weighed @ rates), 1e-300)

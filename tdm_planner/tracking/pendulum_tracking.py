@@ -183,7 +183,6 @@ class PendulumTracker(TrajectoryTracker):
         planned = law.trajectory.sample(law.trajectory.times[0] + elapsed)
         error = self.error(state, planned.state * self._scale(motion.pace))
         rates = plant.derivative(planned.state, planned.control)
-        error = np.append(error, self._off(state, motion.pace))
         step = plant.natural_frequency * self.parameters.interval
         most = _AHEAD / plant.natural_frequency
         ahead = min(max(law.ahead(elapsed, rates, error), -most), most)
