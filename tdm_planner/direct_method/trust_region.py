@@ -246,7 +246,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     size = n + na + ng
     hessian = np.zeros((size, size))
     hessian[:n, :n] = at.hessian
-    hessian.ravel()[n * (size + 1) :: size + 1] = SLACK_CURVATURE
+    first, step = n * (size + 1), size + 1
+    hessian.ravel()[first::step] = SLACK_CURVATURE
     gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
     rows, least = _elastic_rows(at, n, na, ng)
     lower, upper = np.zeros(size), np.full(size, 1e12)
@@ -288,7 +289,8 @@ def _elastic_rows(at: Linearisation, n: int, na: int, ng: int) -> tuple[Array, A
     if na:
         above, below = slice(last, last + na), slice(last + na, None)
         rows[above, :n], rows[below, :n] = -at.terms_jacobian, at.terms_jacobian
-        rows[above, n : n + na] = rows[below, n : n + na] = np.eye(na)
+        terms = slice(n, n + na)
+        rows[above, terms] = rows[below, terms] = np.eye(na)
         least[above], least[below] = at.terms, -at.terms
     return rows, least
 
