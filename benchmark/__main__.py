@@ -53,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.docs:  # after each, so that none are lost
                 figures.write(folder, _in_order(records))
         if options.docs:
-            written = page.write(_in_order(records), folder, options.quick)
+            # From what is stored: written anew, the page is the same to the last digit.
+            written = page.write(figures.read(folder), folder, options.quick)
             progress.line(f'{written} written after {(time.monotonic() - began) / 60:.1f} min')
     if failed:
         print(f'failed: {", ".join(failed)}', file=sys.stderr)

@@ -246,8 +246,8 @@ def _quadratic_step(search: _Search, at: Linearisation) -> _Step | None:
     size = n + na + ng
     hessian = np.zeros((size, size))
     hessian[:n, :n] = at.hessian
-    first, step = n * (size + 1), size + 1
-    hessian.ravel()[first::step] = SLACK_CURVATURE
+    diagonal = slice(n * (size + 1), None, size + 1)
+    hessian.ravel()[diagonal] = SLACK_CURVATURE
     gradient = np.concatenate([at.gradient, at.term_weights, search.penalties])
     rows, least = _elastic_rows(at, n, na, ng)
     lower, upper = np.zeros(size), np.full(size, 1e12)
