@@ -145,15 +145,22 @@ def python_modules() -> str:
 
 
 def python_names(page: str) -> str:
-    """Return a table of the names that a page of docs/api tells of."""
-    rows = ['| name | what it is |', '| --- | --- |']
+    """Return a table of the names that a page of docs/api tells of, and their docstrings."""
+    rows, sections = ['| name | what it is |', '| --- | --- |'], []
     for module, (where, names) in FACE.items():
+        if where != page:
+            continue
         found = importlib.import_module(module)
-        if where == page:
-            rows += [
-                f'| `{module}.{name}` | {first_sentence(getattr(found, name))} |' for name in names
-            ]
-    return '\n'.join(rows) + '\n'
+        sections += ['', f'## {module}', '```{eval-rst}', f'.. automodule:: {module}']
+        for name in names:
+            value, full = getattr(found, name), f'{module}.{name}'
+            rows.append(f'| `{full}` | {first_sentence(value)} |')
+            if inspect.isclass(value):
+                sections += ['', f'.. autoclass:: {full}', '   :members:', '   :show-inheritance:']
+            else:
+                sections += ['', f'.. autofunction:: {full}']
+        sections.append('```')
+    return '\n'.join([*rows, *sections]) + '\n'
 
 
 def first_sentence(value: Any) -> str:

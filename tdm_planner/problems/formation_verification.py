@@ -57,11 +57,10 @@ def assessed(
     Every robot is replayed, then all pairs are looked at together, at equal times 10 ms apart.
     `penalty_weights` (4,) are k1 to k4 of (29), `tolerance` the largest penalty that passes.
     """
-    derivative = task.plant.derivative
-    motions = {
-        name: motion if motion.rates is not None else motion.with_rates(derivative)
-        for name, motion in ((name, motions[name]) for name in task.names)
-    }
+    motions = {name: motions[name] for name in task.names}
+    for name, motion in motions.items():
+        if motion.rates is None:
+            motions[name] = motion.with_rates(task.plant.derivative)
     last = max(motion.duration for motion in motions.values())
     times = even_times(0.0, last, _RESOLUTION)
     limits, robots, every_state = robot_constraints(task), {}, []
