@@ -79,11 +79,12 @@ endif
 	@touch '$@'
 	@echo 'ready'
 
-# What tests, linters, pages and benchmarks need besides.
+# What tests, linters, pages and benchmarks need besides; setup-test,dev takes both at once.
+COMMA := ,
 $(READY)-%: $(READY)
 	@echo '[+] packages: $*'
 	@$(PIP) -e '.[$*]'
-	@touch '$@'
+	@touch $(patsubst %,'$(READY)-%',$(subst $(COMMA), ,$*))
 
 demo: $(READY)
 	@$(BIN)/tdm demo '$(PLANT)'

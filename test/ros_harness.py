@@ -20,7 +20,6 @@ import json
 import os
 from pathlib import Path
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -47,15 +46,6 @@ DISCOVERY_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 """
 
 
-def _clean(domain: int) -> None:
-    """Remove the shared memory that killed processes left at the ports of a domain."""
-    first = 7400 + 250 * domain  # as DDS-RTPS 9.6.2 counts ports
-    for path in Path('/dev/shm').glob('*fastrtps_port*'):
-        number = re.search(r'port(\d+)', path.name)
-        if number and first <= int(number[1]) < first + 250:
-            path.unlink(missing_ok=True)
-
-
 @contextmanager
 def reserved_domain() -> Iterator[int]:
     """Yield a ROS_DOMAIN_ID in 1..101 that no other test process uses meanwhile."""
@@ -68,20 +58,25 @@ def reserved_domain() -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 continue
-            _clean(domain)
             yield domain
             return
     raise RuntimeError('every ROS domain is in use')
 
 
 def ros_environment(domain: int, folder: Path) -> dict[str, str]:
-    """Variables that keep ROS traffic on this machine, quick, and the logs in `folder`."""
+    """
+    Variables that keep ROS traffic on this machine, quick, and the logs in `folder`.
+
+    Messages go by UDP: shared memory of a process that was killed may swallow those for its
+    successor.
+    """
     profile = folder / 'discovery.xml'
     profile.write_text(DISCOVERY_PROFILE)
     return {
         'ROS_DOMAIN_ID': str(domain),
         'ROS_LOG_DIR': str(folder / 'log'),
         'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile),
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'PYTHONPATH': os.pathsep.join(
             p for p in (str(SOURCE), os.environ.get('PYTHONPATH', '')) if p
         ),
