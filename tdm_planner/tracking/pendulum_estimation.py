@@ -27,7 +27,7 @@ from tdm_planner.tracking.estimator import (
 )
 from tdm_planner.tracking.tracker_parameters import NOISE
 
-GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'torque_gain'
+GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
 
 _FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
 _RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
@@ -57,9 +57,10 @@ class EstimatorParameters(Validated):
 
 class EstimatedPendulum(PlantWithGains):
     """
-    The pendulum with four more states: its constants over those of the model.
+    The pendulum with five more states: its constants over those of the model.
 
-    The pendulum's own inertia is the model's: only ratios of inertias and torques matter.
+    The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
+    the coupling and of what the disk feels of a tilted pendulum hardly differ.
     """
 
     state_names = (*RotaryPendulum.state_names, *GAINS)
@@ -72,10 +73,16 @@ class EstimatedPendulum(PlantWithGains):
         k: Coefficients, state: Sequence[Any], control: Sequence[Any]
     ) -> tuple[Any, ...]:
         """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
-        *motion, gravity, arm, disk, motor = state
-        true = k._replace(gravity=gravity * k.gravity, arm=arm * k.arm, disk=disk * k.disk)
+        *motion, gravity, arm, disk, coupling, motor = state
+        true = k._replace(
+            gravity=gravity * k.gravity,
+            arm=arm * k.arm,
+            disk=disk * k.disk,
+            coupling=coupling * k.coupling,
+            disk_sine=coupling * k.disk_sine,
+        )
         torque = [motor * part for part in control]
-        return (*RotaryPendulum.equations(true, motion, torque), 0.0, 0.0, 0.0, 0.0)
+        return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
 
 
 def longest_step(plant: RotaryPendulum) -> float:
@@ -86,7 +93,7 @@ def longest_step(plant: RotaryPendulum) -> float:
 def pendulum_estimator(
     plant: RotaryPendulum, assumed: EstimatorParameters, longest_gap: float
 ) -> StateEstimator:
-    """Return the estimator of the pendulum's states and of the gains (8,)."""
+    """Return the estimator of the pendulum's states and of the gains (9,)."""
     frequency, rate_noise = plant.natural_frequency, assumed.rate_noise
     if rate_noise is None:
         rate_noise = _RATE_NOISE * frequency

@@ -174,7 +174,8 @@ class PendulumTracker(TrajectoryTracker):
     @staticmethod
     def _off(state: Array, pace: float) -> Array:
         """Return what the estimated gains differ by from those of a plan played at a pace."""
-        return np.asarray(state[4:] / [pace**2, 1.0, 1.0, 1.0] - 1.0)
+        played = [pace**2] + [1.0] * (len(GAINS) - 1)
+        return np.asarray(state[4:] / played - 1.0)
 
     def paced(self, motion: Motion, time: float, state: Array) -> Motion:
         """Move the plan towards where the state is on it, and play it at the rig's own pace."""
