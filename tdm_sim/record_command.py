@@ -21,6 +21,7 @@ import re
 
 from tdm_planner.resources import ament_prefixes, executable_of
 
+RECORDING = 'recording to'  # how the line begins that `tdm record` prints with the first message
 # Topics that belong to no namespace, and are recorded with any.
 SHARED_TOPICS = frozenset({'/clock', '/diagnostics', '/rosout', '/tf', '/tf_static'})
 

@@ -35,7 +35,7 @@ from tdm_planner.nodes.runtime import LONGEST_WAIT, make_executor
 from tdm_sim.bag_writer import BagWriter, RecordingError
 from tdm_sim.progress import make_progress
 from tdm_sim.progress import Progress as Shown
-from tdm_sim.record_command import TopicChoice
+from tdm_sim.record_command import RECORDING, TopicChoice
 from tdm_sim.wire_types import message_class, subscription_profile
 
 DISCOVERY_PERIOD = 0.05  # s between looks for topics that have appeared
@@ -161,8 +161,9 @@ def record(
 
     Without `topics` everything is recorded but hidden topics, with `namespace` what is in it
     and what nodes share (`TopicChoice`); topics that appear later are recorded. Ends earlier after
-    `duration` s or when `stop` is set. `on_start` is called once the folder is made, `on_progress`
-    about twice a second. Returns the final figures. A recording that fails leaves what it has.
+    `duration` s or when `stop` is set. `on_start` is called once the first message is written,
+    `on_progress` about twice a second. Returns the final figures. A recording that fails leaves
+    what it has.
 
     Raises
     ------
@@ -177,8 +178,6 @@ def record(
         BagWriter(Path(output), storage) as writer,
         _own_context() as context,
     ):
-        if on_start:
-            on_start()
         node = Recorder(writer, topics, namespace, context=context)
         figures = _Figures(writer, node)
         executor = make_executor(context)
@@ -186,6 +185,9 @@ def record(
         try:
             while context.ok() and not ended.is_set() and not writer.failure:
                 executor.spin_once(timeout_sec=LONGEST_WAIT)
+                if on_start and any(writer.counts.values()):
+                    on_start()
+                    on_start = None
                 writer.keep()
                 if on_progress and figures.due:
                     on_progress(figures.read())
@@ -289,7 +291,7 @@ def run(
                 topics,
                 storage,
                 namespace=namespace,
-                on_start=lambda: shown.phase(f'recording to {output}: Ctrl-C ends'),
+                on_start=lambda: shown.phase(f'{RECORDING} {output}: Ctrl-C ends'),
                 on_progress=told,
             )
     except IncompleteRecording as error:

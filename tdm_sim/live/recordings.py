@@ -18,8 +18,10 @@ import time
 
 from tdm_planner.exceptions import TdmError
 from tdm_sim.processes import NodeProcesses
+from tdm_sim.record_command import RECORDING
 
 _LOOK = 0.05  # s between looks whether a recording has begun
+_PATIENCE = 15.0  # s that the first message may take
 
 
 class RecordingFailed(TdmError):
@@ -50,22 +52,25 @@ class Recordings:
 
     def start(self) -> Path:
         """
-        Begin a recording; returns its folder once that is made.
+        Begin a recording; returns its folder once the first message is written.
 
         Raises
         ------
         RecordingFailed
-            If the recorder ends instead.
+            If the recorder ends instead, or no message comes.
 
         """
         while (bag := self._folder / f'recording_{self._number + 1}').exists():
             self._number += 1
-        words = ['record', '-o', str(bag), '--namespace', self._namespace, '--quiet']
+        words = ['record', '-o', str(bag), '--namespace', self._namespace]
         self._recorder.start('recorder', 'tdm_planner.cli', words)
-        while not bag.exists():
-            if self._recorder.ended():
+        latest = time.monotonic() + _PATIENCE
+        while RECORDING not in self._recorder.last_line('recorder'):
+            late = time.monotonic() > latest
+            if late or self._recorder.ended():
                 self._recorder.end()
-                raise RecordingFailed(self._recorder.last_line('recorder'))
+                silent = f'no message has come in {self._namespace} within {_PATIENCE:g} s'
+                raise RecordingFailed(silent if late else self._recorder.last_line('recorder'))
             time.sleep(_LOOK)
         self.last = bag
         return bag

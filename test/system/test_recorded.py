@@ -22,6 +22,7 @@ from ros_harness import NodeProcess, Ros
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes.qos import LATCHED
+from tdm_sim.record_command import RECORDING
 
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -82,6 +83,7 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
     publisher = ros.node.create_publisher(String, '/lost', BEST_EFFORT)
     recorder = start(ros, bag, '/lost')
     assert ros.spin_until(lambda: publisher.get_subscription_count() > 0)
+    assert RECORDING not in recorder.output  # no message is written yet
     os.kill(recorder.process.pid, signal.SIGSTOP)
     for _ in range(1000):
         publisher.publish(String(data='x' * 60_000))
@@ -95,6 +97,7 @@ def test_messages_that_were_lost_on_the_way_are_counted(ros: Ros, tmp_path: Path
     file = bag / 'bag.mcap'
     assert ros.publish_until(publish, lambda: b'after the flood' in file.read_bytes(), every=0.05)
     assert recorder.end() == 0
+    assert RECORDING in recorder.output
     received = len(read_with_mcap(bag)['/lost'])
     lost = re.search(r'written to .*, (\d+) dropped', recorder.output)
     assert lost is not None, recorder.output

@@ -114,8 +114,6 @@ def test_an_own_plant_is_pushed_recorded_and_watched_from_two_pages(
     other = open_page(space)  # joins the nodes that run
     other.click('Start a recording')
     other.wait_for('.tdm-note', 'recording to')
-    (file,) = other.folder.glob('recording_*/*.mcap')
-    assert other.until(lambda: file.stat().st_size > 100_000)  # definitions take half of that
     other.click('Plan')
     other.wait_for('.tdm-status', 'holding')
     assert other.until(lambda: other.shows('/plants/box_100'))  # by its drawing

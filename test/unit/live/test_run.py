@@ -23,7 +23,7 @@ pytest.importorskip('rclpy')
 viser = pytest.importorskip('viser')
 
 from tdm_planner.drawing import Line  # noqa: E402
-from tdm_sim.live import run  # noqa: E402
+from tdm_sim.live import recordings, run  # noqa: E402
 from tdm_sim.live.geometry import view_on  # noqa: E402
 from tdm_sim.live.recordings import RecordingFailed, Recordings  # noqa: E402
 from tdm_sim.live.scene import Scene  # noqa: E402
@@ -64,19 +64,25 @@ def test_a_page_from_elsewhere_is_turned_away() -> None:
         server.stop()
 
 
-def test_a_recorder_that_ends_at_once_is_no_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ('patience', 'told'), [(60.0, r'recorder\.log'), (0.0, 'no message has come in space')]
+)
+def test_without_a_message_nothing_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, patience: float, told: str
 ) -> None:
+    """A recorder that ends at once; one that waits in vain."""
+    monkeypatch.setattr(recordings, '_PATIENCE', patience)
+
     def start(self: NodeProcesses, name: str, module: str, words: list[str]) -> None:
         begin(self, name, 'calendar', ['2026'])
 
     begin = NodeProcesses.start
     monkeypatch.setattr(NodeProcesses, 'start', start)
-    recordings = Recordings(tmp_path, 'space')
-    with pytest.raises(RecordingFailed, match=r'recorder\.log'):
-        recordings.start()
-    assert not recordings.running
-    assert recordings.last is None
+    made = Recordings(tmp_path, 'space')
+    with pytest.raises(RecordingFailed, match=told):
+        made.start()
+    assert not made.running
+    assert made.last is None
 
 
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e4])
