@@ -29,6 +29,7 @@ from tdm_planner.problems.polynomial_plan import initial_misalignment, trajector
 from tdm_planner.problems.polynomial_program import PolynomialProgram
 from tdm_planner.problems.reference_motion import FormationMotion, MotionForm, ReferenceMotion
 from tdm_planner.problems.warm_start import kept_motions, LATE, warm_parameters
+from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Polynomials: TypeAlias = Candidate[PolynomialProgram]
@@ -127,14 +128,17 @@ class PolynomialSearch(FormationSearch[Polynomials]):
         return np.where(angle > _ALIGNED, needed + 0.01 * motion.durations, 0.0)
 
     def plans(self, candidate: Polynomials) -> Iterator[Solution]:
-        """Yield the trajectories that the reference motions give by inverse dynamics."""
+        """Yield the plan of a candidate."""
+        yield self.assessed(self.motions(candidate), candidate.point.xi)
+
+    def motions(self, candidate: Polynomials) -> dict[str, Trajectory]:
+        """Return the motions that inverse dynamics make of a candidate, but for those kept."""
         model, motion = candidate.program.model, candidate.program.motion(candidate.point.xi)
-        motions = {
+        return {
             name: trajectory(model, motion, i, self.budget, self._enough, self._careful)
             for i, name in enumerate(self.task.names)
             if name not in self.kept
         }
-        yield self.assessed(motions, candidate.point.xi)
 
     def _apart(self, candidate: Polynomials) -> Polynomials | None:
         """Minimise on, keeping more distance: a slow thruster leads robots off their motions."""

@@ -242,19 +242,12 @@ class RobotFormation(FormationParameters, Problem):
             'previous': previous,
         }
 
-        def polynomials(allowed: Budget) -> PolynomialSearch:
-            return PolynomialSearch(self.task, self.form, rng, allowed, **shared)
+        def polynomials() -> PolynomialSearch:
+            return PolynomialSearch(self.task, self.form, rng, budget, **shared)
 
         if self.method == 'polynomials':
-            return polynomials(budget)
-        return ArcSearch(
-            self.task,
-            rng,
-            budget,
-            lambda allowed: polynomials(allowed).run(),
-            self.thrust_reserve,
-            **shared,
-        )
+            return polynomials()
+        return ArcSearch(self.task, rng, budget, polynomials, self.thrust_reserve, **shared)
 
     def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
         """Return the limits of one robot; separations are between robots."""

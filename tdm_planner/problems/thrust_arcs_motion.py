@@ -247,6 +247,19 @@ def _nearest(
         path = positions(times, program.fleet.start[both], program.fleet.velocity[both], burns)
         return np.asarray((path[0] - wanted).ravel())
 
+    def missed_slope(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns[0], slopes)
+        change, (centre, half) = burns[0, :, :2], burns[0, :, 2:].T
+        twice = np.maximum(2.0 * half, 1e-300)
+        burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)
+        way = 0.5 * burnt**2 / twice + np.maximum(times[:, None] - centre - half, 0.0)
+        later, longer = -burnt / twice, burnt / twice - (burnt / twice) ** 2
+        by = np.einsum('km,mav->kav', way, slopes[:, :2])
+        for each, shift in ((later, slopes[:, 2]), (longer, slopes[:, 3])):
+            by += np.einsum('km,ma,mv->kav', each, change, shift)
+        return np.asarray(by.reshape(wanted.size, -1)[:, :-1])
+
     room = 1e-6 * (high - low)
     first = np.clip(first, low + room, high - room)
-    return np.asarray(least_squares(missed, first, bounds=(low, high), max_nfev=_EVALUATIONS).x)
+    best = least_squares(missed, first, missed_slope, bounds=(low, high), max_nfev=_EVALUATIONS)
+    return np.asarray(best.x)

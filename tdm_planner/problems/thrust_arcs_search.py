@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cached_property
 import itertools
 from typing import Any, TypeAlias
 
@@ -24,6 +25,7 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.formation_search import Candidate, FormationSearch
 from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.polynomial_search import PolynomialSearch
 from tdm_planner.problems.thrust_arcs_kernels import WEAKEST
 from tdm_planner.problems.thrust_arcs_motion import (
     arc_trajectory,
@@ -80,10 +82,10 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
     """
     Local minima of one manoeuvre from screened and random guesses, and their plans.
 
-    `polynomials` returns a plan by the other method, or raises Infeasible: the guess where robots
-    are many, and the last resort. `reserve` is the share of the thrust that burns leave to the
-    feedback. Of a `previous` plan with thrust arcs the rest is the initial guess; robots about to
-    arrive keep theirs.
+    `polynomials` makes a search by the other method, whose minima are the guesses where robots are
+    many, and whose plans the last resort. `reserve` is the share of the thrust that burns leave to
+    the feedback. Of a `previous` plan with thrust arcs the rest is the initial guess; robots about
+    to arrive keep theirs.
     """
 
     def __init__(
@@ -91,38 +93,46 @@ class ArcSearch(FormationSearch[Arcs | Solution]):
         task: FormationTask,
         rng: np.random.Generator,
         budget: Budget,
-        polynomials: Callable[[Budget], Solution],
+        polynomials: Callable[[], PolynomialSearch],
         reserve: float,
         **shared: Any,
     ) -> None:
         super().__init__(task, rng, budget, **shared)
         self.task = replace(task, thrust=(1.0 - reserve) * task.thrust)
         self.feasible = min(self.feasible, _FEASIBLE)
-        self._polynomials = polynomials
+        self._make_polynomials = polynomials
         self._last: Infeasible | None = None
         if any(plan.interpolation != 'zero_order_hold' for plan in self.rest.values()):
             self.rest = {}
         directly = [self._minima] if task.n <= FEW else []
         first = [self._resumed, *directly] if self.rest else [*directly, self._again]
-        self.rounds = [*first, self._near_polynomials]
+        self.rounds = [*first, self._near_polynomials, self._by_polynomials]
+
+    @cached_property
+    def _polynomials(self) -> PolynomialSearch:
+        return self._make_polynomials()
 
     def _again(self) -> Iterable[Arcs]:
         """Minima with more distance kept, where plans failed the check."""
         return self._minima() if self.rejected else ()
 
     def _near_polynomials(self) -> Iterator[Arcs | Solution]:
-        """Yield the minimum with four burns a robot near a plan of polynomials, then that plan."""
+        """Yield the minima with four burns a robot near those of polynomials, each before it."""
+        program, options = ArcProgram(self.task, 4), self._options(_POLISHING_RADIUS)
+        for polynomials in self._polynomials.candidates():
+            motions = self._polynomials.motions(polynomials)
+            near = fitted(program, {**motions, **self._polynomials.kept})
+            candidate = self.minimised(program, program.reduce(near), options)
+            if candidate is not None:
+                yield candidate
+            yield self._polynomials.assessed(motions, polynomials.point.xi)
+
+    def _by_polynomials(self) -> Iterator[Solution]:
+        """Yield the plan by the other method from further guesses."""
         try:
-            plan = self._polynomials(self.budget)
+            yield self._polynomials.run()
         except Infeasible as error:
             self._last = error
-            return
-        program = ArcProgram(self.task, 4)
-        xi = program.reduce(fitted(program, plan.trajectories))
-        candidate = self.minimised(program, xi, self._options(_POLISHING_RADIUS))
-        if candidate is not None:
-            yield candidate
-        yield plan
 
     def _minima(self) -> list[Arcs]:
         """Feasible local minima, cheapest first, the most promising of them polished."""
