@@ -234,7 +234,15 @@ def _unwrap_optional(hint: Any) -> tuple[Any, bool]:
 
 
 def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
-    """Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration."""
+    """
+    Every parameter of a dataclass, by dotted name, groups expanded, in order of declaration.
+
+    Raises
+    ------
+    InvalidProblem
+        For the first field that is of no type a parameter can have.
+
+    """
     found: dict[str, ParameterSpec] = {}
     for item, hint in _fields(cls):
         name = prefix + item.name
@@ -243,6 +251,11 @@ def specifications(cls: type, prefix: str = '') -> dict[str, ParameterSpec]:
             found.update(specifications(hint, name + '.'))
         elif _METADATA_KEY in item.metadata:
             kind, optional = _unwrap_optional(hint)
+            if kind not in _TYPE_NAMES:
+                raise InvalidProblem(
+                    f"parameter '{name}' is declared as {shown(hint)}: must be float, int, bool, "
+                    'str, list[float] or list[str]'
+                )
             if item.default is not dataclasses.MISSING:
                 default = item.default
             else:

@@ -146,6 +146,18 @@ def test_a_file_holds_the_defaults_or_values_by_node_and_says_what_is_allowed():
         parameter_file({'node': (SPECS, {'plant.mas': 1.0})})
 
 
+@dataclass(frozen=True)
+class Disc(Validated):
+    centre: tuple[float, ...] = parameter((0.0, 1.0), 'centre')
+
+
+def test_a_field_of_a_type_that_no_parameter_has_is_named():
+    with pytest.raises(
+        InvalidProblem, match=r"'centre' is declared as tuple\[float, \.\.\.\]: must"
+    ):
+        Disc()
+
+
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
