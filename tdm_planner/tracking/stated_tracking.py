@@ -41,6 +41,7 @@ _TOUCHED, _HALVINGS = 1e-3, 8  # of a limit that feedback may touch; to the shar
 _NEWTON = 20  # steps to the control that holds the end
 _SHARES = 10.0  # weight of a deviation as large as the range, against that of the control
 _LEAST_RANGE = 1e-2  # of the largest range of a state of the same unit
+_LEAST_REACH = 1e-4  # of what the controls could change a state by
 _BELIEVED = 1e-6, 1e3  # measurement error, and that of the model's rates: states are believed
 
 
@@ -97,23 +98,35 @@ class StatedTracker(TrajectoryTracker):
         return StatedLaw(law, begin, hold)
 
     def _scales(self, trajectory: Trajectory) -> Array:
-        """Return the range of every state (nx,), not less than a share of others of its unit."""
+        """
+        Return the range of every state (nx,), not less than a share of others of its unit.
+
+        Nor less than a share of what the controls could change it by: all of a unit may rest.
+        """
         found = np.ptp(trajectory.states, axis=0)
         units = np.array(self._problem.state_units)
         least = np.array([_LEAST_RANGE * found[units == unit].max() for unit in units])
-        return np.asarray(np.maximum(np.maximum(found, least), 1e-9))
+        jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
+        a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
+        reach = np.zeros(found.size)
+        for _ in found:  # from controls to rates, from rates to places
+            reach = np.where(reach > 0.0, reach, a @ reach + b @ self._sizes(trajectory))
+        return np.asarray(np.maximum.reduce([found, least, _LEAST_REACH * reach + 1e-9]))
+
+    def _sizes(self, trajectory: Trajectory) -> Array:
+        """Return half the range of every control (nu,), along the plan if it is not limited."""
+        span = np.ptp(trajectory.controls, axis=0)
+        limited = np.isfinite(self._upper - self._lower)
+        return np.asarray(0.5 * np.where(limited, self._upper - self._lower, span))
 
     def _weights(self, trajectory: Trajectory) -> tuple[Array, Array]:
         given = self._problem.feedback_weights()
         if given is not None:
             q, r = (np.atleast_2d(np.asarray(part, dtype=float)) for part in given)
             return q, r
-        span = np.ptp(trajectory.controls, axis=0)
-        limited = np.isfinite(self._upper - self._lower)
-        size = np.where(limited, 0.5 * (self._upper - self._lower), 0.5 * span)
-        time = trajectory.duration
+        time, size = trajectory.duration, np.maximum(self._sizes(trajectory), 1e-9)
         q = np.diag((_SHARES / self._scales(trajectory)) ** 2) / time
-        return q, np.diag(1.0 / np.maximum(size, 1e-9) ** 2) / time
+        return q, np.diag(1.0 / size**2) / time
 
     def _held(
         self, trajectory: Trajectory, end: int, q: Array, r: Array

@@ -11,14 +11,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import itertools
 import time
 from typing import Any
 
+import numpy as np
 import pytest
+from tdm_planner.direct_method import Duration, Integrated, Output
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.parameters import parameter
+from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.study.axes import Axis, checked, parse_axis, Points
 from tdm_sim.study.flights import ClosedLoop
@@ -121,6 +125,44 @@ def test_a_stated_plant_flies_as_well() -> None:
     row = Trial(cart, {}, ClosedLoop(seeds=2, mismatch=0.02))({'start.x': -0.5})
     assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
     assert row['cost'] == pytest.approx(2.0**0.5, rel=1e-2)
+
+
+@dataclass(frozen=True)
+class Hop(DirectProblem):
+    """A vehicle that rises upright: its roll, coupled to the way aside, rests."""
+
+    state_names = ('z', 'x', 'roll', 'w', 'v', 'p')
+    state_units = ('m', 'm', 'rad', 'm/s', 'm/s', 'rad/s')
+    control_names, control_units = ('thrust', 'moment'), ('m/s^2', 'rad/s^2')
+    mass: float = parameter(1.0, 'mass')
+
+    def outputs(self):
+        return {'z': Output((0.0, 0.0), (3.0, 0.0), 4), 'roll': Output((0.0, 0.0), (0.0, 0.0), 2)}
+
+    def integrated(self):
+        return {'x': Integrated(0.0, 0.0), 'v': Integrated(0.0, 0.0)}
+
+    def duration(self):
+        return Duration(4.0, fixed=True)
+
+    def invert(self, y, z):
+        (h, w, up), (roll, p, turn) = y['z'], y['roll']
+        return (h, z['x'], roll, w, z['v'], p), ((up + 1.0) * self.mass / np.cos(roll), turn)
+
+    def derivative(self, x, u):
+        push = u[0] / self.mass
+        return x[3], x[4], x[5], push * np.cos(x[2]) - 1.0, -push * np.sin(x[2]), u[1]
+
+    def control_limits(self):
+        return {'thrust': (0.0, 2.0), 'moment': (-2.0, 2.0)}
+
+    def running_cost(self, t, x, u):
+        return (u[0] - 1.0) ** 2 + u[1] ** 2
+
+
+def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
+    row = Trial(Hop, {}, ClosedLoop(seeds=2, mismatch=0.02))({})
+    assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
 
 
 @pytest.mark.parametrize(
