@@ -16,7 +16,7 @@ should, or numbers that are not finite.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
@@ -165,13 +165,12 @@ class CheckedFormulation:
                 found[f'{name}, highest'] = (high - value) / size
         return found
 
-    @cached_property
-    def reserves(self) -> dict[str, float]:
-        """Share of every limit that is kept for feedback, by the name of its margin."""
-        names, reserves = self.limit_names, {}
+    def reserves(self, names: Sequence[str]) -> Array:
+        """Return the share of every limit, by its margin's name, that is kept for feedback."""
+        shares = np.zeros(len(names))
         for limit, share in dict(getattr(self.formulation, 'reserve', {})).items():
-            meant = [n for n in names if n == limit or n.rpartition(', ')[0] == limit]
-            if not meant:
+            meant = [n == limit or n.rpartition(', ')[0] == limit for n in names]
+            if not any(meant):
                 raise InvalidProblem(
                     f'reserve names {shown(limit)}, which is not a limit: there are '
                     + ', '.join(names)
@@ -180,8 +179,8 @@ class CheckedFormulation:
                 raise InvalidProblem(
                     f"reserve gives '{limit}' = {share:g}: must be a share, 0 or more and below 1"
                 )
-            reserves.update(dict.fromkeys(meant, float(share)))
-        return reserves
+            shares[meant] = share
+        return shares
 
     def running_cost(self, times: Values, states: Values, controls: Values) -> Values:
         """Return the integrand of J, (K,)."""

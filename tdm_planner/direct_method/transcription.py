@@ -388,9 +388,8 @@ class Transcription(NonlinearProgram):
     @cached_property
     def _kept(self) -> Array:
         """Return what is kept of every limit at the nodes, (K, nm)."""
-        names, reserves = self.trace.margin_names, self._stated.reserves
-        kept = np.zeros((self.nodes.size, len(names)))
-        kept[:] = np.array([reserves.get(name, 0.0) for name in names])
+        names = self.trace.margin_names
+        kept = np.tile(self._stated.reserves(names), (self.nodes.size, 1))
         kept[1:-1] += np.array([self.reserve.get(name, 0.0) for name in names])
         kept[0, ~self.trace.of_controls] = 0.0
         kept[-1, ~self.trace.of_controls] = 0.0

@@ -71,8 +71,7 @@ class Refinement:
         duration = stated.duration()
         self._duration = duration.guess
         self._durations = (duration.guess,) * 2 if duration.fixed else duration.bounds
-        reserves = stated.reserves
-        self._reserve = np.array([reserves.get(name, 0.0) for name in trace.margin_names])
+        self._reserve = stated.reserves(trace.margin_names)
 
     def tolerance(self, states: Array) -> Array:
         """Return by how much states (N, nx) may differ from the goal at the end, (nx,)."""

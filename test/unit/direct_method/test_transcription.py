@@ -14,7 +14,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from tdm_planner.direct_method import Duration, Formulation, Integrated, Output, SineSeries
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.nonlinear_program import Multipliers
+from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes, quadrature_weights
 
@@ -133,6 +135,17 @@ def test_a_first_guess_is_fitted():
     plain = Transcription(Pendulum(), chebyshev_nodes(41))
     straight = plain.motion(plain.first_guess).states[:, 0]
     assert np.abs(x - wanted).max() < 0.2 * np.abs(straight - wanted).max()
+
+
+def test_a_reserve_is_kept_whatever_was_asked_before():
+    formulation = type('Kept', (Pendulum,), {'reserve': {'force': 0.99}})()
+    plain, kept = (
+        Transcription(f, chebyshev_nodes(41), trace=Trace.of(CheckedFormulation(f)))
+        for f in (Pendulum(), formulation)
+    )
+    xi = plain.first_guess
+    assert plain.evaluate(xi).violations[1] == 0.0
+    assert kept.evaluate(xi).violations[1] > 0.1
 
 
 def test_quadrature_is_exact_for_polynomials_and_that_of_a_spline_on_other_nodes():
