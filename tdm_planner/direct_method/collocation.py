@@ -206,7 +206,7 @@ class Collocation:
         simpson = (b - a - h / 6 * (fa + 4 * middle_rates + fb)) * unit
         hermite = (m - 0.5 * (a + b) - h / 8 * (fa - fb)) * unit
         limits = at(trace.margins, duration * times, x, u)
-        self.inner_limits = np.flatnonzero(trace.of_states)
+        self.inner_limits = np.flatnonzero(trace.between)
         inner = []
         if self.inner_limits.size:
             for share in (0.5, *INNER):

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_PLACES, _CURVED = 5, 1e-9  # at which a limit's curvature is looked at; share that counts
+
 ca.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
 
@@ -121,3 +123,16 @@ def _operated(operation: int, values: list[Any], root: Any) -> Any:
         apart = root((a - b) ** 2, a - b)
         return 0.5 * (a + b + (apart if operation == ca.OP_FMAX else -apart))
     return ca.SX.unary(operation, a) if len(values) == 1 else ca.SX.binary(operation, a, b)
+
+
+def bent(margins: Any, numbers: Array) -> NDArray[np.bool_]:
+    """Return which limits (nm,) may be violated on a line between two controls that keep them."""
+    t, x, u = (ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txu'))
+    rng, found = np.random.default_rng(0), []
+    for row in ca.vertsplit(margins(t, x, u, numbers)):
+        curvature = ca.Function('curvature', [t, x, u], [ca.densify(ca.hessian(row, u)[0])])
+        places = [[rng.normal(size=part.shape) for part in (t, x, u)] for _ in range(_PLACES)]
+        matrices = np.nan_to_num([np.asarray(curvature(*place)) for place in places])
+        largest = np.linalg.eigvalsh(matrices)[:, -1]
+        found.append(bool((largest > _CURVED * np.abs(matrices).max(axis=(1, 2))).any()))
+    return np.array(found, dtype=bool)

@@ -31,7 +31,7 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.checks import refusal, suspect
 from tdm_planner.direct_method.flight import Integrator
 from tdm_planner.direct_method.formulation import Formulation
-from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.graphs import bent, Call
 from tdm_planner.exceptions import InvalidProblem
 
 Array = NDArray[np.float64]
@@ -126,6 +126,7 @@ class Trace:
         everything = self.margins(t, x, u, p)
         self.of_states = _depends(everything, ca.vertcat(t, x))
         self.of_controls = _depends(everything, u)
+        self.between = self.of_states | bent(self.margins, self.values(stated.formulation))
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
         self.has_running_cost = not self.running(t, x, u, p).is_zero()
 

@@ -167,3 +167,40 @@ def test_a_first_guess_may_be_too_quick_for_a_few_nodes():
     plan = Swinging().solve(deadline=30.0)
     assert plan.verification.ok
     assert 0.0 < plan.cost < 0.1
+
+
+@dataclass(frozen=True)
+class Burning(DirectProblem):
+    """A vehicle in the plane whose engine, which turns, has a least thrust."""
+
+    state_names, state_units = ('x', 'y', 'v', 'w'), ('m', 'm', 'm/s', 'm/s')
+    control_names, control_units = ('fx', 'fy'), ('N', 'N')
+    mass: float = parameter(1.0, 'mass')
+
+    def outputs(self):
+        ends = ((-2.0, 0.0), (0.0, 0.0)), ((0.0, 0.0), (0.0, 0.0))
+        return {n: Output(*pair, 6) for n, pair in zip('xy', ends, strict=True)}
+
+    def duration(self):
+        return Duration(2.5)
+
+    def invert(self, y, z):
+        (x, v, a), (h, w, b) = y['x'], y['y']
+        return (x, h, v, w), (self.mass * a, self.mass * b)
+
+    def derivative(self, x, u):
+        return x[2], x[3], u[0] / self.mass, u[1] / self.mass
+
+    def margins(self, t, x, u):
+        size = u[0] ** 2 + u[1] ** 2
+        return {'most': 2.0 - size, 'least': size - 1.0}
+
+    def final_cost(self, t, x):
+        return t
+
+
+def test_limits_on_controls_are_kept_while_they_change():
+    """Straight on is quickest, but the thrust would pass through nothing when it turns round."""
+    trace = Trace.of(CheckedFormulation(Burning()))
+    assert trace.between.tolist() == [False, True]
+    assert Burning().solve(deadline=30.0).verification.ok
