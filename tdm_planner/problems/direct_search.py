@@ -58,9 +58,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_MOST = 8  # first guesses; fewer where the best solution
+_MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
-_PLAIN, _STRAIGHT = 2, (3, 5, 7)  # attempts: boundary conditions alone, lines in state space
+_KINDS = 3  # first guesses before that counts: the direct method's, a line, a change of the first
+_PLAIN, _BENDS = 4, (0.2, 0.5)  # attempt with boundary conditions alone; of lines in state space
 _STARTS_SHARE = 0.4  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
@@ -170,7 +171,7 @@ class DirectSearch(Search[Candidate]):
         solved: list[Motion] = []
         hurried = False
         until = self.budget.part(self._latest - self.budget.elapsed)
-        for guess in self._guesses():
+        for tried, guess in enumerate(self._guesses(), 1):
             if until.spent:
                 break
             motion = self._refinement.solve(COARSE, guess, COLD, until)
@@ -187,7 +188,7 @@ class DirectSearch(Search[Candidate]):
             alike = _ALIKE * abs(best) + self._coarse_error
             again = sum(found.cost <= best + alike for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
-            if again >= _AGREED or len(solved) >= _ENOUGH or late:
+            if (again >= _AGREED and tried >= _KINDS) or len(solved) >= _ENOUGH or late:
                 break
         yield from sorted(solved[1:], key=lambda found: found.cost)
         if hurried:  # there was time after all
@@ -204,8 +205,11 @@ class DirectSearch(Search[Candidate]):
                 raise
             minima = None
         for attempt in range(_MOST):
-            if attempt in _STRAIGHT or minima is None:
-                bend = 0.5 if attempt not in (0, _STRAIGHT[0]) else 0.0
+            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
+            if attempt >= _TRIED and (self._found or late):
+                break
+            if attempt % 2 or minima is None:  # other ways round what is in the way
+                bend = _BENDS[attempt // 2 % 2] if attempt else 0.0
                 yield self._refinement.straight(COARSE, bend, self._rng)
                 continue
             if attempt == _PLAIN:

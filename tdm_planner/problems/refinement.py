@@ -71,6 +71,10 @@ class Refinement:
         duration = stated.duration()
         self._duration = duration.guess
         self._durations = (duration.guess,) * 2 if duration.fixed else duration.bounds
+        limits = stated.control_limits
+        both = [limits.get(name, (-np.inf, np.inf)) for name in stated.control_names]
+        both = [pair if np.isfinite(pair).all() else (-1.0, 1.0) for pair in both]
+        self._middle = np.mean(both, axis=1), 0.5 * np.diff(both).ravel()
         self._reserve = stated.reserves(trace.margin_names)
 
     def tolerance(self, states: Array) -> Array:
@@ -110,18 +114,24 @@ class Refinement:
         return program.solve(self.numbers, guess, ends, self._durations, kept, until)
 
     def straight(self, intervals: int, bend: float, rng: np.random.Generator) -> Motion:
-        """Return lines between the given ends, bent by random sines of a share of their range."""
+        """
+        Return lines between the given ends, bent by random sines of a share of their range.
+
+        Where an end is free the states stay as they are at the start.
+        """
         s = np.linspace(0.0, 1.0, 2 * intervals + 1)[:, None]
-        first, last = np.nan_to_num(self.ends.states)
+        first, last = self.ends.states
+        first, last = np.nan_to_num([first, np.where(np.isfinite(last), last, first)])
         states = first + (last - first) * s
-        controls = np.full((s.size, self.ends.controls.shape[1]), _SMALL)
+        middle, half = self._middle
+        controls = np.tile(middle + _SMALL * half, (s.size, 1))
         duration = self._duration
         if bend:
             size = bend * (np.abs(last - first) + _LEAST_BEND)
             for k in (1, 2, 3):
                 states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
                 wave = np.cos(k * np.pi * s) / k
-                controls = controls + bend * rng.normal(size=controls.shape[1]) * wave
+                controls = controls + bend * half * rng.normal(size=half.size) * wave
             duration *= float(np.exp(0.4 * rng.normal()))
         return Motion(states[::2], states[1::2], controls[::2], duration)
 

@@ -170,6 +170,33 @@ def test_a_first_guess_may_be_too_quick_for_a_few_nodes():
 
 
 @dataclass(frozen=True)
+class Weak(DirectProblem):
+    """A pendulum whose motor cannot swing it up in the time allowed."""
+
+    state_names, state_units = ('angle', 'rate'), ('rad', 'rad/s')
+    control_names, control_units = ('torque',), ('N m',)
+
+    def outputs(self):
+        return {'angle': Output((np.pi, 0.0), (0.0, 0.0), 6)}
+
+    def duration(self):
+        return Duration(8.0, fixed=True)
+
+    def invert(self, y, z):
+        angle, rate, change = y['angle']
+        return (angle, rate), (change - np.sin(angle),)
+
+    def derivative(self, x, u):
+        return x[1], u[0] + np.sin(x[0])
+
+    def control_limits(self):
+        return {'torque': (-0.05, 0.05)}
+
+    def running_cost(self, t, x, u):
+        return u[0] ** 2
+
+
+@dataclass(frozen=True)
 class Burning(DirectProblem):
     """A vehicle in the plane whose engine, which turns, has a least thrust."""
 
@@ -204,3 +231,20 @@ def test_limits_on_controls_are_kept_while_they_change():
     trace = Trace.of(CheckedFormulation(Burning()))
     assert trace.between.tolist() == [False, True]
     assert Burning().solve(deadline=30.0).verification.ok
+
+
+def test_lines_begin_in_the_middle_of_what_controls_may_do_and_stay_where_an_end_is_free():
+    class Open(Weak):
+        """Its end is free."""
+
+        def outputs(self):
+            return {'angle': Output((2.0, 1.0), free=6)}
+
+        def control_limits(self):
+            return {'torque': (2.0, 20.0)}
+
+    stated = CheckedFormulation(Open())
+    refinement = Refinement(stated, Trace.of(stated), None, Budget(60.0))
+    line = refinement.straight(20, 0.0, np.random.default_rng(0))
+    assert line.states == pytest.approx(np.tile([2.0, 1.0], (21, 1)))
+    assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
