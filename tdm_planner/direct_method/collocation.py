@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 INNER = 0.25, 0.75  # where limits on states are kept beside an interval's ends and middle
 _LEAST_SCALE = 1e-3, 1e-9  # of a state or control: share of the largest, and at least
+_HOPELESS, _LOOK = 1e10, 5  # multipliers by J; iterations between two looks at them
 _IPOPT: dict[str, Any] = {
     'print_level': 0,
     'sb': 'yes',
@@ -328,7 +329,7 @@ class Collocation:
         with self._lock:
             size = abs(float(self._cost(z, given)))
             given[-1] = self._settings.smoothing * (size if 1e-9 < size < 1e9 else st)
-            self._clock.budget = budget
+            self._clock.begin(budget)
             found = self._solver(x0=z, p=given, lbx=lower, ubx=upper, lbg=least, ubg=most)
             solved = bool(self._solver.stats()['success'])
             budget.evaluations += int(self._solver.stats()['iter_count'])
@@ -357,11 +358,14 @@ def _scales(values: Array) -> Array:
 
 
 class _Clock(ca.Callback):
-    """Stops Ipopt when the time is up."""
+    """
+    Stops Ipopt when the time is up, or its multipliers say that there is no solution.
+
+    They grow without end then, until a single factorisation takes a second.
+    """
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         ca.Callback.__init__(self)
-        self.budget: Budget | None = None
         self._sizes = {
             'x': variables,
             'lam_x': variables,
@@ -370,7 +374,13 @@ class _Clock(ca.Callback):
             'f': 1,
             'lam_p': parameters,
         }
+        self._cost, self._multipliers = ca.nlpsol_out().index('f'), ca.nlpsol_out().index('lam_g')
+        self.begin(None)
         self.construct('clock', {})
+
+    def begin(self, budget: Budget | None) -> None:
+        """Count the iterations of a run from here."""
+        self._budget, self._iterations = budget, 0
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())
@@ -381,5 +391,10 @@ class _Clock(ca.Callback):
     def get_sparsity_in(self, i: int) -> Any:
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
-    def eval(self, _: Sequence[Any]) -> list[int]:  # noqa: A003
-        return [int(self.budget is not None and self.budget.spent)]
+    def eval(self, values: Sequence[Any]) -> list[int]:  # noqa: A003
+        self._iterations += 1
+        if self._iterations % _LOOK == 0:
+            size = 1.0 + abs(float(values[self._cost]))
+            if not float(ca.norm_inf(values[self._multipliers])) < _HOPELESS * size:
+                return [1]
+        return [int(self._budget is not None and self._budget.spent)]

@@ -196,6 +196,14 @@ class Weak(DirectProblem):
         return u[0] ** 2
 
 
+def test_a_program_whose_multipliers_grow_without_end_is_given_up():
+    stated, budget = CheckedFormulation(Weak()), Budget(60.0)
+    refinement = Refinement(stated, Trace.of(stated), None, budget)
+    guess = refinement.straight(20, 0.2, np.random.default_rng(4))
+    assert refinement.solve(20, guess, COLD) is None
+    assert budget.evaluations < COLD.iterations
+
+
 @dataclass(frozen=True)
 class Burning(DirectProblem):
     """A vehicle in the plane whose engine, which turns, has a least thrust."""
