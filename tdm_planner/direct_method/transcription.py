@@ -200,7 +200,7 @@ class Transcription(NonlinearProgram):
         cost = (end[0] + self._weights @ rows[:, 0]) / self.cost_scale
         nw = self.basis.layout.size
         missed = [(wz[-1, nw + i] - value) / scale for i, value, scale in self._ended]
-        margins = (rows[:, 1:] - self._kept).T.ravel()
+        margins = (rows[:, 1:] - self.kept).T.ravel()
         values = np.concatenate([[cost], missed, end[1:], start, margins])
         ends, rest = self._parts
         cache = values, wz, steps
@@ -386,7 +386,7 @@ class Transcription(NonlinearProgram):
         return np.hstack([np.tile(self._numbers, (steps.size, 1)), steps[:, None]])
 
     @cached_property
-    def _kept(self) -> Array:
+    def kept(self) -> Array:
         """Return what is kept of every limit at the nodes, (K, nm)."""
         names = self.trace.margin_names
         kept = np.tile(self._stated.reserves(names), (self.nodes.size, 1))

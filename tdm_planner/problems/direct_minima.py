@@ -146,13 +146,14 @@ class DirectMinima:
         return bool(ends <= tolerance and margins <= _PROMISING)
 
     def violated(self, program: Transcription, minimum: Minimum) -> str:
-        """Return what a minimum of a program violates most, and by how much."""
+        """Return what a minimum of a program violates most, reserves counted, and by how much."""
         ends, margins = minimum.point.violations
         if ends > margins:
             return f'the conditions at the end by {ends:.2g}'
         motion = program.motion(minimum.point.xi)
         margins = self._stated.margins(motion.times, motion.states, motion.controls)
-        least = {name: float(np.min(value)) for name, value in margins.items()}
+        kept = dict(zip(margins, program.kept.T, strict=True))
+        least = {name: float(np.min(value - kept[name])) for name, value in margins.items()}
         name = min(least, key=lambda key: least[key])
         return f'{name} by {-least[name]:.2g}'
 

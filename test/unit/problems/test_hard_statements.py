@@ -21,6 +21,7 @@ from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import COLD, Motion
 from tdm_planner.direct_method.graphs import Rounded
 from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter, Validated
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, Solution
@@ -256,3 +257,9 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_and_stay_where_an_end
     line = refinement.straight(20, 0.0, np.random.default_rng(0))
     assert line.states == pytest.approx(np.tile([2.0, 1.0], (21, 1)))
     assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
+
+
+def test_a_refusal_counts_what_is_kept_in_reserve():
+    fixed = {'reserve': {'u': 0.5}, 'duration': lambda self: Duration(2.5, fixed=True)}
+    with pytest.raises(Infeasible, match=r'violated u, (lowest|highest) by 0\.\d'):
+        type('Kept', (Frugal,), fixed)().solve()
