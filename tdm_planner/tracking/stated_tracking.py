@@ -137,6 +137,11 @@ class StatedTracker(TrajectoryTracker):
         for _ in range(_NEWTON):
             rates = plant.derivative(state, control)
             _, b = plant.jacobians(state, control)
+            if not np.isfinite(b).all():  # as of the size of a thrust that is nothing
+                control = trajectory.controls[end]
+                _, b = plant.jacobians(state, control)
+            if not np.isfinite(b).all():
+                return None, trajectory.duration * 10.0 * q
             control = np.clip(control - np.linalg.pinv(b) @ rates, self._lower, self._upper)
         assert trajectory.rates is not None
         largest = np.abs(trajectory.rates).max(axis=(0, 1))

@@ -165,6 +165,18 @@ def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
     assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
 
 
+def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> None:
+    class Thirsty(Hop):
+        """Its thrust has a size."""
+
+        def derivative(self, x, u):
+            rates = super().derivative(x, u)
+            return (*rates[:5], rates[5] + 1e-9 * np.sqrt(u[0] ** 2 + u[1] ** 2))
+
+    row = Trial(Thirsty, {}, ClosedLoop(mismatch=0.02))({})
+    assert (row['code'], row['caught'], row['held']) == ('', 1, 1), row['lost']
+
+
 @pytest.mark.parametrize(
     ('given', 'values', 'spacing'),
     [
