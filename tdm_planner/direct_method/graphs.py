@@ -125,12 +125,18 @@ def _operated(operation: int, values: list[Any], root: Any) -> Any:
     return ca.SX.unary(operation, a) if len(values) == 1 else ca.SX.binary(operation, a, b)
 
 
-def bent(margins: Any, numbers: Array) -> NDArray[np.bool_]:
-    """Return which limits (nm,) may be violated on a line between two controls that keep them."""
+def bent(margins: Any, numbers: Array, of: str) -> NDArray[np.bool_]:
+    """
+    Return which limits (nm,) may be violated between two points that keep them.
+
+    `of` tells the argument of `margins` that varies: 'x' or 'u'.
+    """
     t, x, u = (ca.SX.sym(name, margins.size1_in(i)) for i, name in enumerate('txu'))
+    varied = {'x': x, 'u': u}[of]
     rng, found = np.random.default_rng(0), []
     for row in ca.vertsplit(margins(t, x, u, numbers)):
-        curvature = ca.Function('curvature', [t, x, u], [ca.densify(ca.hessian(row, u)[0])])
+        hessian = ca.densify(ca.hessian(row, varied)[0])
+        curvature = ca.Function('curvature', [t, x, u], [hessian])
         places = [[rng.normal(size=part.shape) for part in (t, x, u)] for _ in range(_PLACES)]
         matrices = np.nan_to_num([np.asarray(curvature(*place)) for place in places])
         largest = np.linalg.eigvalsh(matrices)[:, -1]

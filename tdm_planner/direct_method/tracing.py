@@ -122,11 +122,11 @@ class Trace:
         self.final = made('final_cost', [t, x, p], t, xs)
         self.start_conditions = made('start_conditions', [t, x, p], t, xs)
         self.end_conditions = made('end_conditions', [t, x, p], t, xs)
-        # Limits on more than controls, and those that controls have a part in.
-        everything = self.margins(t, x, u, p)
-        self.of_states = _depends(everything, ca.vertcat(t, x))
-        self.of_controls = _depends(everything, u)
-        self.between = self.of_states | bent(self.margins, self.values(stated.formulation))
+        everything, values = self.margins(t, x, u, p), self.values(stated.formulation)
+        of = [_depends(everything, by) for by in (ca.vertcat(t, x), u)]
+        self.of_states, self.of_controls = of  # limits on more than controls; with a part of them
+        self.between = self.of_states | bent(self.margins, values, 'u')
+        self.obstacles = bool(bent(self.margins, values, 'x').any())
         self.flow = self._flow(list(outputs.values()), list(integrated), stated.state_names, z, p)
         self.has_running_cost = not self.running(t, x, u, p).is_zero()
 

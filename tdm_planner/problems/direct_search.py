@@ -10,11 +10,11 @@
 """
 The search for a plan of any stated problem: direct method, collocation, replay, verification.
 
-A loose minimum of the direct method is the initial guess of a collocation on few intervals. The
-first such solution is solved again on more, then the cheapest of a few others if it is cheaper. It
-is replayed and repaired: by a shifted end, a reserve at a limit that the replay violates, or more
-intervals. Where nothing comes of that
-the direct method's own motion, minimised to the end, is the plan.
+A loose minimum of the direct method is the initial guess of a collocation on few intervals; lines
+bent to either side are others. The first such solution is solved again on more, then the cheapest
+of the others if it is cheaper. It is replayed and repaired: by a shifted end, a reserve at a limit
+that the replay violates, or more intervals. Where nothing comes of that the direct method's own
+motion, minimised to the end, is the plan.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,12 +34,7 @@ from tdm_planner.direct_method.tracing import Trace
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.trust_region import Minimum
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
-from tdm_planner.exceptions import (
-    DeadlineExceeded,
-    Infeasible,
-    NotFinite,
-    VerificationFailed,
-)
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
 from tdm_planner.problems.base import Solution
 from tdm_planner.problems.direct_minima import DirectMinima
 from tdm_planner.problems.direct_plant import DirectPlant
@@ -60,9 +56,9 @@ Array = NDArray[np.float64]
 
 _MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
 _AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
-_KINDS = 3  # first guesses before that counts: the direct method's, a line, a change of the first
-_PLAIN, _BENDS = 4, (0.2, 0.5)  # attempt with boundary conditions alone; of lines in state space
-_STARTS_SHARE = 0.4  # of the time allowed, after which one solution is enough
+_KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
+_PLAIN, _BENDS = 4, (0.1, 0.25)  # attempt with boundary conditions alone; of lines in state space
+_STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
 _SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
 _HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
 
@@ -89,7 +85,7 @@ class DirectSearch(Search[Candidate]):
         super().__init__(budget)
         self._problem = problem
         self._stated = CheckedFormulation(problem)
-        self._rng = rng
+        self._rng, self._seed = rng, int(rng.integers(2**32))
         self._previous = previous
         trace = self._trace = Trace.of(self._stated)
         self._plant = DirectPlant(problem, trace)
@@ -188,7 +184,8 @@ class DirectSearch(Search[Candidate]):
             alike = _ALIKE * abs(best) + self._coarse_error
             again = sum(found.cost <= best + alike for found in solved)
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
-            if (again >= _AGREED and tried >= _KINDS) or len(solved) >= _ENOUGH or late:
+            agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
+            if agreed or len(solved) >= _ENOUGH or late:
                 break
         yield from sorted(solved[1:], key=lambda found: found.cost)
         if hurried:  # there was time after all
@@ -204,19 +201,19 @@ class DirectSearch(Search[Candidate]):
             if not self._refinement.ends.regular:
                 raise
             minima = None
+        lines = itertools.count()
         for attempt in range(_MOST):
             late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
             if attempt >= _TRIED and (self._found or late):
                 break
-            if attempt % 2 or minima is None:  # other ways round what is in the way
-                bend = _BENDS[attempt // 2 % 2] if attempt else 0.0
-                yield self._refinement.straight(COARSE, bend, self._rng)
-                continue
-            if attempt == _PLAIN:
+            if attempt % 2 or minima is None:  # to either side of what may be in the way
+                pair, side = divmod(next(lines) if attempt else 0, 2)
+                bend = (-1.0) ** side * _BENDS[pair % 2] if attempt else 0.0
+                rng = np.random.default_rng([self._seed, pair])
+                yield self._refinement.straight(COARSE, bend, rng)
+            elif attempt == _PLAIN:
                 yield from self._finite(minima.rough.first_guess)
-                continue
-            minimum = minima.loose(attempt)
-            if minimum is not None:
+            elif (minimum := minima.loose(attempt)) is not None:
                 self._keep_nearest(minima.rough, minimum)
                 yield from self._finite(minimum.point.xi)
 

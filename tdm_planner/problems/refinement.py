@@ -117,7 +117,8 @@ class Refinement:
         """
         Return lines between the given ends, bent by random sines of a share of their range.
 
-        Where an end is free the states stay as they are at the start.
+        That is the largest of the states of one unit: who flies along one axis may have to give
+        way along another. Where an end is free the states stay as they are at the start.
         """
         s = np.linspace(0.0, 1.0, 2 * intervals + 1)[:, None]
         first, last = self.ends.states
@@ -127,7 +128,8 @@ class Refinement:
         controls = np.tile(middle + _SMALL * half, (s.size, 1))
         duration = self._duration
         if bend:
-            size = bend * (np.abs(last - first) + _LEAST_BEND)
+            alike = np.array([[a == b for b in self._units] for a in self._units])
+            size = bend * ((alike * np.abs(last - first)).max(axis=1) + _LEAST_BEND)
             for k in (1, 2, 3):
                 states = states + size * rng.normal(size=first.size) * np.sin(k * np.pi * s) / k
                 wave = np.cos(k * np.pi * s) / k

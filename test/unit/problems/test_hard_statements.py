@@ -15,6 +15,7 @@ import math
 import casadi as ca
 from double_integrator import DoubleIntegrator
 import numpy as np
+from obstacle import RoundTheObstacle
 import pytest
 from tdm_planner.direct_method import Budget, Duration, Integrated, Output
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
@@ -257,6 +258,20 @@ def test_lines_begin_in_the_middle_of_what_controls_may_do_and_stay_where_an_end
     line = refinement.straight(20, 0.0, np.random.default_rng(0))
     assert line.states == pytest.approx(np.tile([2.0, 1.0], (21, 1)))
     assert line.controls == pytest.approx(np.full((21, 1), 11.0), rel=1e-2)
+
+
+def test_lines_are_bent_to_either_side_by_a_share_of_the_range_of_a_unit():
+    """From (-2, 0) to (2, 0): the way round a disc in between is along y."""
+    stated = CheckedFormulation(RoundTheObstacle())
+    trace = Trace.of(stated)
+    assert trace.obstacles
+    assert not Trace.of(CheckedFormulation(Weak())).obstacles
+    refinement = Refinement(stated, trace, None, Budget(60.0))
+    straight, left, right = (
+        refinement.straight(20, bend, np.random.default_rng(1)).states for bend in (0, 0.2, -0.2)
+    )
+    assert left - straight == pytest.approx(straight - right)
+    assert np.abs(left[:, 1]).max() > 0.2
 
 
 def test_a_refusal_counts_what_is_kept_in_reserve():
