@@ -18,7 +18,7 @@ from scipy.integrate import quad
 from scipy.interpolate import PPoly
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.trajectory import Trajectory
-from tdm_planner.verification import Constraint, replay, verify
+from tdm_planner.verification import _least_between, Constraint, replay, verify
 
 
 class DoubleIntegrator:
@@ -209,6 +209,14 @@ def test_a_dip_of_a_margin_between_the_instants_of_a_check_is_found(place):
     pole = Constraint('pole', lambda t, x, u: np.abs(x[:, 0] - place) - 1e-5)
     check = verify(PLANT, bang_bang(), GOAL, TOLERANCE, [pole])
     assert 'pole is violated' in check.reasons[0]
+
+
+@pytest.mark.parametrize('turned', [1, -1])
+def test_a_dip_in_the_first_and_in_the_last_interval_is_reckoned_with(turned):
+    """One of its slopes is unknown there."""
+    times = np.linspace(0.0, 15.0, 4)
+    margin = (times - 13.0)[::turned] ** 2
+    assert _least_between(times, margin)[::turned][-1] <= 0.0
 
 
 def test_a_margin_that_is_just_kept_is_no_violation_but_one_that_is_not_a_number_is():

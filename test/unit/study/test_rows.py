@@ -24,6 +24,8 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import parameter
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
 from tdm_planner.problems.registry import load_problem
+from tdm_planner.tracking import TrackerParameters
+from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.study.axes import Axis, checked, parse_axis, Points
 from tdm_sim.study.flights import ClosedLoop
 from tdm_sim.study.rows import Trial
@@ -163,6 +165,11 @@ class Hop(DirectProblem):
 def test_a_plant_flies_where_states_rest_throughout_the_plan() -> None:
     row = Trial(Hop, {}, ClosedLoop(seeds=2, mismatch=0.02))({})
     assert (row['code'], row['caught'], row['held']) == ('', 2, 2), row['lost']
+    tracker = StatedTracker(Hop(), TrackerParameters())
+    tracker.prepare(Hop().solve().trajectory)
+    rises, aside = tracker.ranges[:2]
+    assert rises == pytest.approx(3.0, rel=1e-3)
+    assert 0.0 < aside < rises
 
 
 def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> None:

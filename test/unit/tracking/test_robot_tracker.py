@@ -77,6 +77,22 @@ def burn_coast_burn() -> Trajectory:
     )
 
 
+@pytest.mark.parametrize(('plan', 'changes'), [(there_and_stop(), {}), (burn_coast_burn(), SLOW)])
+def test_the_thruster_can_follow_the_angles_that_it_may_have(
+    plan: Trajectory, changes: dict[str, Any]
+) -> None:
+    """From anywhere within them it reaches those of the next instant, at its rate."""
+    tracker = robot(plan.states[0], **changes).tracker
+    law = tracker.prepare(plan)
+    most = tracker.parameters.limits.thruster_rate * law.step + 1e-9
+    planned = plan.sample(law.step * np.arange(law.upper.size)).state[:, 6]
+    assert (law.lower <= planned + 1e-9).all()
+    assert (planned <= law.upper + 1e-9).all()
+    assert np.diff(law.upper).min() >= -most
+    assert np.diff(law.lower).max() <= most
+    assert law.upper.min() < 2.0 * math.pi
+
+
 @pytest.fixture(scope='module')
 def plan() -> Trajectory:
     return there_and_stop()
