@@ -89,7 +89,8 @@ class StatedTracker(TrajectoryTracker):
         """Compute the gains along the plan."""
         plant = self._plant
         smooth = trajectory.with_rates(plant.derivative)
-        ranges, weights = self._scales(trajectory), self._weights(trajectory)
+        ranges = self._scales(trajectory)
+        weights = self._weights(trajectory, ranges)
         hold, terminal = self._held(smooth, -1, *weights)
         begin, _ = self._held(smooth, 0, *weights)
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
@@ -108,9 +109,9 @@ class StatedTracker(TrajectoryTracker):
         least = np.array([_LEAST_RANGE * found[units == unit].max() for unit in units])
         jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
-        reach = np.zeros(found.size)
+        driven, reach = b @ self._sizes(trajectory), np.zeros(found.size)
         for _ in found:  # from controls to rates, from rates to places
-            reach = np.where(reach > 0.0, reach, a @ reach + b @ self._sizes(trajectory))
+            reach = np.where(reach > 0.0, reach, a @ reach + driven)
         return np.asarray(np.maximum.reduce([found, least, _LEAST_REACH * reach + 1e-9]))
 
     def _sizes(self, trajectory: Trajectory) -> Array:
@@ -119,13 +120,13 @@ class StatedTracker(TrajectoryTracker):
         limited = np.isfinite(self._upper - self._lower)
         return np.asarray(0.5 * np.where(limited, self._upper - self._lower, span))
 
-    def _weights(self, trajectory: Trajectory) -> tuple[Array, Array]:
+    def _weights(self, trajectory: Trajectory, ranges: Array) -> tuple[Array, Array]:
         given = self._problem.feedback_weights()
         if given is not None:
             q, r = (np.atleast_2d(np.asarray(part, dtype=float)) for part in given)
             return q, r
         time, size = trajectory.duration, np.maximum(self._sizes(trajectory), 1e-9)
-        q = np.diag((_SHARES / self._scales(trajectory)) ** 2) / time
+        q = np.diag((_SHARES / ranges) ** 2) / time
         return q, np.diag(1.0 / size**2) / time
 
     def _held(
