@@ -120,8 +120,8 @@ setup(
             'tdm = tdm_planner.cli:main',
         ],
         'tdm_planner.problems': [
-            'pendulum_swing_up = tdm_planner.problems.pendulum_swing_up:PendulumSwingUp',
-            'robot_formation = tdm_planner.problems.robot_formation:RobotFormation',
+            'pendulum_swing_up = tdm_planner.problems.pendulum.problem:PendulumSwingUp',
+            'robot_formation = tdm_planner.problems.formation.problem:RobotFormation',
         ],
     },
     classifiers=[

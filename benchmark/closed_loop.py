@@ -32,7 +32,7 @@ from distributed import Client
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking.motion import wrapped
 from tdm_sim.report.margins import separations
 from tdm_sim.study import ClosedLoop, each, fly, workers

@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.pendulum_swing_up import PendulumStart
+from tdm_planner.problems.pendulum.problem import PendulumStart
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
 
 Array = NDArray[np.float64]

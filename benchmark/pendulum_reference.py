@@ -28,8 +28,7 @@ from benchmark.peers.pendulum_collocation import PendulumCollocation
 from benchmark.pendulum import problem, REGIMES, start_state
 import numpy as np
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_search import (
+from tdm_planner.problems.pendulum.switching_search import (
     Candidate,
     COARSE_STEPS,
     distinct,
@@ -39,7 +38,8 @@ from tdm_planner.problems.switching_search import (
     trajectory,
     without_short_arcs,
 )
-from tdm_planner.problems.switching_seeds import starts
+from tdm_planner.problems.pendulum.switching_seeds import starts
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 
 FILE = Path(__file__).parent / 'data' / 'pendulum_best_known.json'

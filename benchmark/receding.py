@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
 from tdm_sim.simulation import SimulatedPlant

@@ -54,9 +54,9 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_planner.tracking.motion import wrapped

@@ -27,7 +27,7 @@ import numpy as np
 from tdm_planner.exceptions import TdmError
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.problems import PendulumLimits, PendulumStart, PendulumSwingUp
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan
 
 DEADLINE = 1.0  # s

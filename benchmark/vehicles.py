@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.problems.pendulum.task import VEHICLE
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, Replanner
 from tdm_planner.tracking import (
     PendulumTracker,

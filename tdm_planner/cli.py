@@ -28,8 +28,9 @@ from tdm_planner.exceptions import Infeasible, InvalidProblem, TdmError
 from tdm_planner.parameter_files import read_parameters
 from tdm_planner.plan_files import check_path, plan_document, save_plan
 from tdm_planner.plants.compilation import tell_of_compilation
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.starting import command, ignore_signals, Interrupted, interruptible, NO_ROS
 from tdm_sim.progress import make_progress
 

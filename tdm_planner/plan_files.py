@@ -21,7 +21,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
 

@@ -22,13 +22,13 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Final, NamedTuple, TYPE_CHECKING
 
+from tdm_planner.direct_method.formulation import Formulation
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 if TYPE_CHECKING:  # a simulated robot has no use for what problems need
-    from tdm_planner.problems.base import Problem
-    from tdm_planner.problems.direct_problem import DirectProblem
+    from tdm_planner.problems.problem import Problem
     from tdm_planner.trajectory import Interpolation, Trajectory
 
 WORLD_FRAME: Final = 'world'  # of the pendulum: the disk's centre, z up, psi about z from x
@@ -138,7 +138,7 @@ def named_kind(
     )
 
 
-def kind_of(problem: DirectProblem) -> PlantKind:
+def kind_of(problem: Formulation) -> PlantKind:
     """
     Return the plant of a stated problem: its `joints`, the other states and controls by name.
 
@@ -162,9 +162,7 @@ def kind_of(problem: DirectProblem) -> PlantKind:
 
 def plan_kind(problem: Problem, trajectory: Trajectory) -> PlantKind:
     """Return the plant that a problem's plan moves."""
-    from tdm_planner.problems.direct_problem import DirectProblem
-
-    if isinstance(problem, DirectProblem):
+    if isinstance(problem, Formulation):
         return kind_of(problem)
     names = trajectory.state_names, trajectory.control_names
     for kind in BUILT_IN.values():

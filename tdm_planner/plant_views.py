@@ -38,8 +38,8 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import kind_of, named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.drawing import COLOURS, Disc, LIMIT, points_of, Shape, SWITCH, way_of
 from tdm_planner.plant_views import PlantView, view_of
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import dense_times
 

@@ -22,9 +22,9 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems.base import Problem
-from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.problems.direct_statement import check_ends, check_statement, rates_of
+from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.direct.statement import check_ends, check_statement, rates_of
+from tdm_planner.problems.problem import Problem
 
 _NODES, _REPEATED = 25, 20
 

@@ -33,7 +33,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.plant_kind import QUANTITIES
 from tdm_planner.plant_views import view_of
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.resources import config_file

@@ -38,8 +38,8 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
-from tdm_planner.problems.direct_plant import DirectPlant
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_sim.mismatch import mismatched
 from tdm_sim.pendulum_plant import PendulumModel
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters

@@ -28,7 +28,7 @@ from typing import Any
 from hypothesis import strategies as st
 from tdm_planner.parameters import ParameterSpec, Range, specifications
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
 from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 import yaml

@@ -49,7 +49,7 @@ from tdm_planner.parameter_files import read_parameters
 from tdm_planner.parameters import build, flatten, shown, specifications
 from tdm_planner.plant_kind import BUILT_IN
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking import TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker
 from tdm_planner.tracking.robot_tracking import RobotTracker

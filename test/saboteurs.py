@@ -30,16 +30,14 @@ from replays import faults
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.plan_files import plan_document
-from tdm_planner.problems import (
-    direct_minima,
-    formation_search,
-    PendulumSwingUp,
-    RobotFormation,
-    swing_up_task,
-    switching_search,
-)
-from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems import PendulumSwingUp, RobotFormation
+from tdm_planner.problems.direct import minima as direct_minima
+from tdm_planner.problems.formation import search as formation_search
+from tdm_planner.problems.pendulum import switching_search
+from tdm_planner.problems.pendulum import task as swing_up_task
+from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import Verification
 

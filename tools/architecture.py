@@ -10,9 +10,9 @@
 """
 The architecture's figure, drawn from the imports: docs/images/architecture.svg.
 
-Rooms are groups of modules, listed from the top. A module that is loaded imports only from its own
-room and those below, or there is no figure. An arrow that others imply is left away. Imports for
-type checking alone count for nothing; those inside of functions may point up, and are listed.
+Rooms are groups of modules, listed from the top. A module imports only from its own room and those
+below, or there is no figure. An arrow that others imply is left away. Imports for type checking
+alone count for nothing, and those inside of functions make no arrow.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ ROOMS = {
     'tracking': ('estimator and feedback laws', 'tdm_planner.tracking'),
     'problems': ('what is solved, and how', 'tdm_planner.problems tdm_planner.plan_files'),
     'verification': ('replay and dense check', 'tdm_planner.verification'),
-    'direct_method': ('reference functions, minimisers', 'tdm_planner.direct_method'),
     'plants': (
         'equations of motion, shapes',
         'tdm_planner.plants tdm_planner.plant_kind tdm_planner.drawing',
     ),
+    'direct_method': ('reference functions, minimisers', 'tdm_planner.direct_method'),
     'foundation': ('trajectory, parameters, exceptions', 'tdm_planner'),
 }
 ORDER = {room: k for k, room in enumerate(ROOMS)}
@@ -92,20 +92,16 @@ def imports() -> dict[tuple[str, str], bool]:
     return edges
 
 
-def upward() -> str:
-    """Return the imports that point up, in Markdown; raises SystemExit for one on being loaded."""
-    lines = ''
-    for (module, other), loaded in imports().items():
+def check() -> None:
+    """Raise SystemExit if a module imports from a room above its own."""
+    for module, other in imports():
         if ORDER[room_of(other)] < ORDER[room_of(module)]:
-            if loaded:
-                raise SystemExit(f'{module} imports {other}, of a room above (tools/architecture)')
-            lines += f'- `{module}` from `{other}`\n'
-    return lines
+            raise SystemExit(f'{module} imports {other}, of a room above (tools/architecture)')
 
 
 def figure() -> str:
     """Return the figure as SVG; every room is in the row below the lowest that imports from it."""
-    upward()
+    check()
     below: dict[str, set[str]] = {room: set() for room in ROOMS}
     for (module, other), loaded in imports().items():
         below[room_of(module)] |= {room_of(other)} if loaded else set()

@@ -25,7 +25,7 @@ from typing import Any
 
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
+from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS
 from tdm_planner.views.foxglove import pendulum_foxglove, robots_foxglove
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 from tdm_planner.views.rviz import pendulum_rviz, robots_rviz

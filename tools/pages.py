@@ -30,7 +30,6 @@ from tdm_planner.nodes.planning import CODES
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan
-from tools.architecture import upward
 from tools.endpoints import endpoints, SET_UPS
 from tools.interface_texts import EXECUTABLES, JSON_KEYS, TOPICS
 from tools.node_tables import (
@@ -109,7 +108,6 @@ def fragment(name: str) -> str:
         'codes': lambda: ', '.join(f'`{code}`' for code in CODES) + '\n',
         'python': python_modules,
         'json-keys': all_json_keys,
-        'upward-imports': upward,
     }
     return made[name]()
 

@@ -21,7 +21,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS
+from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS
 from tools.endpoints import NodeSetUp, running, SET_UPS, used_by
 
 OPERATOR = '/operator'

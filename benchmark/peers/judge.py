@@ -20,13 +20,13 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.formation_task import FormationTask
-from tdm_planner.problems.formation_verification import (
+from tdm_planner.problems.formation.task import FormationTask
+from tdm_planner.problems.formation.verification import (
     gas_used,
     robot_constraints,
     separation_constraints,
 )
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import check, Constraint, replay, verify
 

@@ -26,8 +26,8 @@ from benchmark.pendulum import problem, REGIMES, start_state
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import TdmError
-from tdm_planner.problems.base import Solution
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.rotary_pendulum import accelerations
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols

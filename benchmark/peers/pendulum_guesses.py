@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import runge_kutta_step
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

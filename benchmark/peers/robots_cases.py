@@ -32,7 +32,7 @@ from benchmark.scenarios import crossing
 import numpy as np
 from tdm_planner.exceptions import TdmError
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 
 INTERVALS = 30, 4  # to the first arrival, between two arrivals
 DEADLINE = 20.0

@@ -28,7 +28,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import FloatingRobot
-from tdm_planner.problems.formation_task import FormationTask
+from tdm_planner.problems.formation.task import FormationTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
 Array = NDArray[np.float64]

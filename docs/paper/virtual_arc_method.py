@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
-from tdm_planner.plants.pendulum_shooting import ArcBatch
 from tdm_planner.problems import Solution
+from tdm_planner.problems.pendulum.shooting import ArcBatch
+from tdm_planner.problems.pendulum.switching_search import FINE_STEPS, shot, trajectory
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.problems.search import Search
-from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_search import FINE_STEPS, shot, trajectory
 from tdm_planner.trajectory import Trajectory
 from virtual_arc_program import VirtualArcProgram
 

@@ -37,7 +37,7 @@ from tdm_planner.direct_method.nonlinear_program import (
     NonlinearProgram,
     Point,
 )
-from tdm_planner.problems.swing_up_task import SwingUpTask
+from tdm_planner.problems.pendulum.task import SwingUpTask
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]

@@ -168,9 +168,16 @@ class Formulation(ABC):
     nodes. Every function is also called once with symbols, to trace it: `math.sqrt`, `float` or
     `if` on a value cannot be traced.
 
-    `reserve` keeps a share of limits for feedback, by the name of a margin or a control.
+    `reserve` keeps a share of limits for feedback, by the name of a margin or a control. A plan's
+    end may differ by `terminal_tolerance` (nx,) from the goal when replayed; by default by 1e-3 of
+    the largest range that a state of the same unit runs through. Without refinement limits are
+    kept at `nodes` (at least) along the arc, from `starts` first guesses.
     """
 
+    name: ClassVar[str]
+    nodes: ClassVar[int] = 41
+    starts: ClassVar[int] = 4
+    terminal_tolerance: ClassVar[tuple[float, ...] | None] = None
     reserve: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     state_names: ClassVar[tuple[str, ...]]
@@ -233,6 +240,18 @@ class Formulation(ABC):
     def end_conditions(self, t: Values, x: Components) -> Sequence[Values]:
         """Return what must vanish at the end beside the boundary conditions, of order one."""
         return ()
+
+    def feedback_weights(self) -> tuple[Any, Any] | None:
+        """
+        Return the weights Q (nx, nx) and R (nu, nu) of the tracker's LQR.
+
+        None, the default, counts deviations as shares of what a plan runs through.
+        """
+        return None
+
+    def joints(self) -> Mapping[str, tuple[str, str]]:
+        """Return joints by name: the states that are their position and velocity."""
+        return {}
 
 
 def components(values: Values) -> Values:

@@ -29,7 +29,8 @@ from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, Execution, Observation
 from tdm_planner.trajectory import Trajectory
 from trajectory_msgs.msg import JointTrajectory

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Failure
 from tdm_planner.plan_files import finite
 from tdm_planner.plant_kind import plan_kind, QUANTITIES
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.trajectory import Trajectory
 

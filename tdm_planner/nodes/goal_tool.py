@@ -23,7 +23,7 @@ from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.planned_plants import Values
 from tdm_planner.nodes.reading import check_frame, yaw_of
 from tdm_planner.plant_kind import ARENA_FRAME, ROBOT
-from tdm_planner.problems.formation_parameters import place_in_arena, place_in_formation
+from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from visualization_msgs.msg import Marker, MarkerArray
 
 NOTICE_TIME = 8.0  # s that the notice of a rejected goal stays visible

@@ -32,10 +32,10 @@ from tdm_planner.plant_kind import named_kind, PENDULUM, PlantKind, ROBOT
 from tdm_planner.plant_views import StatedView
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem
-from tdm_planner.problems.direct_problem import DirectProblem
-from tdm_planner.problems.formation_parameters import Arena, place_in_arena
-from tdm_planner.problems.swing_up_task import VEHICLE as SWING_UP
+from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.formation.parameters import Arena, place_in_arena
+from tdm_planner.problems.pendulum.task import VEHICLE as SWING_UP
+from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import (
     Execution,
     FormationExecution,

@@ -45,7 +45,7 @@ from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.services import create_deferred_service
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.problems.request import RequestParameters
 from tdm_planner.replanning import ActivePlan

@@ -26,7 +26,8 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock, NO_TIME
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan
 
 CODES = tuple(error.code for error in ERRORS)

@@ -22,7 +22,7 @@ from tdm_planner.nodes.clocks import MotionClock, pacing_clock
 from tdm_planner.nodes.lifecycle import ManagedNode
 from tdm_planner.nodes.plan_queue import PlanQueue
 from tdm_planner.parameters import build
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, Replanner, Review
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tdm_planner.parameter_files import ros_parameters
-from tdm_planner.problems.formation_parameters import DEFAULT_ROBOTS, formation_specifications
-from tdm_planner.problems.formation_size import resized
+from tdm_planner.problems.formation.parameters import DEFAULT_ROBOTS, formation_specifications
+from tdm_planner.problems.formation.size import resized
 
 _INITIAL = ('x', 'y', 'yaw', 'u', 'v', 'omega', 'alpha')  # start of a plan and of a plant alike
 

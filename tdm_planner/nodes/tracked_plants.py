@@ -24,7 +24,7 @@ from typing import Any, get_type_hints
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import shown
 from tdm_planner.plant_kind import kind_of, PENDULUM, PlantKind, ROBOT
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.tracking import TrajectoryTracker
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters

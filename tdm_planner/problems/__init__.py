@@ -21,17 +21,18 @@ from tdm_planner.starting import require_packages
 
 if TYPE_CHECKING:
     from tdm_planner.plants import PendulumLimits, RobotLimits
-    from tdm_planner.problems.base import Problem, Solution
-    from tdm_planner.problems.direct_problem import DirectProblem, DirectSolverParameters
-    from tdm_planner.problems.formation_parameters import RobotStart
-    from tdm_planner.problems.pendulum_swing_up import (
+    from tdm_planner.problems.direct.problem import DirectProblem, DirectSolverParameters
+    from tdm_planner.problems.formation.parameters import RobotStart
+    from tdm_planner.problems.formation.problem import RobotFormation
+    from tdm_planner.problems.pendulum.problem import (
         PendulumGoal,
         PendulumStart,
         PendulumSwingUp,
     )
+    from tdm_planner.problems.problem import Problem
     from tdm_planner.problems.request import SolverParameters
-    from tdm_planner.problems.robot_formation import RobotFormation
     from tdm_planner.problems.search import Search
+    from tdm_planner.problems.solution import Solution
 
 __all__ = [
     'DirectProblem',
@@ -51,13 +52,14 @@ __all__ = [
 
 _MODULES = {
     'tdm_planner.plants': ('PendulumLimits', 'RobotLimits'),
-    'tdm_planner.problems.base': ('Problem', 'Solution'),
-    'tdm_planner.problems.direct_problem': ('DirectProblem', 'DirectSolverParameters'),
-    'tdm_planner.problems.formation_parameters': ('RobotStart',),
-    'tdm_planner.problems.pendulum_swing_up': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
+    'tdm_planner.problems.problem': ('Problem',),
+    'tdm_planner.problems.direct.problem': ('DirectProblem', 'DirectSolverParameters'),
+    'tdm_planner.problems.formation.parameters': ('RobotStart',),
+    'tdm_planner.problems.pendulum.problem': ('PendulumGoal', 'PendulumStart', 'PendulumSwingUp'),
     'tdm_planner.problems.request': ('SolverParameters',),
-    'tdm_planner.problems.robot_formation': ('RobotFormation',),
+    'tdm_planner.problems.formation.problem': ('RobotFormation',),
     'tdm_planner.problems.search': ('Search',),
+    'tdm_planner.problems.solution': ('Solution',),
 }
 
 

@@ -29,15 +29,15 @@ import sys
 from types import MappingProxyType
 
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 
 GROUP = 'tdm_planner.problems'
 
 # Named here as well, so that they are found in a source tree that is not installed.
 BUILT_IN: Mapping[str, str] = MappingProxyType(
     {
-        'pendulum_swing_up': 'tdm_planner.problems.pendulum_swing_up:PendulumSwingUp',
-        'robot_formation': 'tdm_planner.problems.robot_formation:RobotFormation',
+        'pendulum_swing_up': 'tdm_planner.problems.pendulum.problem:PendulumSwingUp',
+        'robot_formation': 'tdm_planner.problems.formation.problem:RobotFormation',
     }
 )
 

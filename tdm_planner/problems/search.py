@@ -23,7 +23,7 @@ from typing import Generic, TypeVar
 
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.exceptions import Infeasible
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 
 C = TypeVar('C')
 

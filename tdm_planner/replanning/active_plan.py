@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import TimedTrajectory
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import math
 from typing import Final
 
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 
 LEAST_LEFT: Final = 0.25  # of the whole cost; with less to come a plan is kept if it will do
 

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.trajectory import Sample

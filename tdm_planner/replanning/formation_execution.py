@@ -26,10 +26,10 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.base import integrate
-from tdm_planner.problems.formation_parameters import RobotStart
-from tdm_planner.problems.formation_verification import gas_used
-from tdm_planner.problems.robot_formation import RobotFormation
-from tdm_planner.problems.warm_start import LATE, turning_time
+from tdm_planner.problems.formation.parameters import RobotStart
+from tdm_planner.problems.formation.problem import RobotFormation
+from tdm_planner.problems.formation.verification import gas_used
+from tdm_planner.problems.formation.warm_start import LATE, turning_time
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (

@@ -17,9 +17,9 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.base import Problem
-from tdm_planner.problems.direct_plant import DirectPlant
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import Execution, Observation, Predicted

@@ -23,8 +23,9 @@ import math
 import time
 
 from tdm_planner.exceptions import TdmError
-from tdm_planner.problems.base import Problem, Solution
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import decide, Outlook, worth_improving
 from tdm_planner.replanning.execution import Execution, Mode, Observation, Predicted

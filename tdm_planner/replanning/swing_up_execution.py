@@ -18,8 +18,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
-from tdm_planner.problems.pendulum_swing_up import PendulumStart, PendulumSwingUp
-from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
+from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.replanning.active_plan import ActivePlan
 from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (

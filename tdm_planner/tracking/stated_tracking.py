@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.problems.direct_plant import DirectPlant
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.tracking.estimator import EstimatorNoise, StateEstimator
 from tdm_planner.tracking.feedforward import PlanLaw
 from tdm_planner.tracking.linear_quadratic import discrete_regulator

@@ -24,8 +24,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem
-from tdm_planner.problems.formation_parameters import place_in_formation
+from tdm_planner.problems.formation.parameters import place_in_formation
+from tdm_planner.problems.problem import Problem
 from tdm_sim.live.geometry import about, axes_of, from_axes
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from tdm_planner.drawing import Shape
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_planner.trajectory import NANOSECOND, TimedTrajectory, Trajectory
 from tdm_sim.live.geometry import Colour, colour_of

@@ -18,7 +18,7 @@ from typing import Any, cast, get_args
 
 from tdm_planner.exceptions import TdmError
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem, problem_names
 from tdm_planner.trajectory import Interpolation
 from tdm_sim.report import untrusted

@@ -21,7 +21,7 @@ from pathlib import Path
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import load_plan, vehicles
 from tdm_planner.plant_views import view_of
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording

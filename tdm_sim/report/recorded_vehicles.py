@@ -25,7 +25,7 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import Joint, PlantKind, QUANTITIES
 from tdm_planner.plant_views import kind_by_names, PendulumView, PlantView, RobotView, view_of
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.trajectory import Interpolation, NANOSECOND, Trajectory
 from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import UnreadableRecording

@@ -26,8 +26,9 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import LARGEST, NON_NEGATIVE, parameter, POSITIVE, Range, Validated
 from tdm_planner.plant_views import PlantView, view_of
 from tdm_planner.problems import DirectProblem, PendulumSwingUp, RobotFormation
-from tdm_planner.problems.base import Problem, Solution
-from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
 from tdm_planner.tracking import (
     PendulumTracker,
     PendulumTrackerParameters,

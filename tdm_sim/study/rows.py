@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tdm_planner.exceptions import PlannerFault, TdmError
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_sim.study.axes import Point
 from tdm_sim.study.flights import ClosedLoop, measured
 

@@ -20,7 +20,7 @@ from typing import Any
 import pyarrow as pa
 from tdm_planner import __version__
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, checked, Chosen, parse_axis, Point, Points

@@ -31,7 +31,7 @@ from tdm_planner.nodes.planning import CODES
 from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.pendulum_swing_up import PendulumSwingUp
+from tdm_planner.problems.pendulum.problem import PendulumSwingUp
 from tdm_planner.verification import replay
 
 PLANNER = 'tdm_planner.nodes.planner'

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plan_files import check_path, load_plan, save_plan
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import Verification
 

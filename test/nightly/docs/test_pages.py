@@ -33,7 +33,7 @@ import pytest
 from ros_harness import MODULES, NodeProcess, Ros, SOURCE
 from tdm_planner import cli
 from tdm_planner.plan_files import load_plan
-from tdm_planner.problems.base import Problem
+from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.registry import problem_names
 from tools.node_tables import declared_arguments, parameters_by_node
 import yaml

@@ -23,7 +23,7 @@ from random_statements import random_statements
 import saboteurs
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem, TdmError
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.solution import Solution
 
 PENDULUM = SPECIFICATIONS['pendulum_swing_up']
 FACTOR = 35  # above 10,000 cases

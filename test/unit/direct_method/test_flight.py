@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from tdm_planner.direct_method import Budget, Duration, Formulation, Output
 from tdm_planner.direct_method.flight import Flown
-from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 from tdm_planner.verification import fly
 

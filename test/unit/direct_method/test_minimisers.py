@@ -26,7 +26,7 @@ from tdm_planner.direct_method.trust_region import (
     solve_quadratic_program,
     TrustRegionOptions,
 )
-from tdm_planner.problems.switching_quadratic import solve_compiled
+from tdm_planner.problems.pendulum.switching_quadratic import solve_compiled
 
 
 def solved(hessian, gradient, rows, least, lower, upper):

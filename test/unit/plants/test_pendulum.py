@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.plants import pendulum_shooting, PendulumInertia, RotaryPendulum
+from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.base import integrate
 from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
@@ -34,10 +34,11 @@ from tdm_planner.plants.pendulum_kernels import (
     sine_and_cosine,
 )
 from tdm_planner.plants.pendulum_lanes import LANES, roll_ends, roll_lanes
-from tdm_planner.plants.pendulum_pumping import NEAR, pump, Pumping
-from tdm_planner.plants.pendulum_shooting import ArcBatch, ARRIVED, shoot
-from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_seeds import laws
+from tdm_planner.problems.pendulum import shooting
+from tdm_planner.problems.pendulum.pumping import NEAR, pump, Pumping
+from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED, shoot
+from tdm_planner.problems.pendulum.switching_seeds import laws
+from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.tracking.motion import wrapped
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
 
@@ -240,10 +241,10 @@ def test_sine_and_cosine(angle):
 @pytest.mark.parametrize(('cores', 'threads'), [(1, 1), (2, 1), (3, 2), (16, 4)])
 def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, cores, threads):
     one, many = random_batch(170), random_batch(170)  # four chunks
-    monkeypatch.setattr(pendulum_shooting, '_cores', lambda: 1)
+    monkeypatch.setattr(shooting, '_cores', lambda: 1)
     count = shoot(PLANT, START, one, 2.0, 12, NEVER)
-    monkeypatch.setattr(pendulum_shooting, '_cores', lambda: cores)
-    shoot_arcs, used, all_started = pendulum_shooting.shoot_arcs, set(), threading.Barrier(threads)
+    monkeypatch.setattr(shooting, '_cores', lambda: cores)
+    shoot_arcs, used, all_started = shooting.shoot_arcs, set(), threading.Barrier(threads)
 
     def noted(*arguments):
         if threading.get_ident() not in used:
@@ -251,7 +252,7 @@ def test_one_core_is_left_and_the_number_of_cores_does_not_matter(monkeypatch, c
             all_started.wait(60.0)
         return shoot_arcs(*arguments)
 
-    monkeypatch.setattr(pendulum_shooting, 'shoot_arcs', noted)
+    monkeypatch.setattr(shooting, 'shoot_arcs', noted)
     assert shoot(PLANT, START, many, 2.0, 12, NEVER) == count
     assert len(used) == threads
     np.testing.assert_array_equal(one.durations, many.durations)

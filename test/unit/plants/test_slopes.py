@@ -31,7 +31,7 @@ def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_
     assert len(sources) > 15
     (installed / 'problems' / 'stale.py').write_text('@compiled\ndef stale(): ...\n')
     assert slopes._sources(installed) == sources
-    with (installed / 'problems' / 'polynomial_kernels.py').open('a') as kernel:
+    with (installed / 'problems/formation/polynomial_kernels.py').open('a') as kernel:
         kernel.write('# changed\n')
     assert slopes._sources(installed) != sources
 

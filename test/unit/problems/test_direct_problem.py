@@ -30,7 +30,7 @@ from tdm_planner.exceptions import (
 )
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import DirectProblem, DirectSolverParameters, SolverParameters
-from tdm_planner.problems.direct_plant import DirectPlant
+from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.verification import replay
 
 

@@ -26,8 +26,8 @@ from tdm_planner.exceptions import Infeasible
 from tdm_planner.parameters import parameter, Validated
 from tdm_planner.problem_check import check_problem
 from tdm_planner.problems import DirectProblem, Solution
-from tdm_planner.problems.direct_plant import DirectPlant
-from tdm_planner.problems.refinement import Refinement
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.refinement import Refinement
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay, Verification
 

@@ -22,10 +22,11 @@ import pytest
 from replays import faults
 from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem, VerificationFailed
 from tdm_planner.plan_files import plan_document
-from tdm_planner.problems import formation_verification, RobotFormation, RobotStart, Solution
-from tdm_planner.problems.formation_size import resized
-from tdm_planner.problems.formation_task import least_time
-from tdm_planner.problems.formation_verification import assessed
+from tdm_planner.problems import RobotFormation, RobotStart, Solution
+from tdm_planner.problems.formation import verification
+from tdm_planner.problems.formation.size import resized
+from tdm_planner.problems.formation.task import least_time
+from tdm_planner.problems.formation.verification import assessed
 from tdm_planner.verification import check
 
 PATIENT = {'solver.deadline': 60.0, 'method': 'polynomials'}
@@ -147,7 +148,7 @@ def test_the_tolerance_is_what_the_minimiser_is_content_with():
 
 def test_a_penalty_above_the_tolerance_is_no_plan(default, monkeypatch):
     problem, motions = formation(), default.trajectories
-    monkeypatch.setattr(formation_verification, 'penalty', lambda *values: 2e-7)
+    monkeypatch.setattr(verification, 'penalty', lambda *values: 2e-7)
     assert problem.recognised(motions).penalty == 2e-7
     stricter = replace(problem, solver=replace(problem.solver, tolerance=1e-7))
     with pytest.raises(VerificationFailed, match=r'^the penalty 2e-07 is above solver\.tolerance'):
@@ -302,13 +303,13 @@ def test_penalty_is_equation_29_mended():
         for other in range(i):
             apart = place - states[:, other, :2]
             delta += k[3] * square(np.hypot(*apart.T) - task.separation)
-        constraints = formation_verification.robot_constraints(task)
+        constraints = verification.robot_constraints(task)
         worst.append(check(constraints, times, states[:, i], controls[:, i])[0])
     whole = states.reshape(500, -1), controls.reshape(500, -1)
-    separations = formation_verification.separation_constraints(task)
+    separations = verification.separation_constraints(task)
     pairs = check(separations, times, *whole)[0]
     assert delta > 0.1
-    assert formation_verification.penalty(task, worst, pairs, k) == pytest.approx(delta)
+    assert verification.penalty(task, worst, pairs, k) == pytest.approx(delta)
 
 
 def test_added_robots_get_names_that_are_free():

@@ -24,9 +24,9 @@ from tdm_planner.direct_method.virtual_arc import (
     time_derivatives,
 )
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.reference_motion import MotionForm, ReferenceMotion
-from tdm_planner.problems.thrust_direction import ThrustDirection
-from tdm_planner.problems.warm_start import kept_motions, LATE, turning_time
+from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
+from tdm_planner.problems.formation.thrust_direction import ThrustDirection
+from tdm_planner.problems.formation.warm_start import kept_motions, LATE, turning_time
 from tdm_planner.replanning import ActivePlan, FormationExecution, Mode, Observation
 
 TASK = RobotFormation().task

@@ -24,10 +24,10 @@ from tdm_planner.direct_method.virtual_arc import (
     time_derivatives,
 )
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_approaches import CLOSENESS, scaled, TIME
-from tdm_planner.problems.polynomial_program import PolynomialProgram
-from tdm_planner.problems.polynomial_search import guesses
-from tdm_planner.problems.reference_motion import MotionForm, ReferenceMotion
+from tdm_planner.problems.formation.approaches import CLOSENESS, scaled, TIME
+from tdm_planner.problems.formation.polynomial_program import PolynomialProgram
+from tdm_planner.problems.formation.polynomial_search import guesses
+from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
 
 FORMS = {
     'default': MotionForm(7, 5, 0, True),

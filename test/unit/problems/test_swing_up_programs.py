@@ -22,17 +22,17 @@ from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.plants import RotaryPendulum
 from tdm_planner.plants.pendulum_kernels import roll_states
-from tdm_planner.plants.pendulum_shooting import ARRIVED, shoot
-from tdm_planner.problems.swing_up_task import SwingUpTask
-from tdm_planner.problems.switching_minimiser import minimise
-from tdm_planner.problems.switching_motion import (
+from tdm_planner.problems.pendulum.shooting import ARRIVED, shoot
+from tdm_planner.problems.pendulum.switching_minimiser import minimise
+from tdm_planner.problems.pendulum.switching_motion import (
     arc_program,
     ArcProgram,
     curvature,
     evaluate_arcs,
     SMALLEST_CURVATURE,
 )
-from tdm_planner.problems.switching_seeds import starts
+from tdm_planner.problems.pendulum.switching_seeds import starts
+from tdm_planner.problems.pendulum.task import SwingUpTask
 
 PLANT = RotaryPendulum()
 

@@ -15,11 +15,11 @@ from benchmark.scenarios import crossing
 import numpy as np
 import pytest
 from tdm_planner.problems import RobotFormation
-from tdm_planner.problems.formation_parameters import RobotStart
-from tdm_planner.problems.thrust_arcs_kernels import attitude, place, turning
-from tdm_planner.problems.thrust_arcs_motion import arc_trajectory, cleaned, remaining
-from tdm_planner.problems.thrust_arcs_program import ArcProgram
-from tdm_planner.problems.thrust_arcs_seeds import ArcSeeds
+from tdm_planner.problems.formation.parameters import RobotStart
+from tdm_planner.problems.formation.thrust_arcs_kernels import attitude, place, turning
+from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
+from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
+from tdm_planner.problems.formation.thrust_arcs_seeds import ArcSeeds
 
 MOVING = {
     'robot1.start.u': 0.02,

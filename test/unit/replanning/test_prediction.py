@@ -32,9 +32,9 @@ import numpy as np
 import pytest
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import build
-from tdm_planner.problems.pendulum_swing_up import PendulumStart
-from tdm_planner.problems.swing_up_task import VEHICLE
-from tdm_planner.problems.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.problem import PendulumStart
+from tdm_planner.problems.pendulum.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.replanning import (
     ActivePlan,
     FormationExecution,

@@ -31,8 +31,8 @@ from closed_loop import (
 import numpy as np
 import pytest
 from tdm_planner.problems import PendulumSwingUp
+from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.problems.swing_up_task import VEHICLE
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_sim.disturbances import pendulum_push

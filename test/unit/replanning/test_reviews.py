@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from tdm_planner.problems import PendulumSwingUp
-from tdm_planner.problems.base import Solution
+from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
-from tdm_planner.problems.swing_up_task import VEHICLE
+from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import (
     ActivePlan,
     FormationExecution,

@@ -33,7 +33,7 @@ import plotly.graph_objects as go
 import pytest
 from recordings import SECOND
 from tdm_planner.drawing import Box, Line, points_of, way_of
-from tdm_planner.problems.direct_problem import DirectProblem
+from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_sim.report.animation import (
     frame_times,
     measured_frames,

@@ -1,0 +1,192 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""The direct method's part of the search: first guesses, random changes of them, and minima."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.trust_region import minimise, Minimum, TrustRegionOptions
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
+from tdm_planner.exceptions import NotFinite
+from tdm_planner.problems.direct.statement import check_costs, check_dynamics
+
+Array = NDArray[np.float64]
+
+_GUESS_NODES = 25
+_PARTS = 1, 4  # times as many nodes, where states that are integrated leave the range of numbers
+_TIGHT = TrustRegionOptions(
+    penalties=(5.0, 5.0),
+    largest_penalty=1e4,
+    radius=0.5,
+    iterations=150,
+    cost_tolerance=1e-7,
+    corrections=2,
+)
+_LOOSE = _TIGHT._replace(
+    iterations=8, cost_tolerance=1e-2, feasibility=(1e-3, 1e-3), corrections=1
+)
+_CHANGE = 0.15, 0.5  # of the initial guess, in its units: without and with conditions at the ends
+_CHANGES = 10  # of an initial guess that is not finite everywhere
+_FEASIBLE = 1e-6  # violation at which the tight minimiser is content,
+_PROMISING = 1e-5  # and up to which the check may pass
+_SCREENED = 64  # random first guesses of which the one nearest to the end conditions is kept
+
+
+class DirectMinima:
+    """
+    Minima of the direct method for one problem; `budget` counts what they took.
+
+    `program` is that on the nodes at which limits are kept; `rough` that of a first look, on
+    `parts` times as many nodes as usual.
+
+    Raises
+    ------
+    NotFinite
+        If the initial guess and its changes give numbers that are not finite.
+    InvalidProblem
+        If what is stated contradicts itself along them.
+
+    """
+
+    def __init__(
+        self,
+        problem: Formulation,
+        tolerance: float,
+        trace: Trace,
+        budget: Budget,
+        rng: np.random.Generator,
+    ) -> None:
+        self._tolerance = tolerance
+        self._problem, self._stated = problem, CheckedFormulation(problem)
+        self._trace, self._budget, self._rng = trace, budget, rng
+        self.parts, self.rough, changed = self._begun()
+        steering = self.rough.has_end_conditions
+        self._loose = _LOOSE._replace(steering=steering)
+        feasibility = (tolerance, _FEASIBLE)
+        self._tight = _TIGHT._replace(steering=steering, feasibility=feasibility)
+        check_dynamics(self.rough, changed)
+        check_costs(trace, self.rough.motion(changed), trace.values(problem))
+
+    def on(self, nodes: Array) -> Transcription:
+        """Return the program on other nodes; its cost is not scaled."""
+        return Transcription(self._problem, nodes, trace=self._trace)
+
+    @cached_property
+    def program(self) -> Transcription:
+        """Return the program on the nodes of the direct method's own plans."""
+        outputs = self._stated.outputs().values()
+        free = max(o.free if o.shapes is None else o.shapes.size for o in outputs)
+        count = self.parts * max(self._problem.nodes, 3 * free + 15)
+        return self.rough.refine(chebyshev_nodes(count), {})
+
+    def _begun(self) -> tuple[int, Transcription, Array]:
+        """
+        Return the rough program and a change of the initial guess to check it along.
+
+        Its cost is scaled at the initial guess, or at a change of it that is finite everywhere.
+        """
+        refusals = []
+        for parts in _PARTS:
+            program = self.on(chebyshev_nodes(parts * _GUESS_NODES))
+            for size in (0.0, *np.linspace(0.1, 1.0, _CHANGES)):
+                xi = self._change(program, float(size)) if size else program.first_guess
+                try:
+                    program.begin(xi)
+                    return parts, program, xi if size else self._change(program, 0.5)
+                except NotFinite as error:
+                    refusals.append(error)
+            if not program.integrated:
+                break
+        raise refusals[0]
+
+    def loose(self, attempt: int) -> Minimum | None:
+        """Minimise roughly from the initial guess or, from `attempt` 1 on, a change of it."""
+        program = self.rough
+        xi = program.first_guess
+        if attempt:
+            size = _CHANGE[program.has_end_conditions] * attempt
+            xi = self._change(program, min(size, 1.0))
+        return self._minimise(program, xi, self._budget, self._loose)
+
+    def tight(self, program: Transcription, xi: Array, budget: Budget) -> Minimum | None:
+        """Minimise to the end; None where nothing can be computed."""
+        return self._minimise(program, xi, budget, self._tight)
+
+    def _minimise(
+        self, program: Transcription, xi: Array, budget: Budget, options: TrustRegionOptions
+    ) -> Minimum | None:
+        before = program.evaluations
+        point = program.evaluate(xi)
+        if not np.isfinite(point.cost):
+            return None
+        if not program.size:  # the boundary conditions leave nothing to vary
+            return Minimum(point, 0, converged=True, multipliers=None)
+        with np.errstate(all='ignore'):
+            minimum = minimise(program, xi, options, budget)
+        self._budget.evaluations += program.evaluations - before
+        return minimum
+
+    def feasible(self, minimum: Minimum) -> bool:
+        """Whether the check of a minimum may pass."""
+        ends, margins = minimum.point.violations
+        tolerance = max(self._tolerance, _PROMISING)
+        return bool(ends <= tolerance and margins <= _PROMISING)
+
+    def violated(self, program: Transcription, minimum: Minimum) -> str:
+        """Return what a minimum of a program violates most, reserves counted, and by how much."""
+        ends, margins = minimum.point.violations
+        if ends > margins:
+            return f'the conditions at the end by {ends:.2g}'
+        motion = program.motion(minimum.point.xi)
+        margins = self._stated.margins(motion.times, motion.states, motion.controls)
+        kept = dict(zip(margins, program.kept.T, strict=True))
+        least = {name: float(np.min(value - kept[name])) for name, value in margins.items()}
+        name = min(least, key=lambda key: least[key])
+        return f'{name} by {-least[name]:.2g}'
+
+    def seeds(self, earlier: Array | None, plain: bool) -> Iterator[Array]:
+        """
+        Yield an `earlier` solution, the initial guess if still untried, changes of it.
+
+        With an earlier solution no changes are tried: replanning is to be quick.
+        """
+        program, first = self.program, self.program.first_guess
+        if plain and earlier is not None and earlier.shape == first.shape:
+            yield from (earlier, first)
+            return
+        if plain:
+            yield first
+        for attempt in range(1, self._problem.starts):
+            if program.has_end_conditions:
+                sizes = np.exp(self._rng.uniform(np.log(0.1), np.log(1.5), _SCREENED))
+                guesses = self._changed(program, sizes)
+                yield min(guesses, key=lambda xi: float(program.evaluate(xi).violations[0]))
+            else:
+                yield self._change(program, min(0.15 * attempt, 1.0))
+
+    def _change(self, program: Transcription, size: float) -> Array:
+        return np.asarray(self._changed(program, np.array([size]))[0])
+
+    def _changed(self, program: Transcription, sizes: Array) -> Array:
+        """Random changes of the initial guess, about `sizes` (count,) in its units, (count, n)."""
+        first, timing = program.first_guess, program.basis.timing
+        longer = np.exp(0.4 * self._rng.normal(size=(sizes.size, 1)) + 0.2)
+        change = self._rng.normal(size=(sizes.size, first.size))
+        change *= 3.0 * sizes[:, None] / np.sqrt(first.size)
+        return np.hstack([first[:timing] * longer, first[timing:] + change[:, timing:]])

@@ -1,0 +1,155 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+A problem that only states itself; search, verification and trajectory are the library's.
+
+    @dataclass(frozen=True)
+    class MyProblem(DirectProblem):
+        name: ClassVar[str] = 'my_problem'
+        state_names, state_units = ('x', 'v'), ('m', 'm/s')
+        control_names, control_units = ('force',), ('N',)
+
+        start: MyStart = group(MyStart)
+
+        def outputs(self): ...       # reference functions with their boundary conditions
+        def duration(self): ...      # varied or fixed, speed factor
+        def invert(self, y, z): ...  # states and controls from the outputs' derivatives
+        def derivative(self, x, u): ...  # the plant, for the verification and for integration
+        def margins(self, t, x, u): ...  # limits
+        def control_limits(self): ...  # those of the controls, by name
+        def final_cost(self, t, x): ...  # performance index
+
+See `tdm_planner.direct_method.formulation.Formulation` for each of them, and docs/plants for
+worked examples. Registered under the entry-point group `tdm_planner.problems`, such a problem is
+planned for by ``tdm plan`` and by the planner node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import re
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.arc_basis import ArcLayout, NodeGraphs
+from tdm_planner.direct_method.checked_formulation import CheckedFormulation
+from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.drawing import Shape
+from tdm_planner.parameters import group, parameter, POSITIVE
+from tdm_planner.problems.direct.refinement import prepare_refinement
+from tdm_planner.problems.direct.search import DirectSearch
+from tdm_planner.problems.direct.statement import check_statement, limits_of
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.request import SolverParameters
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+
+_AT_BOUND = 1e-4  # share by which a duration at a bound may differ from it
+
+
+@dataclass(frozen=True)
+class DirectSolverParameters(SolverParameters):
+    """How long and how hard to search; the search ends when a few first guesses are refined."""
+
+    deadline: float = parameter(
+        3.0,
+        'time allowed for a plan; the best verified one is returned',
+        unit='s',
+        allowed=POSITIVE,
+    )
+    refine: bool = parameter(
+        True, "refine plans by collocation; false: the direct method's own plan"
+    )
+
+
+class DirectProblem(Formulation, Problem):
+    """
+    An optimal control problem stated by a `Formulation`; see this module's docstring.
+
+    The last field is `solver`, a group of `DirectSolverParameters`, unless a class has its own.
+    """
+
+    name: ClassVar[str] = 'direct_problem'
+
+    def drawing(self, x: Sequence[Any]) -> Sequence[Shape]:
+        """
+        Return what the plant looks like in states `x`, by default nothing.
+
+        `x[i]` is the i-th state, a number or an array over instants; the shapes, in the plane or
+        in space, are those of `tdm_planner.drawing`.
+        """
+        return ()
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """Name a class that has no name, and give one without solver's parameters the usual."""
+        super().__init_subclass__(**arguments)
+        if cls.name == DirectProblem.name:
+            cls.name = re.sub(r'(?<!^)(?=[A-Z])', '_', cls.__name__).lower()
+        if 'solver' not in {**getattr(cls, '__dataclass_fields__', {}), **cls.__annotations__}:
+            cls.__annotations__['solver'] = DirectSolverParameters
+            cls.solver = group(DirectSolverParameters)  # a field, once it is a dataclass
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> DirectSearch:
+        """Return the search; the rest of an earlier plan is its initial guess."""
+        check_statement(self)
+        tolerance = self.solver.tolerance
+        return DirectSearch(self, tolerance, self._refined, budget, rng, previous)
+
+    @property
+    def _refined(self) -> bool:
+        """Whether plans are refined by collocation."""
+        return bool(getattr(self.solver, 'refine', True))
+
+    def prepare(self) -> None:
+        """Trace the statement and make the programs, so that the first plan does not wait."""
+        stated = CheckedFormulation(self)
+        trace = Trace.of(stated)
+        NodeGraphs.of(trace, ArcLayout.of(stated.outputs(), stated.duration()), stated)
+        if self._refined:
+            prepare_refinement(trace)
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits that `margins` and `control_limits` state."""
+        return limits_of(CheckedFormulation(self), trajectory)
+
+    def cost_to_go(self, solution: Solution, elapsed: float) -> float:
+        """Return J of what is left of a plan `elapsed` s after its start."""
+        whole = solution.trajectory
+        if elapsed >= whole.duration:
+            return 0.0
+        rest, stated = whole.after(max(elapsed, 0.0)), CheckedFormulation(self)
+        rest, trace = rest.with_rates(stated.derivative), Trace.of(stated)
+        ends = np.stack([rest.times[:-1], rest.times[1:]], axis=1)
+        middle = rest.sample(ends.mean(axis=1))
+        times = np.insert(ends, 1, ends.mean(axis=1), axis=1)
+        last = rest.controls[:-1] if rest.interpolation == 'zero_order_hold' else rest.controls[1:]
+        states = np.stack([rest.states[:-1], middle.state, rest.states[1:]], axis=1)
+        controls = np.stack([rest.controls[:-1], middle.control, last], axis=1)
+        return trace.cost_along(trace.values(self), times, states, controls)
+
+    def describe(self, plan: Solution) -> str:
+        """Return the summary of a plan, one sentence; it says where the duration is at a bound."""
+        allowed, note = self.duration(), ''
+        shortest, longest = allowed.bounds
+        if not allowed.fixed:
+            if plan.duration <= shortest * (1.0 + _AT_BOUND):
+                note = f', duration at its shortest allowed value, {shortest:g} s'
+            elif plan.duration >= longest * (1.0 - _AT_BOUND):
+                note = f', duration at its longest allowed value, {longest:g} s'
+        return super().describe(plan) + note

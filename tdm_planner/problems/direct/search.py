@@ -1,0 +1,397 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+The search for a plan of any stated problem: direct method, collocation, replay, verification.
+
+A loose minimum of the direct method is the initial guess of a collocation on few intervals; lines
+bent to either side are others. The first such solution is solved again on more, then the cheapest
+of the others if it is cheaper. It is replayed and repaired: by a shifted end, a reserve at a limit
+that the replay violates, or more intervals. Where nothing comes of that the direct method's own
+motion, minimised to the end, is the plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import check_finite, CheckedFormulation
+from tdm_planner.direct_method.collocation import COLD, Motion, WARM
+from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.direct_method.trust_region import Minimum
+from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, NotFinite, VerificationFailed
+from tdm_planner.problems.direct.minima import DirectMinima
+from tdm_planner.problems.direct.plant import DirectPlant
+from tdm_planner.problems.direct.refinement import COARSE, FINE, Refinement
+from tdm_planner.problems.direct.statement import (
+    check_ends,
+    check_limits,
+    constraints_of,
+    MARGIN_TOLERANCE,
+)
+from tdm_planner.problems.search import Search
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Interpolation, to_nanoseconds, Trajectory
+from tdm_planner.verification import verify
+
+Array = NDArray[np.float64]
+
+_MOST, _TRIED = 40, 8  # first guesses: while none is solved, and else; fewer where the best
+_AGREED, _ALIKE, _ENOUGH = 2, 1e-2, 4  # was found so often, within a share; or so many solved
+_KINDS, _SIDES = 2, 5  # first guesses before that counts: without and with obstacles
+_PLAIN, _BENDS = 4, (0.1, 0.25)  # attempt with boundary conditions alone; of lines in state space
+_STARTS_SHARE = 0.55  # of the time allowed, after which one solution is enough
+_SETTLED = 1e-2  # share by which twice the intervals may change J, of which a third is left
+_HURRY = 8.0  # times what the first solution took: with less time left it is checked at once
+
+_ROUNDS = 4  # of refinement of one candidate
+_WORTHWHILE = 1e-5  # gain in scaled cost for which another candidate is checked
+_CHECK_SHARE, _CHECK_TIME = 0.15, 0.1  # of the time allowed, and [s], kept for the check
+_LEAST_CHECK = 0.04  # s that a check may take past the deadline
+_GUESS_ROUNDS = 4  # of first guesses while none leads to a feasible motion
+_SEARCH_SHARE = 0.6  # of the time allowed, for candidates beside the first
+
+Candidate = Motion | Minimum
+
+
+class DirectSearch(Search[Candidate]):
+    """
+    Search for the cheapest verified plan of a stated problem; `previous` is a warm start.
+
+    `tolerance` is eps of (10); where `refined`, candidates are solved again by collocation.
+    """
+
+    def __init__(
+        self,
+        problem: Formulation,
+        tolerance: float,
+        refined: bool,
+        budget: Budget,
+        rng: np.random.Generator,
+        previous: Solution | None = None,
+    ) -> None:
+        super().__init__(budget)
+        self._problem, self._tolerance, self._refined_too = problem, tolerance, refined
+        self._stated = CheckedFormulation(problem)
+        self._rng, self._seed = rng, int(rng.integers(2**32))
+        self._previous = previous
+        trace = self._trace = Trace.of(self._stated)
+        self._plant = DirectPlant(problem, trace)
+        self._refinement = Refinement(self._stated, trace, problem.terminal_tolerance, budget)
+        check_limits(trace)
+        check_ends(self._stated, self._refinement.ends)
+        self._rounds = 0
+        self._found = self._warm = self._as_it_is = False
+        self._coarse_error = 0.0  # of J on few intervals, as far as that is known
+        self._closest = np.inf
+        self._nearest_miss = ''
+
+    def candidates(self) -> Iterator[Candidate]:
+        """
+        Yield refined motions, the cheapest first; the direct method's own if there are none.
+
+        Raises
+        ------
+        InvalidProblem
+            If what the problem states does not fit together, or gives numbers that are not finite.
+
+        """
+        if self._rounds == 0 and self._refines:
+            yield from self._refined()
+        if not self._found:
+            yield from self._direct()
+
+    def promises_more(self, candidate: Candidate, than: Candidate) -> bool:
+        """Whether its cost, before refinement, is lower by more than rounding."""
+        costs = [
+            c.cost if isinstance(c, Motion) else c.point.cost * self._minima.program.cost_scale
+            for c in (candidate, than)
+        ]
+        return costs[0] < costs[1] - _WORTHWHILE * abs(costs[1])
+
+    def satisfied_with(self, plan: Solution) -> bool:
+        """Whether it came of a warm start: others are not tried."""
+        return self._warm
+
+    def widen(self) -> bool:
+        """Go on with other first guesses, a few rounds, while none leads to a feasible motion."""
+        rounds = 1 if self._refines else _GUESS_ROUNDS
+        return not (self._found or self._late) and self._rounds < rounds
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        kind: type[Infeasible] = Infeasible
+        if self.rejected:
+            kind = VerificationFailed
+            reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
+        elif self._nearest_miss:
+            reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
+        elif self._late:
+            reason = 'no initial guess could be followed'
+        else:
+            reason = 'no initial guess gives a motion that is finite everywhere'
+        if self._late:
+            return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
+        return kind(reason)
+
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
+        """Yield the plan; after a failed check, better refined."""
+        if isinstance(candidate, Motion):
+            yield from self._collocated(candidate)
+        else:
+            yield from self._minimised(candidate)
+
+    # Collocation.
+
+    def _refined(self) -> Iterator[Motion]:
+        """Yield solutions on few intervals: of a warm start, else of a few first guesses."""
+        if self._previous is not None:
+            motion = self._refinement.warm(self._previous.trajectory)
+            if motion is not None:
+                self._warm = True
+                yield motion
+                self._warm = False
+        solved: list[Motion] = []
+        hurried = False
+        until = self.budget.part(self._latest - self.budget.elapsed)
+        for tried, guess in enumerate(self._guesses(), 1):
+            if until.spent:
+                break
+            motion = self._refinement.solve(COARSE, guess, COLD, until)
+            if motion is None:
+                continue
+            solved.append(motion)
+            self._found = True
+            if len(solved) == 1:  # a plan to fall back on, and mostly the plan
+                hurried = _HURRY * self.budget.elapsed > self.budget.remaining
+                self._as_it_is = hurried
+                yield motion
+                self._as_it_is = False
+            best = min(found.cost for found in solved)
+            alike = _ALIKE * abs(best) + self._coarse_error
+            again = sum(found.cost <= best + alike for found in solved)
+            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
+            agreed = again >= _AGREED and tried >= (_SIDES if self._trace.obstacles else _KINDS)
+            if agreed or len(solved) >= _ENOUGH or late:
+                break
+        yield from sorted(solved[1:], key=lambda found: found.cost)
+        if hurried:  # there was time after all
+            self._as_it_is = True
+            yield self._settled(solved[0])
+            self._as_it_is = False
+
+    def _guesses(self) -> Iterator[Motion]:
+        """Yield first guesses on the coarse intervals, mostly minima of the direct method."""
+        try:
+            minima: DirectMinima | None = self._minima
+        except NotFinite:  # as an unstable plant is that is integrated under a rough control
+            if not self._refinement.ends.regular:
+                raise
+            minima = None
+        lines = itertools.count()
+        for attempt in range(_MOST):
+            late = self.budget.elapsed > _STARTS_SHARE * self.budget.seconds
+            if attempt >= _TRIED and (self._found or late):
+                break
+            if attempt % 2 or minima is None:  # to either side of what may be in the way
+                pair, side = divmod(next(lines) if attempt else 0, 2)
+                bend = (-1.0) ** side * _BENDS[pair % 2] if attempt else 0.0
+                rng = np.random.default_rng([self._seed, pair])
+                yield self._refinement.straight(COARSE, bend, rng)
+            elif attempt == _PLAIN:
+                yield from self._finite(minima.rough.first_guess)
+            elif (minimum := minima.loose(attempt)) is not None:
+                self._keep_nearest(minima.rough, minimum)
+                yield from self._finite(minimum.point.xi)
+
+    def _finite(self, xi: Array) -> Iterator[Motion]:
+        """Yield the direct method's motion on the coarse intervals if it is finite everywhere."""
+        motion, parts = self._halves.motion(xi), self._minima.parts
+        times = motion.times[::parts]
+        even = np.linspace(0.0, times[-1], times.size)
+        states, controls = (
+            np.stack([np.interp(even, times, column) for column in values[::parts].T], axis=-1)
+            for values in (motion.states, motion.controls)
+        )
+        found = Motion(states[::2], states[1::2], controls[::2], float(even[-1]))
+        if found.finite:
+            yield found
+
+    def _collocated(self, coarse: Motion) -> Iterator[Solution]:
+        """Yield the plan of a solution on more intervals, repaired as its replay asks."""
+        motion = coarse if self._warm or self._as_it_is else self._settled(coarse)
+        for found, states in self._refinement.refined(motion):
+            times = np.linspace(0.0, found.duration, found.intervals + 1)
+            parameters = np.concatenate([[found.duration], found.controls.ravel()])
+            plan = self._planned(times, states, found.controls, 'linear', found.cost, parameters)
+            if plan is None:
+                return
+            yield plan
+
+    def _settled(self, motion: Motion) -> Motion:
+        """Solve on more intervals, as many as J asks for."""
+        intervals, coarse = FINE, motion.cost
+        while self._refinement.affords(intervals):
+            finer = self._refinement.finer(motion, intervals)
+            if finer is None:
+                break
+            gain = abs(motion.cost - finer.cost)
+            motion, intervals = finer, 2 * intervals
+            if gain <= _SETTLED * abs(motion.cost):
+                break
+        self._coarse_error = abs(coarse - motion.cost)
+        return motion
+
+    # The direct method by itself.
+
+    def _direct(self) -> Iterator[Candidate]:
+        """Minimise from a round of first guesses while there is time."""
+        minima, found = self._minima, False
+        self._rounds += 1
+        until = self.budget.part(self._latest - self.budget.elapsed)
+        earlier = None if self._previous is None else self._previous.parameters
+        for xi in minima.seeds(earlier, self._rounds == 1):
+            late = self.budget.elapsed > _SEARCH_SHARE * self.budget.seconds
+            if until.spent or (found and late):
+                break
+            minimum = minima.tight(minima.program, xi, until)
+            if minimum is None:
+                continue
+            if minima.feasible(minimum):
+                found = self._found = True
+                yield minimum
+                motion = self._from_minimum(minimum) if self._refines else None
+                if motion is not None:
+                    yield motion
+            else:
+                self._keep_nearest(minima.program, minimum)
+
+    def _keep_nearest(self, program: Transcription, minimum: Minimum) -> None:
+        """Remember what the minimum violates that is nearest to a feasible motion."""
+        if not self._minima.feasible(minimum) and minimum.point.violation < self._closest:
+            self._closest = minimum.point.violation
+            self._nearest_miss = self._minima.violated(program, minimum)
+
+    def _from_minimum(self, minimum: Minimum) -> Motion | None:
+        """Solve the collocation from a minimum of the direct method; None if that fails."""
+        for guess in self._finite(minimum.point.xi):
+            return self._refinement.solve(COARSE, guess, WARM)
+        return None
+
+    @cached_property
+    def _minima(self) -> DirectMinima:
+        return DirectMinima(self._problem, self._tolerance, self._trace, self.budget, self._rng)
+
+    @property
+    def _refines(self) -> bool:
+        """Whether plans are refined: not where collocation would lose a boundary condition."""
+        return self._refined_too and self._refinement.ends.complete
+
+    @cached_property
+    def _halves(self) -> Transcription:
+        """Return the program on the ends and middles of the coarse intervals."""
+        return self._minima.on(np.linspace(0.0, 1.0, 2 * COARSE * self._minima.parts + 1))
+
+    @property
+    def _latest(self) -> float:
+        """When minimising before any check has to end [s]: a check takes its time, too."""
+        seconds = self.budget.seconds
+        return seconds - max(_CHECK_SHARE * seconds, min(_CHECK_TIME, 0.5 * seconds))
+
+    @property
+    def _late(self) -> bool:
+        return self.budget.elapsed > self._latest
+
+    def _minimised(self, candidate: Minimum) -> Iterator[Solution]:
+        """Yield the plan; after a failed check with more nodes, or farther off the limits."""
+        minima, minimum = self._minima, candidate
+        program, nodes = minima.program, minima.program.nodes.size
+        reserve: dict[str, float] = {}
+        samples = max(201, 4 * nodes + 1)
+        for refinement in range(_ROUNDS):
+            plan = self._plan(program, minimum, samples)
+            if plan is None:
+                return
+            yield plan
+            check, xi = plan.verification, plan.parameters
+            samples *= 2
+            violated = {k: -v for k, v in check.worst.items() if v < -MARGIN_TOLERANCE}
+            if not violated and not program.integrated:
+                continue  # more samples are all that is wanted
+            # What twice the nodes leave of a quadratic error, and a little.
+            share = 0.3 if refinement < 2 else 1.1
+            for name, excess in violated.items():
+                reserve[name] = reserve.get(name, 0.0) + share * excess
+            nodes = 2 * nodes if refinement < 2 else nodes
+            program = program.refine(chebyshev_nodes(nodes), reserve)
+            again = None if self.budget.spent else minima.tight(program, xi, self.budget)
+            if again is None or not minima.feasible(again):
+                if self.budget.spent:
+                    self.rejected += '; it was not refined further: the time was up'
+                return
+            minimum = again
+
+    def _plan(self, program: Transcription, minimum: Minimum, samples: int) -> Solution | None:
+        """Return the plan of a minimum and its check."""
+        xi = minimum.point.xi
+        fine = self._minima.on(np.linspace(0.0, 1.0, samples))
+        motion = fine.motion(xi)
+        try:
+            check_finite(self._stated, motion, fine.nodes)
+        except NotFinite as error:
+            self.rejected = str(error)
+            return None
+        given = motion.times, motion.states, motion.controls
+        return self._planned(*given, 'cubic', program.cost(xi), xi)
+
+    # What is written, and its check.
+
+    def _planned(
+        self,
+        times: Array,
+        states: Array,
+        controls: Array,
+        interpolation: Interpolation,
+        cost: float,
+        parameters: Array,
+    ) -> Solution | None:
+        """Return a plan and its check; None, `rejected`, where it is not finite everywhere."""
+        problem = self._problem
+        try:
+            if not np.isfinite(states).all():
+                raise NotFinite('its replay is not finite everywhere')
+            trajectory = Trajectory.of(
+                problem, to_nanoseconds(times), states, controls, interpolation
+            ).with_rates(self._plant.derivative)
+            check = verify(
+                self._plant,
+                trajectory,
+                self._refinement.goal(states),
+                self._refinement.tolerance(states),
+                constraints_of(self._stated, trajectory),
+                start=self._refinement.ends.states[0],
+                until=self.budget.part(max(self.budget.remaining, _LEAST_CHECK)),
+            )
+        except (NotFinite, DeadlineExceeded) as error:
+            self.rejected = str(error)
+            return None
+        if check.ok and not self._plant.agrees(states, controls):
+            reason = 'derivative gives other rates when it is traced than with numpy'
+            check = replace(check, ok=False, reasons=(reason,))
+        penalty = max(0.0, -min(check.worst.values(), default=0.0))
+        return Solution({problem.name: trajectory}, check, cost, parameters, penalty)

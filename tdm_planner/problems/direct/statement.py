@@ -1,0 +1,251 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""What a `Formulation` states beside its equations: whether it can be used, and its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.checked_formulation import ArcMotion, CheckedFormulation
+from tdm_planner.direct_method.checks import shown, whole
+from tdm_planner.direct_method.collocation import Ends
+from tdm_planner.direct_method.formulation import Formulation
+from tdm_planner.direct_method.graphs import Call
+from tdm_planner.direct_method.tracing import Trace
+from tdm_planner.direct_method.transcription import Transcription
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+
+MARGIN_TOLERANCE = 1e-5  # for what is exactly on a limit
+_END_TOLERANCE = 1e-3  # of the conditions that are stated at the ends
+_CONTRADICTED = 1e-2  # share by which rates differ where two statements contradict each other
+_JUMP, _HALVINGS = 0.05, 40  # of the range of a cost between two looks; to find where it is
+_NODES = 5, 10_000
+_STARTS = 1, 10_000
+
+
+def check_statement(problem: Formulation) -> None:
+    """
+    Check performance index, units, tolerance and the numbers of nodes and starts.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming what is missing or not allowed.
+
+    """
+    stated = {name: getattr(type(problem), name) for name in ('final_cost', 'running_cost')}
+    if all(found is getattr(Formulation, name) for name, found in stated.items()):
+        raise InvalidProblem(
+            f'{problem.name} states no performance index: define final_cost or running_cost'
+        )
+    for kind in ('state', 'control'):
+        _check_units(problem, kind)
+    whole(problem.nodes, 'nodes', *_NODES)
+    whole(problem.starts, 'starts', *_STARTS)
+    if problem.terminal_tolerance is not None:
+        _check_tolerance(problem.terminal_tolerance, len(problem.state_names))
+
+
+def _check_units(problem: Formulation, kind: str) -> None:
+    names = getattr(problem, f'{kind}_names', ())
+    units = getattr(problem, f'{kind}_units', None)
+    if not isinstance(units, tuple | list) or not all(isinstance(unit, str) for unit in units):
+        raise InvalidProblem(
+            f'{kind}_units = {shown(units)} must be a tuple of units, such as '
+            + ("('m', 'm/s')" if kind == 'state' else "('N',)")
+        )
+    if len(names) != len(units):
+        raise InvalidProblem(
+            f'{problem.name} has {len(names)} {kind}_names but {len(units)} {kind}_units'
+        )
+
+
+def _check_tolerance(tolerance: Any, count: int) -> None:
+    try:
+        found = np.asarray(tolerance)
+    except ValueError:  # nested sequences of several lengths
+        found = np.asarray(None)
+    if found.dtype.kind not in 'iuf' or found.shape != (count,) or not (found > 0).all():
+        raise InvalidProblem(
+            f'terminal_tolerance = {shown(tolerance)} is not allowed: must be {count} positive '
+            'numbers, one for each state, inf where any end will do'
+        )
+
+
+def rates_of(program: Transcription, xi: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """
+    Return the rates (K, nx) by `invert` and by `derivative`, and which states' contradict (nx,).
+
+    At most nodes, that is: formulas may be abrupt somewhere.
+    """
+    with np.errstate(all='ignore'):
+        by_inverse, rates = program.flow(xi)
+    finite = np.isfinite(by_inverse + rates)
+    sizes = np.where(finite, np.abs(by_inverse) + np.abs(rates), 0.0)
+    wrong = finite & (np.abs(by_inverse - rates) > _CONTRADICTED * sizes.max(axis=0))
+    return by_inverse, rates, 2 * wrong.sum(axis=0) > finite.sum(axis=0)
+
+
+def check_dynamics(program: Transcription, xi: Array) -> None:
+    """
+    Check that `invert` and `derivative` state the same motion along a candidate.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming the first state whose rates differ.
+
+    """
+    by_inverse, rates, wrong = rates_of(program, xi)
+    for index in np.flatnonzero(wrong):
+        node = int(np.argmax(np.nan_to_num(np.abs(by_inverse - rates)[:, index])))
+        raise InvalidProblem(
+            f"derivative gives the rate of '{program.formulation.state_names[index]}' = "
+            f'{rates[node, index]:.6g} where the states of invert change by '
+            f'{by_inverse[node, index]:.6g}: one of the two is wrong '
+            '(`tdm check` compares all of them)'
+        )
+
+
+def check_limits(trace: Trace) -> None:
+    """
+    Check that every limit depends on the motion.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming the one that does not.
+
+    """
+    for index in np.flatnonzero(~(trace.of_states | trace.of_controls)):
+        raise InvalidProblem(
+            f"margins gives '{trace.margin_names[index]}' the same value whatever the motion: a "
+            'limit must depend on t, x or u; remove it'
+        )
+
+
+def check_costs(trace: Trace, motion: ArcMotion, numbers: Array) -> None:
+    """
+    Check that the performance index has no jumps along a motion.
+
+    Raises
+    ------
+    InvalidProblem
+        Naming the function that has one.
+
+    """
+    points = np.column_stack([motion.times, motion.states, motion.controls])
+    steps = np.linspace(0.0, points.shape[0] - 1.0, 8 * points.shape[0] + 1)
+    nx = motion.states.shape[1]
+
+    def cost(function: Any, places: Array) -> Array:
+        low = np.minimum(places.astype(int), len(points) - 2)
+        share = (places - low)[:, None]
+        w = points[low] * (1.0 - share) + points[low + 1] * share
+        parts = np.split(w, [1, 1 + nx], axis=1)
+        found = Call(function, places.size)(*parts[: function.n_in() - 1], numbers)[0]
+        return np.array(found[:, 0])
+
+    for name, function in (('running_cost', trace.running), ('final_cost', trace.final)):
+        values = cost(function, steps)
+        size = np.ptp(values[np.isfinite(values)]) if np.isfinite(values).any() else 0.0
+        jumps = np.nan_to_num(np.abs(np.diff(values)))
+        if not size or jumps.max() < _JUMP * size:
+            continue
+        low, high = steps[np.argmax(jumps)], steps[np.argmax(jumps) + 1]
+        for _ in range(_HALVINGS):  # what is only steep flattens out
+            middle = 0.5 * (low + high)
+            at = cost(function, np.array([low, middle, high]))
+            low, high = (
+                (low, middle) if abs(at[1] - at[0]) > abs(at[2] - at[1]) else (middle, high)
+            )
+        ends = cost(function, np.array([low, high]))
+        if abs(ends[1] - ends[0]) > 0.5 * jumps.max():
+            raise InvalidProblem(
+                f'{name} jumps by {abs(ends[1] - ends[0]):.3g} along the initial guess: the '
+                'performance index must be continuous, a steep slope such as np.tanh in place of '
+                'a step'
+            )
+
+
+def check_ends(
+    stated: CheckedFormulation, ends: Ends, refuse: bool = True
+) -> dict[str, float | None]:
+    """
+    Return what is left to every limit at the start, None where that depends on what is free.
+
+    Raises
+    ------
+    InvalidProblem
+        If asked to `refuse`, naming the limit that every motion violates at an end.
+
+    """
+    rng, duration = np.random.default_rng(2), stated.duration()
+    found: dict[str, float | None] = {}
+    for side, where in enumerate(('start', 'end')):
+        filled = []
+        for given in (ends.states[side], ends.controls[side]):
+            free = rng.normal(size=(3, given.size))
+            filled.append(np.where(np.isfinite(given), given, free))
+        times = duration.guess * np.array([0.7, 1.0, 1.3]) * side
+        with np.errstate(all='ignore'):
+            margins = stated.margins(times, *filled)
+        for name, values in margins.items():
+            given_value = float(values[0]) if np.ptp(values) == 0.0 else None
+            if side == 0:
+                found[name] = given_value
+            if refuse and given_value is not None and given_value < -MARGIN_TOLERANCE:
+                raise InvalidProblem(
+                    f"the {where} violates the limit '{name}' by {-given_value:.3g}, whatever the "
+                    f'motion: change the {where} or the limit'
+                )
+    return found
+
+
+def limits_of(
+    stated: CheckedFormulation, trajectory: Trajectory, tolerance: float = 0.0
+) -> tuple[Constraint, ...]:
+    """Return the limits on a trajectory, one constraint each."""
+
+    def margin(name: str, times: Array, states: Array, controls: Array) -> Array:
+        return stated.margins(times, states, controls)[name]
+
+    names = stated.margins(trajectory.times, trajectory.states, trajectory.controls)
+    return tuple(Constraint(name, partial(margin, name), tolerance) for name in names)
+
+
+def constraints_of(stated: CheckedFormulation, trajectory: Trajectory) -> tuple[Constraint, ...]:
+    """Return what a plan is checked for: its limits, and the conditions at both ends."""
+
+    def missed(side: int, index: int, times: Array, states: Array, controls: Array) -> Array:
+        conditions = stated.end_conditions if side else stated.start_conditions
+        at = slice(-1, None) if side else slice(0, 1)
+        left = np.full(times.size, _END_TOLERANCE)
+        left[at] -= np.abs(conditions(times[at], states[at])[index])
+        return left
+
+    found = list(limits_of(stated, trajectory, MARGIN_TOLERANCE))
+    for side, function in enumerate(('start_conditions', 'end_conditions')):
+        conditions: Sequence[Any] = getattr(stated, function)(
+            trajectory.times[:1], trajectory.states[:1]
+        )
+        found += [
+            Constraint(f'{function} {index}', partial(missed, side, index))
+            for index in range(len(conditions))
+        ]
+    return tuple(found)

@@ -1,0 +1,264 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Problem `robot_formation`: robots on a flat arena move into formation without collision.
+
+Section 4.2 of Yakimenko (2006). The arrival times and the free derivatives at the ends of the
+reference polynomials of x, y (and yaw) are varied; thrust, its direction and the torque follow by
+inverse dynamics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import build, ParameterSpec, to_mapping
+from tdm_planner.plants.robot_replay import compile_robot_replay
+from tdm_planner.problems.formation.parameters import (
+    default_offset,
+    default_start,
+    formation_specifications,
+    FormationParameters,
+    robot_names,
+    RobotStart,
+)
+from tdm_planner.problems.formation.polynomial_program import compile_polynomials
+from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
+from tdm_planner.problems.formation.reference_motion import MotionForm
+from tdm_planner.problems.formation.task import check_task, FormationTask
+from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch, compile_arcs
+from tdm_planner.problems.formation.thrust_direction import compile_following
+from tdm_planner.problems.formation.verification import assessed, gas_used, robot_constraints
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def _compile() -> None:
+    """Compile the kernels, once in a process: they take arrays of all sizes."""
+    task = RobotFormation().task
+    compile_polynomials(task)
+    compile_following()
+    compile_robot_replay()
+    compile_arcs(task)
+
+
+@dataclass(frozen=True)
+class RobotFormation(FormationParameters, Problem):
+    """
+    Robots move into a formation, in the order listed, using little time and gas.
+
+    `starts` and `offsets` hold start state and pose [x, y, yaw] in the anchor's frame by name.
+
+    Raises
+    ------
+    InvalidProblem
+        For a parameter that is not allowed, or starts and goals that contradict the arena.
+
+    """
+
+    name: ClassVar[str] = 'robot_formation'
+
+    starts: Mapping[str, RobotStart] = field(default_factory=dict)
+    offsets: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the values, alone and together."""
+        super().__post_init__()
+        names = robot_names(self.robots)
+        for given in (self.starts, self.offsets):
+            for name in given:
+                if name not in names:
+                    raise InvalidProblem(
+                        f"robot '{name}' is not among parameter 'robots': {', '.join(names)}"
+                    )
+        self._check_orders()
+        weights = self.weights
+        if not weights.time + weights.sequence + weights.gas > 0:
+            raise InvalidProblem(
+                "parameters 'weights.time', 'weights.sequence', 'weights.gas' are all 0: at least "
+                'one must be in (0, inf)'
+            )
+        if len(self.arena.obstacles) % 3:
+            raise InvalidProblem(
+                f"parameter 'arena.obstacles' holds {len(self.arena.obstacles)} numbers: must be "
+                'x, y, radius of every zone'
+            )
+        check_task(self.task)
+
+    def _check_orders(self) -> None:
+        for parameter in ('polynomial_order', 'yaw_order'):
+            if getattr(self, parameter) % 2 == 0:
+                raise InvalidProblem(
+                    f"parameter '{parameter}' = {getattr(self, parameter)} is not allowed: must "
+                    'be an odd integer in [5, 15]'
+                )
+
+    @classmethod
+    def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
+        """Return every parameter by dotted name, for the robots that `values` names."""
+        return formation_specifications(values)
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> RobotFormation:
+        """Make a problem from checked values by dotted name."""
+        general = build(FormationParameters, values)
+        starts, offsets = {}, {}
+        for name in general.robots:
+            default = default_start(name)
+            given = {
+                item.name: values.get(f'{name}.start.{item.name}', getattr(default, item.name))
+                for item in fields(RobotStart)
+            }
+            starts[name] = RobotStart(**given)
+            offset = values.get(f'formation.{name}', default_offset(name))
+            if offset is not None:
+                offsets[name] = offset
+        shared = {item.name: getattr(general, item.name) for item in fields(FormationParameters)}
+        return cls(**shared, starts=starts, offsets=offsets)
+
+    def to_parameters(self) -> dict[str, Any]:
+        """Return every parameter's value by dotted name, those of every robot included."""
+        values = super().to_parameters()
+        for name in self.robots:
+            start = self.starts.get(name, default_start(name))
+            values.update(to_mapping(start, f'{name}.start.'))
+            values[f'formation.{name}'] = self.offsets.get(name, default_offset(name))
+        return values
+
+    @property
+    def form(self) -> MotionForm:
+        """Return the form of the reference functions asked for."""
+        return MotionForm(
+            self.polynomial_order,
+            self.yaw_order,
+            self.speed_factor_order,
+            self.end_accelerations == 'varied',
+            self.nodes,
+        )
+
+    @cached_property
+    def task(self) -> FormationTask:
+        """Boundary conditions and limits as arrays."""
+        starts = [self._start(name) for name in self.robots]
+        state = np.array([[s.x, s.y, s.u, s.v, s.yaw, s.omega] for s in starts], dtype=float)
+        alpha = np.array([math.nan if s.alpha is None else s.alpha for s in starts])
+        thrust = np.array([s.thrust for s in starts]) / self.plant.mass
+        heading = state[:, 4] + np.nan_to_num(alpha)
+        x, y, turn = self.formation.anchor
+        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        offset = np.array([self._offset(name) for name in self.robots], dtype=float)
+        torque = self.limits.torque / self.plant.inertia
+        # The attitude is reached on the turn nearest to where braking alone would end.
+        resting = state[:, 4] + state[:, 5] * np.abs(state[:, 5]) / (2 * torque)
+        goal_yaw = resting + np.angle(np.exp(1j * (turn + offset[:, 2] - resting)))
+        arena, weights = self.arena, self.weights
+        return FormationTask(
+            names=tuple(self.robots),
+            plant=self.plant,
+            start=state[:, :2],
+            velocity=state[:, 2:4],
+            acceleration=thrust[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1),
+            yaw=state[:, 4],
+            yaw_rate=state[:, 5],
+            yaw_acceleration=np.array([s.torque for s in starts]) / self.plant.inertia,
+            alpha=alpha,
+            goal=np.array([x, y]) + offset[:, :2] @ rotation.T,
+            goal_yaw=goal_yaw,
+            thrust=self.limits.thrust / self.plant.mass,
+            torque=torque,
+            thruster_rate=self.limits.thruster_rate,
+            length=arena.length,
+            width=arena.width,
+            separation=arena.minimum_separation,
+            margin=arena.tracking_margin,
+            obstacles=np.array(arena.obstacles, dtype=float).reshape(-1, 3),
+            interval=self.arrival_interval,
+            weights=np.array([weights.time, weights.sequence, weights.gas]),
+            longest=self.solver.longest,
+            coast=np.zeros(len(starts)),
+            arrived=np.array([s.arrived for s in starts]),
+        )
+
+    def _start(self, name: str) -> RobotStart:
+        start = self.starts[name] if name in self.starts else default_start(name)
+        for axis in ('x', 'y'):
+            if getattr(start, axis) is None:
+                raise InvalidProblem(
+                    f"the state of robot '{name}' is missing: parameter '{name}.start.{axis}' is "
+                    'unset'
+                )
+        return start
+
+    def _offset(self, name: str) -> tuple[float, ...]:
+        offset = self.offsets.get(name, default_offset(name))
+        if offset is None:
+            raise InvalidProblem(
+                f"the place of robot '{name}' is missing: parameter 'formation.{name}' is unset, "
+                'must be [x, y, yaw] relative to formation.anchor'
+            )
+        return tuple(offset)
+
+    @property
+    def evaluations_per_second(self) -> float:
+        """Return how often a search computes all motions in a second."""
+        return 2000.0
+
+    def prepare(self) -> None:
+        """Compile the kernels, or load them from the disk."""
+        _compile()
+
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+        """Return an earlier manoeuvre, with its check and cost recomputed."""
+        weights, tolerance = np.array(self.weights.penalty), self.solver.tolerance
+        return assessed(self.task, trajectories, weights, tolerance, np.zeros(0))
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> PolynomialSearch | ArcSearch:
+        """Return the search; the remaining motion of an earlier plan is the initial guess."""
+        shared: dict[str, Any] = {
+            'starts': self.solver.starts,
+            'penalty_weights': np.array(self.weights.penalty),
+            'tolerance': self.solver.tolerance,
+            'previous': previous,
+        }
+
+        def polynomials() -> PolynomialSearch:
+            return PolynomialSearch(self.task, self.form, rng, budget, **shared)
+
+        if self.method == 'polynomials':
+            return polynomials()
+        return ArcSearch(self.task, rng, budget, polynomials, self.thrust_reserve, **shared)
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits of one robot; separations are between robots."""
+        return robot_constraints(self.task)
+
+    def describe(self, plan: Solution) -> str:
+        """Return when the last robot arrives, and the gas used."""
+        count = len(plan.trajectories)
+        gas = sum(gas_used(self.plant, trajectory) for trajectory in plan.trajectories.values())
+        return (
+            f'{count} robot{"s" if count > 1 else ""} in formation after {plan.duration:.2f} s, '
+            f'{gas:.3g} m/s of gas'
+        )

@@ -1,0 +1,270 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Rounded polylines as trajectories, held controls with every switch a sample, and back again.
+
+The thruster turns as soon as a burn is over, rests while the robot coasts, and holds the thrust's
+direction in the arena while it burns. Polylines are fitted to earlier plans, or go on with what is
+left of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from tdm_planner.problems.formation.task import FormationTask
+from tdm_planner.problems.formation.thrust_arcs_kernels import (
+    attitude,
+    positions,
+    round_off,
+    turning,
+)
+from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
+from tdm_planner.problems.formation.verification import flown
+from tdm_planner.trajectory import to_nanoseconds, Trajectory
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 50  # of a motion at least, for those that draw it or follow it
+_TURNED = 2e-5  # rad: how far a held rate may let the thrust turn from its direction in a burn
+_GENTLE = 0.5  # of the thruster's rate, with which it turns where there is time
+_FULL = 0.9999  # of the thruster's rate
+_SAME = 5e-9  # s: samples nearer than that are one
+_MISSED = 1e-11  # m, m/s: what is left of an error of the end
+_CORRECTIONS = 8
+_DIGITS = 11  # of a rate [rad/s]: less is rounding, and no switch
+_INSTANTS = 40  # at which a polyline is fitted to a plan
+_EVALUATIONS = 8
+_CORRECTED = 0.6  # half-turns of the thruster before a burn that leave time for another one
+
+
+def cleaned(
+    task: FormationTask, robot: int, burns: Array, duration: float, weakest: float
+) -> Array:
+    """
+    Burns (k, 4) without those that change the velocity by less than `weakest` m/s.
+
+    The others, two at least, are corrected so that the robot rests at its goal after `duration`.
+    """
+    sizes = np.hypot(burns[:, 0], burns[:, 1])
+    keep = np.zeros(sizes.size, dtype=bool)
+    keep[np.argsort(sizes, kind='stable')[-2:]] = True
+    keep |= sizes >= weakest
+    found = burns[keep]
+    ends = np.flatnonzero(keep)
+    first, last = ends == 0, ends == sizes.size - 1
+    begin = burns[0, 2] - burns[0, 3]
+    velocity = task.velocity[robot]
+    way = task.goal[robot] - task.start[robot] - velocity * duration
+    for _ in range(_CORRECTIONS):
+        p = found[:, :2]
+        half = np.hypot(p[:, 0], p[:, 1]) / (2.0 * task.thrust)
+        found[:, 3] = half
+        found[first, 2] = begin + half[first]
+        found[last, 2] = duration - half[last]
+        left = duration - found[:, 2]
+        missed = np.concatenate([way - left @ p, -velocity - p.sum(axis=0)])
+        if np.abs(missed).max() < _MISSED:
+            break
+        bend = np.where(first, -1.0, np.where(last, 1.0, 0.0)) / (2.0 * task.thrust)
+        unit = p / np.maximum(np.hypot(p[:, 0], p[:, 1]), 1e-12)[:, None]
+        slopes = left[:, None, None] * np.eye(2)
+        slopes = slopes + bend[:, None, None] * unit[:, :, None] * p[:, None]
+        rows = np.concatenate([slopes, np.broadcast_to(np.eye(2), slopes.shape)], axis=1)
+        rows = np.swapaxes(rows, 0, 1).reshape(4, -1)
+        # Instants are worth more than velocities: both in metres.
+        scale = np.array([1.0, 1.0, duration, duration])
+        change = np.linalg.lstsq(rows * scale[:, None], missed * scale, rcond=1e-9)[0]
+        found[:, :2] += change.reshape(-1, 2)
+    return found
+
+
+def arc_trajectory(task: FormationTask, robot: int, burns: Array, duration: float) -> Trajectory:
+    """Return the held controls of a robot's burns (k, 4), and the states that follow."""
+    plant = task.plant
+    yaw, rate, goal = task.yaw[robot], task.yaw_rate[robot], task.goal_yaw[robot]
+    a, switch = turning(duration, goal - yaw, rate)
+    spin = a, switch, yaw, rate, goal
+    on = np.stack([burns[:, 2] - burns[:, 3], burns[:, 2] + burns[:, 3]], axis=1)
+    on = np.clip(on, 0.0, duration)
+    path = _thruster_path(task, robot, burns, on, duration, spin)
+    edges = [0.0, duration, *on.ravel(), *path[0], *np.linspace(0.0, duration, _SAMPLES)]
+    if 0.0 < switch < duration:
+        edges.append(switch)
+    times = np.unique(to_nanoseconds(np.array(edges)))
+    times = times[np.concatenate([[True], np.diff(times) > _SAME])]
+    alpha = _turned(times, np.interp(times, *path), task.thruster_rate)
+    middle = 0.5 * (times[1:] + times[:-1])
+    burning = ((middle[:, None] > on[:, 0]) & (middle[:, None] < on[:, 1])).any(axis=1)
+    controls = np.zeros((times.size, 3))
+    controls[:-1, 0] = plant.mass * task.thrust * burning
+    controls[:-1, 1] = np.round(np.diff(alpha) / np.diff(times), _DIGITS)
+    controls[:-1, 2] = plant.inertia * np.where(middle < switch, a, -a)
+    return flown(task, robot, times, controls, alpha[0], 'zero_order_hold')
+
+
+def _thruster_path(
+    task: FormationTask,
+    robot: int,
+    burns: Array,
+    on: Array,
+    duration: float,
+    spin: tuple[float, float, float, float, float],
+) -> tuple[Array, Array]:
+    """Instants and angles of the thruster between which it turns evenly, at any rate."""
+    now, angle = 0.0, float(task.alpha[robot])
+    times, angles = [], []
+    if not math.isnan(angle):
+        times, angles = [0.0], [angle]
+    step = math.sqrt(8.0 * _TURNED / max(abs(spin[0]), 1e-12))
+    for burn, (begin, end) in zip(burns, on, strict=True):
+        count = 1 + max(1, math.ceil((end - begin) / step))
+        instants = np.linspace(begin, end, count)
+        yaw = np.array([attitude(t, duration, *spin) for t in instants])
+        held = math.atan2(burn[1], burn[0]) - yaw
+        if math.isnan(angle):
+            angle = held[0]
+        held += 2.0 * math.pi * round((angle - held[0]) / (2.0 * math.pi))
+        turn = abs(held[0] - angle)
+        if begin > now and turn > 0.0:
+            speed = max(_GENTLE * task.thruster_rate, turn / (begin - now))
+            times.append(now + turn / speed)
+            angles.append(held[0])
+        known = 1 if times and begin <= times[-1] else 0  # burning from the start
+        times.extend(instants[known:])
+        angles.extend(held[known:])
+        now, angle = end, held[-1]
+    if not times:
+        times, angles = [0.0], [0.0]
+    return np.array(times), np.array(angles)
+
+
+def _turned(times: Array, wanted: Array, most: float) -> Array:
+    """Angles of a thruster that follows `wanted` (N,) as far as its rate allows."""
+    reach = _FULL * most * np.diff(times)
+    found = wanted.copy()
+    if (np.abs(np.diff(wanted)) <= reach).all():
+        return found
+    for k in range(reach.size):
+        found[k + 1] = found[k] + min(max(wanted[k + 1] - found[k], -reach[k]), reach[k])
+    return found
+
+
+def fitted(program: ArcProgram, plans: Mapping[str, Trajectory]) -> Array:
+    """Parameters (n, v) whose motions are nearest to planned ones at equal times, as long."""
+    task, size = program.task, program.size
+    lower, upper = program.full(program.lower), program.full(program.upper)
+    found = np.zeros((task.n, size))
+    for i, name in enumerate(task.names):
+        plan = plans[name]
+        found[i, -1] = duration = float(np.clip(plan.duration, lower[i, -1], upper[i, -1]))
+        if not program.varied[i]:
+            continue
+        corners = np.arange(1, size - 1, 3)
+        share = np.arange(1, corners.size + 1) / (corners.size + 1)
+        low, high = lower[i, :-1].copy(), upper[i, :-1].copy()
+        high[0] = 0.2 * duration
+        low[corners + 2] = (share - 0.65 / (corners.size + 1)) * duration
+        high[corners + 2] = (share + 0.65 / (corners.size + 1)) * duration
+        start = plan.sample(share * plan.duration).state
+        first = np.zeros(size - 1)
+        first[corners], first[corners + 1] = start[:, 0], start[:, 1]
+        first[corners + 2] = share * duration
+        found[i, :-1] = _nearest(program, i, plan, duration, first, low, high)
+    return found
+
+
+def remaining(plan: Trajectory) -> Array:
+    """Burns (k, 4) of a plan whose thrust is on or off, as `thrust_arcs_kernels` has them."""
+    on = plan.control('thrust')[:-1] > 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]])))
+    begin, end = plan.times[edges[::2]], plan.times[edges[1::2]]
+    velocity = np.stack([plan.state('u'), plan.state('v')], axis=1)
+    change = velocity[edges[1::2]] - velocity[edges[::2]]
+    return np.column_stack([change, 0.5 * (begin + end), 0.5 * (end - begin)])
+
+
+def resumed(task: FormationTask, plans: Mapping[str, Trajectory], held: Collection[str]) -> Array:
+    """
+    Parameters (n, v) that go on with the rest of plans, with as many burns as they have.
+
+    Goals are reached from where the rest of a plan turns last; the start may be off it. Robots
+    whose motion is `held` need none.
+    """
+    leg = math.pi / task.thruster_rate
+    rests = {
+        i: remaining(plans[name])
+        for i, name in enumerate(task.names)
+        if not task.staying[i] and name not in held
+    }
+    corners = max([1, *(len(rest) - 2 for rest in rests.values())])
+    found = np.zeros((task.n, 3 * corners + 2))
+    for i, name in enumerate(task.names):
+        found[i, -1] = plans[name].duration
+        if i not in rests or not len(rests[i]):
+            continue
+        rest = rests[i]
+        begin, end = rest[:, 2] - rest[:, 3], rest[:, 2] + rest[:, 3]
+        turns = rest[1:-1, 2].tolist()
+        found[i, 0], after = begin[0], end[0]
+        if len(rest) == 1:
+            found[i, 0] = after = min(leg, 0.45 * begin[0])
+        elif begin[0] > _CORRECTED * leg and len(turns) < corners:  # time to correct before
+            found[i, 0] = after = min(leg, 0.45 * begin[0])
+            turns.insert(0, rest[0, 2])
+        while len(turns) < corners:
+            turns.append(0.5 * ((turns[-1] if turns else after) + begin[-1]))
+        for k, instant in enumerate(turns):
+            left = np.maximum(rest[:, 2] - instant, 0.0)
+            place = task.goal[i] + left @ rest[:, :2]
+            found[i, np.arange(3) + 1 + 3 * k] = [*place, instant]
+    return found
+
+
+def _nearest(
+    program: ArcProgram,
+    i: int,
+    plan: Trajectory,
+    duration: float,
+    first: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    """Parameters (v - 1,) of robot i but for the arrival, within bounds, that fit its plan."""
+    times = np.linspace(0.0, duration, _INSTANTS)
+    wanted = plan.sample(times).state[:, :2]
+    burns, slopes = np.zeros((1, program.count, 4)), np.zeros((program.count, 4, program.size))
+    both = slice(i, i + 1)
+
+    def missed(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns[0], slopes)
+        path = positions(times, program.fleet.start[both], program.fleet.velocity[both], burns)
+        return np.asarray((path[0] - wanted).ravel())
+
+    def missed_slope(z: Array) -> Array:
+        round_off(np.append(z, duration), program.fleet, i, burns[0], slopes)
+        change, (centre, half) = burns[0, :, :2], burns[0, :, 2:].T
+        twice = np.maximum(2.0 * half, 1e-300)
+        burnt = np.clip(times[:, None] - centre + half, 0.0, twice)  # s of each burn (K, m)
+        way = 0.5 * burnt**2 / twice + np.maximum(times[:, None] - centre - half, 0.0)
+        later, longer = -burnt / twice, burnt / twice - (burnt / twice) ** 2
+        by = np.einsum('km,mav->kav', way, slopes[:, :2])
+        for each, shift in ((later, slopes[:, 2]), (longer, slopes[:, 3])):
+            by += np.einsum('km,ma,mv->kav', each, change, shift)
+        return np.asarray(by.reshape(wanted.size, -1)[:, :-1])
+
+    room = 1e-6 * (high - low)
+    first = np.clip(first, low + room, high - room)
+    best = least_squares(missed, first, missed_slope, bounds=(low, high), max_nfev=_EVALUATIONS)
+    return np.asarray(best.x)

@@ -1,0 +1,200 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Problem `pendulum_swing_up`: from any state to upright at rest in the shortest time.
+
+Section 4.1 of Yakimenko (2006). The paper prescribes theta and the torque as functions of the
+virtual arc, which together leave no freedom; by default the varied parameters are the switching
+times of the torque instead (see `switching_motion`). A continuous torque, and motions in which
+theta goes one way all along, are stated as a `DirectProblem` (see `smooth`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
+from tdm_planner.plants.pendulum_kernels import compile_kernels
+from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
+from tdm_planner.problems.pendulum.pumping import compile_pump
+from tdm_planner.problems.pendulum.shooting import compile_shooting
+from tdm_planner.problems.pendulum.smooth import StatedMethod, StatedSwingUp
+from tdm_planner.problems.pendulum.switching_method import SwitchingMethod
+from tdm_planner.problems.pendulum.switching_minimiser import compile_minimiser
+from tdm_planner.problems.pendulum.switching_seeds import arcs_of
+from tdm_planner.problems.pendulum.task import SwingUpTask, VEHICLE
+from tdm_planner.problems.problem import Problem
+from tdm_planner.problems.request import SolverParameters
+from tdm_planner.problems.search import Search
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PendulumStart(Validated):
+    """State to start from."""
+
+    theta: float = parameter(
+        math.pi, "pendulum's angle from upright", unit='rad', allowed=Range(-1e6, 1e6)
+    )
+    psi: float = parameter(0.0, "disk's angle", unit='rad', allowed=SIGNED)
+    theta_dot: float = parameter(
+        0.0, "pendulum's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
+    )
+    psi_dot: float = parameter(
+        0.0, "disk's angular velocity", unit='rad/s', allowed=Range(-1e4, 1e4)
+    )
+    torque: float | None = parameter(
+        None,
+        'torque from which method smooth goes on without a jump; unset: any',
+        unit='N m',
+        allowed=SIGNED,
+    )
+
+
+@dataclass(frozen=True)
+class PendulumGoal(Validated):
+    """Which of the upright positions to reach."""
+
+    turns: int | None = parameter(
+        None,
+        'number n of theta = 2 pi n at the end; unset: whichever is reached first',
+        allowed=Range(-1e5, 1e5),
+    )
+
+
+@dataclass(frozen=True)
+class PendulumSwingUp(Problem, Validated):
+    """
+    Swing a rotary pendulum up in the shortest time.
+
+    Raises
+    ------
+    InvalidProblem
+        For a parameter that is not allowed, or a start beyond the disk's limit.
+
+    """
+
+    name: ClassVar[str] = 'pendulum_swing_up'
+
+    plant: RotaryPendulum = group(RotaryPendulum)
+    limits: PendulumLimits = group(PendulumLimits)
+    torque_reserve: float = parameter(
+        0.3,
+        'share of limits.torque that plans leave to the feedback',
+        allowed=Range(0.0, 1.0, upper_open=True),
+    )
+    start: PendulumStart = group(PendulumStart)
+    goal: PendulumGoal = group(PendulumGoal)
+    method: str = parameter(
+        'switching',
+        'switching: quickest, the torque jumps between its extremes; smooth: the torque is '
+        'continuous, for strong motors that cannot switch; virtual_arc: continuous as well, and '
+        'theta goes one way all along, as in (9)-(16) of the paper',
+        choices=('switching', 'smooth', 'virtual_arc'),
+    )
+    switching_arcs: int = parameter(
+        1024,
+        'most arcs of constant torque in a plan; how many it takes is found out',
+        allowed=Range(4, 1024),
+    )
+    solver: SolverParameters = group(SolverParameters)
+
+    def __post_init__(self) -> None:
+        """Check the values, alone and together."""
+        super().__post_init__()
+        usable = (1.0 - self.torque_reserve) * self.limits.torque
+        for name, value, limit, unit, reason in (
+            ('psi', self.start.psi, self.limits.disk_angle, 'rad', 'limits.disk_angle'),
+            ('torque', self.start.torque or 0.0, usable, 'N m', 'limits.torque, torque_reserve'),
+        ):
+            if abs(value) > limit:
+                raise InvalidProblem(
+                    f"parameter 'start.{name}' = {value:g} is not allowed: must be in "
+                    f'{Range(-limit, limit)} {unit} ({reason})'
+                )
+
+    @property
+    def task(self) -> SwingUpTask:
+        """Boundary conditions and limits as numbers."""
+        start = self.start
+        return SwingUpTask(
+            plant=self.plant,
+            start=np.array([start.theta, start.psi, start.theta_dot, start.psi_dot]),
+            torque=(1.0 - self.torque_reserve) * self.limits.torque,
+            torque_limit=self.limits.torque,
+            disk_angle=self.limits.disk_angle,
+            turns=self.goal.turns,
+            start_torque=start.torque,
+        )
+
+    @property
+    def evaluations_per_second(self) -> float:
+        """Return how often a search integrates a swing-up in a second."""
+        return 50_000.0 if self.method == 'switching' else super().evaluations_per_second
+
+    def prepare(self) -> None:
+        """Compile the kernels, or load them."""
+        for compile_them in (compile_kernels, compile_shooting, compile_pump, compile_minimiser):
+            compile_them(self.plant)
+        if self.method != 'switching':
+            StatedSwingUp(plant=self.plant, one_way=self.method == 'virtual_arc').prepare()
+
+    def standing_plan(self) -> Solution | None:
+        """Return the plan that does nothing, where the pendulum stands upright already."""
+        return self.task.hold()
+
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+        """Return an earlier swing-up, with its check and its arcs' durations recomputed."""
+        motion = trajectories[VEHICLE].with_rates(self.plant.derivative)
+        arcs = arcs_of(motion)
+        durations = np.zeros(0) if arcs is None else arcs.durations
+        return self.task.plan(motion, durations, 0.0)
+
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> Search[Any]:
+        """Return the search that `method` names; switching starts from earlier arcs as well."""
+        task, tolerance = self.task, self.solver.tolerance
+        if self.method != 'switching':
+            return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
+        arcs = None if previous is None else arcs_of(previous.trajectory)
+        return SwitchingMethod(task, budget, rng, self.switching_arcs, tolerance, arcs)
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """Return the limits of torque and disk angle."""
+        return self.task.constraints
+
+    def describe(self, plan: Solution) -> str:
+        """Return when the pendulum is upright, by what torque, and how weak that is."""
+        motion = plan.trajectories[VEHICLE]
+        torques = motion.control('torque')
+        kind = 'a smooth torque'
+        if motion.interpolation == 'zero_order_hold':
+            kind = f'{motion.switches.size} switches'
+        turns = round(float(motion.states[-1, 0]) / (2 * math.pi))
+        speeds = np.sign(motion.state('theta_dot')[1:-1])
+        swings = 1 + np.count_nonzero(np.diff(speeds[speeds != 0.0]))
+        return (
+            f'upright at theta = 2 pi {turns} after {motion.duration:.3f} s, '
+            f'{kind} of at most {np.abs(torques).max():.3g} N m, |psi| at most '
+            f'{np.abs(motion.state("psi")).max():.2f} rad; drive {self.task.drive:.2g}, '
+            f'{swings} swings'
+        )

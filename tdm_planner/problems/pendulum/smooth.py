@@ -1,0 +1,217 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Methods `smooth` and `virtual_arc`: the swing-up stated as a problem like any other.
+
+The disk's angle is a reference function, the torque follows by inverse dynamics, the pendulum is
+integrated; the engine of all stated problems plans it. The torque is continuous, linear between
+the samples. On the virtual arc theta goes one way all along, as in (9)-(16) of Yakimenko (2006),
+where the angle is the argument of everything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from tdm_planner.direct_method.formulation import Duration, Integrated, Output
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, InvalidProblem
+from tdm_planner.parameters import group, parameter
+from tdm_planner.plants.rotary_pendulum import accelerations, driven, RotaryPendulum
+from tdm_planner.problems.direct.problem import DirectProblem
+from tdm_planner.problems.pendulum.task import SwingUpTask, TERMINAL_TOLERANCE
+from tdm_planner.problems.search import Search
+from tdm_planner.problems.solution import Solution
+
+_FREE = 12  # varied parameters of the disk's angle
+_ANOTHER_SHARE = 0.5  # of the time allowed, after which one goal is enough
+_FIRST_SHARE = 0.7  # of the time allowed, for the nearest way up
+_LONGER, _LEAST = 4.5, 0.3  # of the time scale of the transfer, and of 1/w0: a guess of the time
+
+
+@dataclass(frozen=True)
+class StatedSwingUp(DirectProblem):
+    """A swing-up to theta = `goal` with a continuous torque, as `SwingUpTask` has it."""
+
+    name: ClassVar[str] = 'pendulum_swing_up'
+    state_names = RotaryPendulum.state_names
+    state_units = RotaryPendulum.state_units
+    control_names = RotaryPendulum.control_names
+    control_units = RotaryPendulum.control_units
+    terminal_tolerance = tuple((0.5 * TERMINAL_TOLERANCE).tolist())
+
+    plant: RotaryPendulum = group(RotaryPendulum)
+    theta: float = parameter(math.pi, "pendulum's angle at the start", unit='rad')
+    psi: float = parameter(0.0, "disk's angle at the start", unit='rad')
+    theta_dot: float = parameter(0.0, "pendulum's rate at the start", unit='rad/s')
+    psi_dot: float = parameter(0.0, "disk's rate at the start", unit='rad/s')
+    start_torque: float | None = parameter(None, 'torque to go on from', unit='N m')
+    goal: float = parameter(0.0, "pendulum's angle at the end", unit='rad')
+    torque: float = parameter(0.02, 'largest torque', unit='N m')
+    disk_angle: float = parameter(2.0, 'largest angle of the disk', unit='rad')
+    time: float = parameter(0.5, 'guess of the time', unit='s')
+    one_way: bool = parameter(False, 'whether theta goes one way all along')
+
+    def outputs(self) -> dict[str, Output]:
+        """Return the disk's angle; its acceleration at the start is that of `start_torque`."""
+        start: list[float] = [self.psi, self.psi_dot]
+        if self.start_torque is not None:
+            k, state = self.plant.coefficients, (self.theta, self.theta_dot, self.psi_dot)
+            start.append(float(accelerations(k, *state, self.start_torque)[1]))
+        return {'psi': Output(start=start, end=(0.0, 0.0), free=_FREE, scale=1.0)}
+
+    def integrated(self) -> dict[str, Integrated]:
+        """Return the pendulum's angle and rate."""
+        speed = self.plant.natural_frequency
+        return {
+            'theta': Integrated(self.theta, self.goal),
+            'theta_dot': Integrated(self.theta_dot, 0.0, scale=speed),
+        }
+
+    def duration(self) -> Duration:
+        """Return the guess."""
+        return Duration(guess=self.time)
+
+    def invert(self, y: Any, z: Any) -> Any:
+        """Return the torque at which the disk moves so."""
+        psi, psi_dot, psi_ddot = y['psi']
+        theta, theta_dot = z['theta'], z['theta_dot']
+        _, torque = driven(self.plant.coefficients, theta, theta_dot, psi_dot, psi_ddot)
+        return (theta, psi, theta_dot, psi_dot), (torque,)
+
+    def derivative(self, x: Any, u: Any) -> Any:
+        """Return the rates."""
+        return self.plant.equations(self.plant.coefficients, x, u)
+
+    def margins(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        """Return what is left of the disk's angle; on the virtual arc also of the speed."""
+        limits = {'disk_angle': 1.0 - (x[1] / self.disk_angle) ** 2}
+        if self.one_way:
+            way = np.sign(self.goal - self.theta)
+            limits['one way'] = way * x[2] / self.plant.natural_frequency
+        return limits
+
+    def control_limits(self) -> dict[str, tuple[float, float]]:
+        """Return the torque's."""
+        return {'torque': (-self.torque, self.torque)}
+
+    def final_cost(self, t: Any, x: Any) -> Any:
+        """Return the time."""
+        return t
+
+
+class StatedMethod(Search[Solution]):
+    """
+    The search for the quickest continuous torque to the nearest two upright positions.
+
+    What is left of a `previous` plan is tried first.
+    """
+
+    def __init__(
+        self,
+        task: SwingUpTask,
+        budget: Budget,
+        rng: np.random.Generator,
+        one_way: bool,
+        previous: Solution | None = None,
+    ) -> None:
+        super().__init__(budget)
+        self._task, self._rng = task, rng
+        self._one_way, self._previous = one_way, previous
+        self._refusal: Infeasible | None = None
+
+    def candidates(self) -> Iterator[Solution]:
+        """Plan for the nearest goal, then for the next one if there is time."""
+        for number, turns in enumerate(self._goals()):
+            share = _FIRST_SHARE if number == 0 else 1.0
+            until = self.budget.part(share * self.budget.remaining)
+            search = self._stated(2.0 * math.pi * turns).search(until, self._rng, self._previous)
+            try:
+                plan = search.run()
+            except Infeasible as error:
+                self._refusal = self._refusal or error
+                continue
+            except InvalidProblem as error:  # what is stated here is right: its numbers are not
+                raise FloatingPointError(str(error)) from error
+            yield plan
+            if self.budget.elapsed > _ANOTHER_SHARE * self.budget.seconds:
+                return
+
+    def plans(self, candidate: Solution) -> Iterator[Solution]:
+        """Yield the plan with the check that all swing-ups pass."""
+        (motion,) = candidate.trajectories.values()
+        yield self._task.plan(motion, candidate.parameters, candidate.penalty)
+
+    def promises_more(self, candidate: Solution, than: Solution) -> bool:
+        """Whether it is quicker."""
+        return candidate.cost < than.cost
+
+    def satisfied_with(self, plan: Solution) -> bool:
+        """Whether it goes on from another one."""
+        return self._previous is not None
+
+    def widen(self) -> bool:
+        """Return False: the searches have tried all they can."""
+        return False
+
+    def failure(self) -> Infeasible:
+        """Return why there is none."""
+        task = self._task
+        if self._one_way and not self._goals():
+            return Infeasible(
+                "method 'virtual_arc' needs theta to go one way all along, but the pendulum "
+                f'starts with theta_dot = {task.start[2]:g} rad/s away from goal.turns = '
+                f"{task.turns}; method 'switching' has no such restriction"
+            )
+        how = 'theta going one way all along' if self._one_way else 'a continuous torque'
+        what = (
+            f'gave no swing-up with {how} of at most {task.torque:.3g} N m (limits.torque less '
+            'torque_reserve)'
+        )
+        remedy = "weak torque needs method 'switching'"
+        if self._refusal is None or isinstance(self._refusal, DeadlineExceeded):
+            return DeadlineExceeded(f'in {self.budget.seconds:g} s, the search {what}; {remedy}')
+        reason = self.rejected or str(self._refusal)
+        return type(self._refusal)(f'the search {what}: {reason}; {remedy}')
+
+    def _goals(self) -> Sequence[int]:
+        """Numbers n of theta = 2 pi n, the nearest first."""
+        theta, _, theta_dot, _ = self._task.start.tolist()
+        ahead = (theta + theta_dot / self._task.plant.natural_frequency) / (2.0 * math.pi)
+        if self._task.turns is not None:
+            goals = [self._task.turns]
+        else:
+            goals = sorted({math.floor(ahead), math.ceil(ahead)}, key=lambda n: abs(n - ahead))
+        if self._one_way:
+            here = theta / (2.0 * math.pi)
+            ways = ((n, math.copysign(1.0, n - here)) for n in goals if abs(n - here) > 1e-9)
+            goals = [n for n, way in ways if way * theta_dot >= 0.0]
+        return goals
+
+    def _stated(self, goal: float) -> StatedSwingUp:
+        task, w0 = self._task, self._task.plant.natural_frequency
+        theta, psi, theta_dot, psi_dot = task.start.tolist()
+        return StatedSwingUp(
+            plant=task.plant,
+            theta=theta,
+            psi=psi,
+            theta_dot=theta_dot,
+            psi_dot=psi_dot,
+            start_torque=task.start_torque,
+            goal=goal,
+            torque=task.torque,
+            disk_angle=task.planned_disk_angle,
+            time=max(_LONGER * task.quickest, _LEAST / w0),
+            one_way=self._one_way,
+        )

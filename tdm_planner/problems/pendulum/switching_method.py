@@ -1,0 +1,334 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""
+Method `switching`: the quickest verified swing-up with the torque at its extremes.
+
+Shooting brings rounds of initial guesses, random and pumping ones, upright. The quickest
+arrivals are polished coarsely, then in order of their time finely, until one passes the
+verification.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import DeadlineExceeded, Infeasible, VerificationFailed
+from tdm_planner.plants.pendulum_kernels import roll_states
+from tdm_planner.problems.pendulum.shooting import ArcBatch, ARRIVED
+from tdm_planner.problems.pendulum.switching_search import (
+    Candidate,
+    COARSE_STEPS,
+    corrected,
+    distinct,
+    FINE_STEPS,
+    land,
+    polish,
+    shot,
+    trajectory,
+    without_short_arcs,
+)
+from tdm_planner.problems.pendulum.switching_seeds import (
+    Arcs,
+    landed_finely,
+    pumped,
+    starts,
+    VARIANTS,
+    warm_starts,
+)
+from tdm_planner.problems.pendulum.task import SwingUpTask
+from tdm_planner.problems.search import Search
+from tdm_planner.problems.solution import Solution
+
+Array = NDArray[np.float64]
+
+_ROUNDS, _STARTS = 3, 100  # of random starts before pumping is tried, or tried again
+_POLISHED, _POLISHED_PUMPED = 10, 2  # candidates
+_PUMPED_FIRST = 0.25  # drive below which random starts hardly ever arrive
+# Shares of the deadline after which shooting tries no more starts once there are arrivals, none
+# at all, and no more candidates polished coarsely.
+_ENOUGH, _STEERED, _COARSE = 0.5, 0.85, 0.75
+_WEAK = 0.3  # drive below which a failure is put down to the torque
+_FEWEST_STARTS = 8
+_START_TIME = 1e-3  # s of the deadline for one start of a round
+_CHECK_TIME, _CHECK_SHARE = 2e-3, 0.1  # s, but no more than this share of the deadline
+# s, in which a check may be ended after the deadline; for integrating 1/w0 of a motion finely
+_OVERTIME, _INTEGRATION_TIME = 0.03, 3e-5
+_LOST = 1e-2  # violation after the fine polish of what is not worth a check
+_FINER = 4, 8  # times the steps where the check still finds the integration inaccurate
+_CHECKED = 4  # candidates that are verified before the search begins anew
+_CUTOFF = 1.05  # polishing stops early where the time stays above this share of the best
+# Of an earlier plan: changes of the logarithms of its arcs' durations, all tried side by side; RK4
+# steps an arc of the polish, more if the check fails; share of the deadline after which no more is
+# tried with it; arrivals that do, and those that are polished; most arcs whose time is minimised,
+# and that are varied where there are more.
+_WARM_CHANGES, _WARM_STEPS = (0.0, 0.01, 0.03, 0.1), (FINE_STEPS // 2, FINE_STEPS)
+_WARM_UNTIL, _WARM_ENOUGH, _WARM_TRIED = 0.6, 2, 3
+_WARM_POLISHED, _WARM_CORRECTED = 12, 16
+
+
+class SwitchingMethod(Search[Candidate]):
+    """
+    The search for the quickest switching times.
+
+    `arcs` is the most arcs of a plan, `tolerance` the largest violation that still counts as
+    feasible. The `previous` plan's arcs, shifted in time, are tried before all else: the rest of a
+    plan that is under way nearly solves the problem from where the plant is. After shooting it is
+    polished at once, and the first plan that passes the check is taken.
+    """
+
+    def __init__(
+        self,
+        task: SwingUpTask,
+        budget: Budget,
+        rng: np.random.Generator,
+        arcs: int,
+        tolerance: float,
+        previous: Arcs | None = None,
+    ) -> None:
+        super().__init__(budget)
+        self._task = task
+        self._rng = rng
+        self._arcs = arcs
+        self._tolerance = tolerance
+        self._previous = previous
+        self._steps = task.steps(COARSE_STEPS)
+        self._pumping = task.drive < _PUMPED_FIRST
+        self._rounds = self._starts = 0
+        self._closest: tuple[float, Candidate] | None = None
+        self._arrived = 0
+
+    def candidates(self) -> Iterable[Candidate]:
+        """Shoot from initial guesses and minimise the times of the quickest arrivals."""
+        if self._previous is not None:
+            return self._warm(self._previous)
+        arrivals = self._pumped() if self._pumping else self._arrivals()
+        return self._polished(arrivals)[:_CHECKED]
+
+    def plans(self, candidate: Candidate) -> Iterator[Solution]:
+        """Yield the motion under the finely polished arcs, without those too short to matter."""
+        warm = self._previous is not None
+        with suppress(DeadlineExceeded):  # while one was checked
+            yield from (self._rest_of_previous if warm else self._refined)(candidate)
+
+    def _refined(self, candidate: Candidate) -> Iterator[Solution]:
+        """Yield the motion under a new candidate's arcs, integrated ever more finely."""
+        shorter = without_short_arcs(self._task, candidate)
+        fine, violation = shorter, math.inf
+        if self._pumping and not self._short_of_time(shorter):
+            # Of so many arcs the last digits of the time do not matter.
+            fine, violation = corrected(self._task, shorter, self._task.steps(FINE_STEPS))
+        for arcs in [shorter] if shorter is candidate else [shorter, candidate]:
+            if violation < 1e-6:
+                break
+            if self._short_of_time(arcs):
+                return
+            fine, violation = self._finely(arcs, self._task.steps(FINE_STEPS))
+        if not violation < _LOST:
+            self.rejected = 'integrated finely none ends upright any more'
+            return
+        yield self._checked(fine, violation)
+        for more in _FINER:
+            if violation > 1e-6 or self._short_of_time(fine):
+                return
+            fine, violation = corrected(self._task, fine, more * self._task.steps(FINE_STEPS))
+            yield self._checked(fine, violation)
+
+    def _warm(self, previous: Arcs) -> Iterator[Candidate]:
+        """Yield arrivals of the earlier arcs, a little changed if need be."""
+        guesses = [
+            guess
+            for change in _WARM_CHANGES
+            for guess in warm_starts(self._task, self._rng, previous, self._arcs, change)
+        ]
+        until = _WARM_UNTIL * self.budget.seconds
+
+        def late() -> bool:
+            return self.budget.elapsed > until
+
+        found = land(self._task, guesses, self._steps, self.budget, late, _WARM_ENOUGH)
+        if previous.durations.size > _WARM_POLISHED:  # the times are not minimised anew
+            found = landed_finely(self._task, found, self.budget, late) or found
+        self._starts += len(guesses)
+        self._arrived += len(found)
+        yield from distinct(found)[:_WARM_TRIED]
+
+    def _rest_of_previous(self, candidate: Candidate) -> Iterator[Solution]:
+        """
+        Yield the motion under the polished arcs, first with half the steps.
+
+        The times of many arcs are not minimised anew: they are those of the earlier plan.
+        """
+        task = self._task
+        polished = candidate.durations.size <= _WARM_POLISHED
+        if not polished:
+            fixed = max(candidate.fixed, candidate.durations.size - _WARM_CORRECTED)
+            candidate = replace(candidate, fixed=fixed)
+        for steps in _WARM_STEPS:
+            if self._short_of_time(candidate):
+                return
+            if polished:
+                fine, violation = self._finely(candidate, task.steps(steps))
+            else:
+                fine, violation = corrected(task, candidate, _FINER[0] * task.steps(steps))
+            if violation > 1e-6:
+                return
+            fine = without_short_arcs(task, fine)
+            yield self._checked(fine, violation)
+            candidate = fine
+
+    def _checked(self, candidate: Candidate, violation: float) -> Solution:
+        """Return the motion with its check, which may end a little after the deadline."""
+        if self._short_of_time(candidate, _OVERTIME):
+            raise DeadlineExceeded('there is no time for a check')
+        began = self.budget.elapsed
+        motion = trajectory(self._task, candidate)
+        afterwards = self.budget.elapsed - began  # for what follows the replay: about as long
+        until = self.budget.part(self.budget.remaining + _OVERTIME - afterwards)
+        return self._task.plan(motion, candidate.durations, violation, until)
+
+    def _short_of_time(self, candidate: Candidate, overtime: float = 0.0) -> bool:
+        """Whether to integrate the motion would end later than `overtime` s after the deadline."""
+        task = self._task
+        scale = candidate.total * task.plant.natural_frequency * task.plant.quickness
+        left = self.budget.remaining + overtime
+        return left <= self.budget.charged(_INTEGRATION_TIME * scale)
+
+    def _finely(self, candidate: Candidate, steps: int) -> tuple[Candidate, float]:
+        """Polish a candidate that is to be checked, with time left for the check."""
+        until = self.budget.leaving(_CHECK_TIME, _CHECK_SHARE)
+        return polish(self._task, candidate, steps, self._tolerance, until)
+
+    def widen(self) -> bool:
+        """
+        Give an earlier plan up; pump after random starts, and the other way round.
+
+        After a rejection integrate more finely: the coarse integration may have found what does
+        not exist.
+        """
+        if self._previous is not None:
+            self._previous = None
+            return True
+        if self.rejected:
+            self._steps = min(2 * self._steps, self._task.steps(FINE_STEPS))
+        self._pumping = not self._pumping
+        return self.budget.elapsed < _STEERED * self.budget.seconds
+
+    def failure(self) -> Infeasible:
+        """Return what was found and why it does not do, or how near the search came."""
+        if self.rejected:
+            return VerificationFailed(
+                f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
+                f'the check: {self.rejected}'
+            )
+        peak, limit = 0.0 if self._arrived else self._task.least_peak(), self._task.disk_angle
+        if peak > limit:
+            found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
+            return Infeasible(
+                f'no torque within {self._task.torque:.3g} N m (limits.torque less '
+                f'torque_reserve) keeps the disk inside limits.disk_angle = {limit:g} rad from '
+                f'start.psi_dot = {self._task.start[3]:g} rad/s on{found}'
+            )
+        return DeadlineExceeded(self._reason())
+
+    def _pumped(self) -> list[Candidate]:
+        """Pump and land; all distinct arrivals, quickest first."""
+        until = _STEERED * self.budget.seconds
+        found = pumped(self._task, self._rng, self._arcs, self.budget, until)
+        self._starts += VARIANTS
+        self._arrived += len(found)
+        return distinct(found)[:_POLISHED_PUMPED]
+
+    def _arrivals(self) -> list[Candidate]:
+        """
+        Shoot from rounds of random starts; all distinct arrivals, quickest first.
+
+        Shooting uses fewer steps, as most starts fail; polishing corrects the difference.
+        """
+        budget, found = self.budget, list[Candidate]()
+        for _ in range(_ROUNDS):
+            late = budget.elapsed > (_ENOUGH if found else _STEERED) * budget.seconds
+            if late:
+                break
+            size = min(_STARTS, self._affordable)
+            batch = starts(self._task, self._rng, size, self._arcs, self._rounds >= _ROUNDS)
+            until = _STEERED * budget.seconds
+            found += shot(self._task, batch, 2 * self._steps // 3, budget, until)
+            self._remember_closest(batch)
+            self._starts += size
+            self._arrived += int((batch.costs < ARRIVED).sum())
+            self._rounds += 1
+        return distinct(found)
+
+    @property
+    def _affordable(self) -> int:
+        """Return the starts of a round: fewer where one round would use all the time up."""
+        return max(_FEWEST_STARTS, round(self.budget.seconds / _START_TIME))
+
+    def _polished(self, candidates: list[Candidate]) -> list[Candidate]:
+        """Minimise the times of the quickest candidates."""
+        done: list[Candidate] = []
+        best = math.inf
+        budget = self.budget
+        until = budget.part(_COARSE * budget.seconds - budget.elapsed)
+        for candidate in candidates[:_POLISHED]:
+            if until.spent:
+                done.append(candidate)
+                continue
+            steps = 2 * self._steps if self._pumping else self._steps
+            better, violation = polish(
+                self._task, candidate, steps, self._tolerance, until, _CUTOFF * best
+            )
+            done.append(better)
+            if violation < 1e-6:
+                best = min(best, better.total)
+        return sorted(done, key=lambda c: c.total)
+
+    def _remember_closest(self, batch: ArcBatch) -> None:
+        index = int(np.argmin(batch.costs))
+        cost = float(batch.costs[index])
+        if self._closest is None or cost < self._closest[0]:
+            durations, torques = batch.durations[index].copy(), batch.torques[index].copy()
+            self._closest = cost, Candidate(durations, torques, 0)
+
+    def _reason(self) -> str:
+        task = self._task
+        search = (
+            f'in {self.budget.seconds:g} s, {self._starts} first guesses of up to {self._arcs} '
+            f'arcs of {task.torque:.3g} N m (limits.torque less torque_reserve) '
+        )
+        if self._arrived:
+            return search + f'gave swing-ups ({self._arrived}), but left no time to check one'
+        search += 'gave no swing-up'
+        if task.drive < _WEAK:
+            search += (
+                f'; a torque this weak (drive {task.drive:.2g}) takes many swings: a longer '
+                'solver.deadline or more torque may help'
+            )
+        if self._closest is None or not math.isfinite(self._closest[0]):
+            return search
+        closest = self._closest[1]
+        states = roll_states(task.plant, task.start, closest.durations, closest.torques)
+        if not np.isfinite(states).all():
+            return search
+        w0 = task.plant.natural_frequency
+        error = np.abs(states[-1] - task.goal_nearest(states[-1]))
+        scaled = error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]
+        worst = int(np.argmax(scaled))
+        excess = float(np.abs(states[:, 1]).max()) - task.disk_angle
+        if excess > scaled[worst]:
+            return f'{search}; the closest went beyond limits.disk_angle by {excess:.2g} rad'
+        name, unit = task.plant.state_names[worst], task.plant.state_units[worst]
+        return f'{search}; the closest missed {name} by {error[worst]:.2g} {unit}'

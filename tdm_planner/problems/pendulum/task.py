@@ -1,0 +1,198 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""One swing-up: boundary conditions and limits as numbers, and the check a plan must pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.plants.pendulum_kernels import least_peak
+from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
+from tdm_planner.verification import Constraint, Verification, verify
+
+Array = NDArray[np.float64]
+
+TERMINAL_TOLERANCE = np.array([1e-4, 1e-4, 1e-3, 1e-3])
+VEHICLE = 'pendulum'
+_HOLD_TIME = 5e-3
+_AT_FIRST = 4.0  # of 1/w0, or of the time in which the torque moves the disk by its range
+_PEAK_STEP = 0.05  # of the time scale of the quickest swings, to look for peaks
+
+
+@dataclass(frozen=True, eq=False)
+class SwingUpTask:
+    """
+    From `start` (4,) to upright at rest, |T| <= `torque`, |psi| <= `disk_angle`.
+
+    `torque` is what the plan may use, `torque_limit` the actuator's; `turns` the number n of
+    theta = 2 pi n at the end, None for whichever is reached first; `start_torque` the torque that
+    a smooth one goes on from, None for any.
+    """
+
+    plant: RotaryPendulum
+    start: Array
+    torque: float
+    torque_limit: float
+    disk_angle: float
+    turns: int | None
+    start_torque: float | None = None
+
+    @property
+    def planned_disk_angle(self) -> float:
+        """Limit of |psi| while planning, a hair inside the true one."""
+        return max((1.0 - 1e-5) * self.disk_angle, abs(float(self.start[1])))
+
+    @property
+    def drive(self) -> float:
+        """Acceleration of the pendulum by the torque over that by gravity: weak below 1."""
+        k = self.plant.coefficients
+        return self.torque * k.arm / ((k.disk + k.disk_cosine) * k.gravity)
+
+    def steps(self, usual: int) -> int:
+        """Return the RK4 steps an arc: more than usual where a light disk makes swings quick."""
+        return math.ceil(usual * self.plant.quickness)
+
+    def fine_time(self, share: float) -> float:
+        """Return that share of the time scale of the quickest swings [s]."""
+        return share / self.plant.natural_frequency / self.plant.quickness
+
+    @property
+    def disk_acceleration(self) -> float:
+        """Acceleration that the torque gives the disk with the pendulum upright [rad/s^2]."""
+        return self.plant.disk_acceleration(self.torque)
+
+    @property
+    def quickest(self) -> float:
+        """
+        Time scale of the transfer [s]: how soon the torque could cover the distances alone.
+
+        At most a thousand natural periods, however weak the torque.
+        """
+        k = self.plant.coefficients
+        longest = 1e3 / self.plant.natural_frequency
+        times = [0.0]
+        error = np.abs(self.start - self.goal_nearest(self.start)).tolist()
+        for inertia, distance, speed in ((k.arm, *error[::2]), (k.pendulum, *error[1::2])):
+            acceleration = self.torque * inertia / self.plant.determinant
+            if acceleration * longest**2 < distance or acceleration * longest < speed:
+                return longest
+            times += [math.sqrt(distance / acceleration), speed / acceleration]
+        return max(times)
+
+    @property
+    def distance(self) -> float:
+        """
+        Largest scaled distance of the start from the goal, at most 1.
+
+        The time a transfer takes grows with the root of its distance, so that the price of an
+        error at the end grows without bound as the distance shrinks.
+        """
+        w0 = self.plant.natural_frequency
+        error = np.abs(self.start - self.goal_nearest(self.start))
+        return min(1.0, float((error * [1.0, 1.0, 1.0 / w0, 1.0 / w0]).max()))
+
+    def least_peak(self) -> float:
+        """
+        Least |psi| [rad] found that some torque does not exceed at first, by its kernel.
+
+        Beyond `disk_angle` it is evidence that there is no plan, though no proof.
+        """
+        w0, limit = self.plant.natural_frequency, self.disk_angle
+        horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
+        step, k = self.fine_time(_PEAK_STEP), self.plant.coefficients
+        return least_peak(k, self.start, self.torque, horizon, step, limit)
+
+    def turns_nearest(self, state: Array) -> int:
+        """
+        Return the n of theta = 2 pi n to aim at from a state (4,).
+
+        Raises
+        ------
+        FloatingPointError
+            For a state whose numbers left the range in which they can be computed.
+
+        """
+        if not math.isfinite(state[0]):
+            raise FloatingPointError(f'theta = {state[0]:g} rad')
+        return round(float(state[0]) / (2 * math.pi)) if self.turns is None else self.turns
+
+    def goal_nearest(self, state: Array) -> Array:
+        """Return the goal (4,) to aim at from a state (4,): upright at rest."""
+        return np.array([2 * math.pi * self.turns_nearest(state), 0.0, 0.0, 0.0])
+
+    def plan(
+        self,
+        trajectory: Trajectory,
+        parameters: Array,
+        penalty: float,
+        until: Budget | None = None,
+    ) -> Solution:
+        """
+        Return the motion with its check; J is the time it takes.
+
+        Raises
+        ------
+        DeadlineExceeded
+            If the time allowed by `until` passes meanwhile.
+
+        """
+        check = self.verify(trajectory, until)
+        return Solution({VEHICLE: trajectory}, check, trajectory.duration, parameters, penalty)
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """Limits of a motion: torque and disk angle."""
+        return (
+            Constraint('torque', lambda t, x, u: self.torque_limit - np.abs(u[:, 0]), unit='N m'),
+            Constraint(
+                'disk_angle', lambda t, x, u: self.disk_angle - np.abs(x[:, 1]), unit='rad'
+            ),
+        )
+
+    def verify(self, trajectory: Trajectory, until: Budget | None = None) -> Verification:
+        """Replay the trajectory and check its end and the limits."""
+        goal = self.goal_nearest(trajectory.states[-1])
+        return verify(
+            self.plant,
+            trajectory,
+            goal,
+            TERMINAL_TOLERANCE,
+            self.constraints,
+            start=self.start,
+            until=until,
+        )
+
+    def hold(self) -> Solution | None:
+        """Return the plan that does nothing, where the start is the goal; else None."""
+        error = self.start - self.goal_nearest(self.start)
+        if (np.abs(error) > 0.5 * TERMINAL_TOLERANCE).any():
+            return None
+        time = max(min(_HOLD_TIME, 1.0 / self.plant.natural_frequency), NANOSECOND)
+        times = to_nanoseconds([0.0, time])
+        motion = self.trajectory(times, np.tile(self.start, (2, 1)), np.zeros((2, 1)))
+        plan = self.plan(motion, np.zeros(0), 0.0)
+        return plan if plan.verification.ok else None
+
+    def trajectory(
+        self,
+        times: Array,
+        states: Array,
+        controls: Array,
+        interpolation: Interpolation = 'zero_order_hold',
+    ) -> Trajectory:
+        """Return a trajectory with names, units and rates."""
+        plan = Trajectory.of(self.plant, times, states, controls, interpolation)
+        return plan.with_rates(self.plant.derivative)

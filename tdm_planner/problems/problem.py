@@ -1,0 +1,284 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""An optimal control problem cast in the direct method: parameters in, a verified plan out."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+import difflib
+import math
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.direct_method.nonlinear_program import Budget
+from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
+from tdm_planner.parameters import (
+    build,
+    flatten,
+    NON_NEGATIVE,
+    ParameterSpec,
+    SEED,
+    shown,
+    specifications,
+    to_mapping,
+)
+from tdm_planner.problems.request import RequestParameters, SolverParameters
+from tdm_planner.problems.search import Search
+from tdm_planner.problems.solution import Solution
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Constraint
+
+Array = NDArray[np.float64]
+P = TypeVar('P', bound='Problem')
+_FEW = 30  # parameters that a message can list
+
+
+class Problem(ABC):
+    """
+    An optimal control problem: boundary conditions, limits, weights; `solve` gives a plan.
+
+    Subclasses are frozen dataclasses whose fields are groups of parameters (see
+    `tdm_planner.parameters`), with a `solver: SolverParameters` among them. One that states its
+    reference functions and inverse dynamics derives from `DirectProblem`, which transcribes it;
+    one that brings a transcription of its own (compiled kernels, several vehicles) gives `search`.
+    """
+
+    name: ClassVar[str]
+    solver: SolverParameters
+
+    @classmethod
+    def parameter_specifications(cls, values: Mapping[str, Any]) -> dict[str, ParameterSpec]:
+        """Return every parameter by dotted name; `values` may decide which exist."""
+        return specifications(cls)
+
+    @classmethod
+    def from_parameters(cls: type[P], parameters: Mapping[str, Any]) -> P:
+        """
+        Make a problem from a mapping as in the YAML files, nested or with dotted names.
+
+        Raises
+        ------
+        InvalidProblem
+            Naming the parameter, the value and what is allowed.
+
+        """
+        values = problem_parameters(cls, parameters)
+        try:
+            with np.errstate(all='ignore'):
+                return cls.from_values(values)
+        except (OverflowError, FloatingPointError) as error:
+            name = _most_extreme(values)
+            raise InvalidProblem(
+                f"parameter '{name}' = {values.get(name)} cannot be computed with beside the "
+                f'others: {" ".join(str(error).split())}'
+            ) from None
+
+    @classmethod
+    def from_values(cls: type[P], values: Mapping[str, Any]) -> P:
+        """Make a problem from checked values by dotted name."""
+        return build(cls, values)
+
+    def to_parameters(self) -> dict[str, Any]:
+        """Return every parameter's value by dotted name (the inverse of `from_parameters`)."""
+        return to_mapping(self)
+
+    def prepare(self) -> None:
+        """Do the work that does not depend on the boundary conditions (compile, tabulate)."""
+        return
+
+    @property
+    def evaluations_per_second(self) -> float:
+        """Return how often a search computes the dynamics in a second, about, on one core."""
+        return 500.0
+
+    @abstractmethod
+    def search(
+        self, budget: Budget, rng: np.random.Generator, previous: Solution | None
+    ) -> Search[Any]:
+        """Return the search for a plan, from an earlier plan as well if one is given."""
+
+    def standing_plan(self) -> Solution | None:
+        """Return the plan that does nothing, where the start is the goal; None if it is not."""
+        return None
+
+    def constraints_on(self, trajectory: Trajectory) -> Sequence[Constraint]:
+        """
+        Return the limits on one vehicle's planned motion, as its check keeps them.
+
+        Pictures and reports show what is left to them over time. None unless a problem says.
+        """
+        return ()
+
+    def cost_to_go(self, solution: Solution, elapsed: float) -> float | None:
+        """
+        Return J of what is left of a plan `elapsed` s after its start; None: it is not known.
+
+        It is that of the rest as a plan of its own, from time 0. Replanning on the way replaces a
+        plan that would do by a cheaper one only where this is known.
+        """
+        return None
+
+    def describe(self, plan: Solution) -> str:
+        """Return the summary of a plan, one sentence."""
+        worst = min(plan.verification.worst.items(), key=lambda item: item[1], default=None)
+        closest = '' if worst is None else f', closest limit {worst[0]} (margin {worst[1]:.2g})'
+        return f'J = {plan.cost:.6g}, {plan.duration:.4g} s{closest}'
+
+    def solve(
+        self,
+        deadline: float | None = None,
+        seed: int | None = None,
+        warm_start: Solution | None = None,
+        counted: bool = False,
+    ) -> Solution:
+        """
+        Find the best verified plan within `deadline` s (default: `solver.deadline`).
+
+        `seed` (default: `solver.seed`) is that of the random first guesses; `warm_start` the plan
+        of a problem of the same kind, with other boundary conditions or limits, to start from.
+        With `counted` the search does not look at the clock: every second of the deadline is
+        `evaluations_per_second` of the dynamics, about as many as one core does. The plan is then
+        the same to the last bit however slow or busy the machine.
+
+        Raises
+        ------
+        InvalidProblem
+            If the boundary conditions contradict the limits, or `warm_start` is no such plan.
+        Infeasible
+            If no plan was found; its subclass says why (deadline, verification).
+
+        """
+        with _computed():
+            self.prepare()
+        self._check_warm_start(warm_start)
+        allowed = self.solver.deadline if deadline is None else _DEADLINE.check(deadline)
+        count = max(1, round(allowed * self.evaluations_per_second))
+        budget = Budget(allowed, count if counted else None)
+        rng = np.random.default_rng(self.solver.seed if seed is None else _SEED.check(seed))
+        with _computed():
+            plan = self.standing_plan() or self.search(budget, rng, warm_start).run()
+        return self._told(plan, budget.evaluations, budget.age)
+
+    def assess(self, trajectories: Mapping[str, Trajectory]) -> Solution | None:
+        """
+        Return earlier planned motions, by vehicle, with their cost and check recomputed.
+
+        None where the problem cannot tell, as by default.
+        """
+        del trajectories
+        return None
+
+    def recognised(self, trajectories: Mapping[str, Trajectory]) -> Solution:
+        """
+        Return motions planned before, by vehicle, as the plan of this problem they are.
+
+        Raises
+        ------
+        VerificationFailed
+            If they do not pass the check of this problem, or it cannot assess them.
+
+        """
+        with _computed():
+            plan = self.assess(trajectories)
+        if plan is None:
+            raise VerificationFailed(f"problem '{self.name}' cannot assess plans made before")
+        if not plan.verification.ok:
+            raise VerificationFailed('; '.join(plan.verification.reasons))
+        return self._told(plan)
+
+    def _told(self, plan: Solution, evaluations: int = 0, solve_time: float = 0.0) -> Solution:
+        """Return a plan of a search with all that a user is told of it."""
+        return replace(
+            plan,
+            problem=self.name,
+            evaluations=evaluations,
+            solve_time=solve_time,
+            summary=self.describe(plan),
+        )
+
+    def _check_warm_start(self, plan: Any) -> None:
+        if plan is not None and not isinstance(plan, Solution):
+            raise InvalidProblem(
+                f'warm_start = {shown(plan)} is not allowed: must be a Solution that solve gave'
+            )
+        if plan is not None and plan.problem != self.name:
+            raise InvalidProblem(
+                f"warm_start is a plan of '{shown(plan.problem)}' and not of '{self.name}'"
+            )
+
+
+@contextmanager
+def _computed() -> Iterator[None]:
+    """
+    Say in one sentence that numbers left the range in which they can be computed.
+
+    That is what OverflowError and FloatingPointError say; other errors are the program's own.
+    Candidates whose numbers overflow are told by their check, not by warnings.
+    """
+    with np.errstate(all='ignore'):
+        try:
+            yield
+        except (OverflowError, FloatingPointError) as error:
+            raise Infeasible(
+                f'the computation broke down ({" ".join(str(error).split())}): parameters lie '
+                'too many orders of magnitude apart, are their units right?'
+            ) from error
+
+
+def _most_extreme(values: Mapping[str, Any]) -> str:
+    """Name of the number that is the largest or smallest, by its order of magnitude."""
+    orders = {
+        name: abs(math.log10(abs(value)))
+        for name, value in values.items()
+        if isinstance(value, float) and value
+    }
+    return max(orders, key=lambda name: orders[name], default='')
+
+
+_DEADLINE = ParameterSpec(
+    'deadline', float, None, 'time allowed for a plan', unit='s', range=NON_NEGATIVE
+)
+_SEED = ParameterSpec('seed', int, None, 'seed of the random starts', range=SEED)
+
+
+def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Flatten and check a mapping of parameters for a problem; node parameters are ignored.
+
+    Raises
+    ------
+    InvalidProblem
+        For a name the problem does not have, or a value that is not allowed.
+
+    """
+    values = flatten(parameters)
+    specs = cls.parameter_specifications(values)
+    unknown = [name for name in values if name not in specs and not _belongs_to_node(name)]
+    if unknown:
+        raise InvalidProblem(
+            f"parameter '{shown(unknown[0])}' is unknown to {cls.name}"
+            f'{_similar(unknown[0], specs)}'
+        )
+    return {name: specs[name].check(value) for name, value in values.items() if name in specs}
+
+
+def _similar(name: str, specs: Mapping[str, ParameterSpec]) -> str:
+    if len(specs) <= _FEW:
+        return '; it has: ' + ', '.join(specs)
+    similar = difflib.get_close_matches(name, specs, n=3)
+    return f': did you mean {" or ".join(similar)}?' if similar else ''
+
+
+def _belongs_to_node(name: str) -> bool:
+    return name in specifications(RequestParameters) or name == 'use_sim_time'

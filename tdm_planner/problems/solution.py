@@ -1,0 +1,105 @@
+# Copyright 2026 The tdm_planner authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+
+"""A plan and its check: the one type of a result on the way from search to files and nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tdm_planner.trajectory import Trajectory
+from tdm_planner.verification import Verification
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """
+    A plan: one trajectory per vehicle, by name, and their check.
+
+    On the way through a search the check may have failed; `Problem.solve` gives verified plans
+    only. `cost` is the performance index J, `parameters` the varied parameters Xi (m,), `penalty`
+    Delta of (10), `cost_terms` the parts of J by name, `verifications` the check of every vehicle.
+    `solve` adds the name of the `problem`, the number of times the dynamics were computed along a
+    candidate, `evaluations`, the wall time `solve_time` [s] and the `summary`.
+    """
+
+    trajectories: Mapping[str, Trajectory]
+    verification: Verification
+    cost: float
+    parameters: Array
+    penalty: float
+    cost_terms: Mapping[str, float] = field(default_factory=dict)
+    verifications: Mapping[str, Verification] = field(default_factory=dict)
+    problem: str = ''
+    evaluations: int = 0
+    solve_time: float = 0.0
+    summary: str = ''
+
+    @property
+    def duration(self) -> float:
+        """Time until the last vehicle has arrived [s]."""
+        return max(trajectory.duration for trajectory in self.trajectories.values())
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Return the trajectory; of several vehicles all, on common instants as ``name.state``."""
+        if len(self.trajectories) == 1:
+            return next(iter(self.trajectories.values()))
+        times = np.unique(np.concatenate([t.times for t in self.trajectories.values()]))
+        samples = {name: t.sample(times) for name, t in self.trajectories.items()}
+        kinds = {t.interpolation for t in self.trajectories.values()}
+        return Trajectory(
+            times=times,
+            states=np.concatenate([s.state for s in samples.values()], axis=1),
+            controls=np.concatenate([s.control for s in samples.values()], axis=1),
+            state_names=tuple(
+                f'{name}.{s}' for name, t in self.trajectories.items() for s in t.state_names
+            ),
+            control_names=tuple(
+                f'{name}.{c}' for name, t in self.trajectories.items() for c in t.control_names
+            ),
+            interpolation=kinds.pop() if len(kinds) == 1 else 'linear',
+        )
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Return what is said of a plan as a whole: problem, duration, cost, its terms, effort."""
+        return {
+            'problem': self.problem,
+            'duration': self.duration,
+            'cost': self.cost,
+            'cost_terms': dict(self.cost_terms),
+            'penalty': self.penalty,
+            'solve_time': self.solve_time,
+            'evaluations': self.evaluations,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the plan as the JSON file of ``tdm plan`` holds it."""
+        head = {name: value for name, value in self.figures.items() if value != {}}
+        if len(self.trajectories) == 1 and not self.verifications:
+            return head | self.trajectory.to_dict() | {'verification': self.verification.to_dict()}
+        vehicles = {
+            name: {
+                **head,
+                'duration': trajectory.duration,
+                **trajectory.to_dict(),
+                'verification': self.verifications[name].to_dict(),
+            }
+            for name, trajectory in self.trajectories.items()
+        }
+        return head | {'robots': vehicles, 'verification': self.verification.to_dict()}
