@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
-from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.exceptions import Infeasible, InvalidProblem
 from tdm_planner.parameters import group, parameter, Range, SIGNED, Validated
 from tdm_planner.plants.pendulum_kernels import compile_kernels
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
@@ -171,8 +171,20 @@ class PendulumSwingUp(Problem, Validated):
     def search(
         self, budget: Budget, rng: np.random.Generator, previous: Solution | None
     ) -> Search[Any]:
-        """Return the search that `method` names; switching starts from earlier arcs as well."""
+        """
+        Return the search that `method` names; switching starts from earlier arcs as well.
+
+        Raises
+        ------
+        Infeasible
+            If the torque cannot stop the disk before its limit.
+
+        """
         task, tolerance = self.task, self.solver.tolerance
+        if task.least_reach > (1.0 + 1e-9) * task.disk_angle:
+            raise Infeasible(
+                f'{task.unstoppable}: it turns to {task.least_reach:.3g} rad at least'
+            )
         if self.method != 'switching':
             return StatedMethod(task, budget, rng, self.method == 'virtual_arc', previous)
         arcs = None if previous is None else arcs_of(previous.trajectory)

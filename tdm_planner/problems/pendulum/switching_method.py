@@ -233,14 +233,10 @@ class SwitchingMethod(Search[Candidate]):
                 f'swing-ups were found, but none within {self.budget.seconds:g} s that passes '
                 f'the check: {self.rejected}'
             )
-        peak, limit = 0.0 if self._arrived else self._task.least_peak(), self._task.disk_angle
-        if peak > limit:
+        peak = 0.0 if self._arrived else self._task.least_peak()
+        if peak > self._task.disk_angle:
             found = f': least peak found {peak:.3g} rad' if math.isfinite(peak) else ''
-            return Infeasible(
-                f'no torque within {self._task.torque:.3g} N m (limits.torque less '
-                f'torque_reserve) keeps the disk inside limits.disk_angle = {limit:g} rad from '
-                f'start.psi_dot = {self._task.start[3]:g} rad/s on{found}'
-            )
+            return Infeasible(self._task.unstoppable + found)
         return DeadlineExceeded(self._reason())
 
     def _pumped(self) -> list[Candidate]:

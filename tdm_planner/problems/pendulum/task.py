@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.plants.pendulum_kernels import least_peak
-from tdm_planner.plants.rotary_pendulum import RotaryPendulum
+from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Interpolation, NANOSECOND, to_nanoseconds, Trajectory
 from tdm_planner.verification import Constraint, Verification, verify
@@ -114,6 +114,34 @@ class SwingUpTask:
         horizon = _AT_FIRST * math.sqrt(limit / max(self.disk_acceleration, limit * w0**2))
         step, k = self.fine_time(_PEAK_STEP), self.plant.coefficients
         return least_peak(k, self.start, self.torque, horizon, step, limit)
+
+    @property
+    def unstoppable(self) -> str:
+        """Say that no torque keeps the disk inside its limit."""
+        return (
+            f'no torque within {self.torque:.3g} N m (limits.torque less torque_reserve) keeps '
+            f'the disk inside limits.disk_angle = {self.disk_angle:g} rad from start.psi_dot = '
+            f'{self.start[3]:g} rad/s on'
+        )
+
+    @property
+    def least_reach(self) -> float:
+        """
+        Lower bound of the largest |psi| [rad], whatever the torque.
+
+        The momentum L = J psi' + B theta' and the place Q = psi + G(theta), G = int B/J d theta,
+        follow L' = T, Q' = L / J: until L vanishes Q moves by L^2 / (2 T max J) at least.
+        """
+        k = self.plant.coefficients
+        theta, psi, theta_dot, psi_dot = self.start
+        b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
+        upright, across = k.disk + k.disk_cosine, k.disk + k.disk_sine
+        bend = math.sqrt(max(abs(across / upright - 1.0), 1e-12))
+        inverse = np.arctan if across > upright else np.arctanh
+        place, most = k.arm / upright / bend * inverse(bend * np.array([np.sin(theta), 1.0]))
+        momentum = j * psi_dot + b * theta_dot
+        moved = momentum**2 / (2.0 * self.torque * max(upright, across))
+        return float(np.sign(momentum) * (psi + place) + moved - most)
 
     def turns_nearest(self, state: Array) -> int:
         """

@@ -16,6 +16,7 @@ import dataclasses
 from time import process_time
 from types import SimpleNamespace
 
+from benchmark.rigs import rig as random_rig
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -25,6 +26,8 @@ from tdm_planner.direct_method import nonlinear_program
 from tdm_planner.exceptions import Infeasible
 from tdm_planner.plan_files import plan_document
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
+from tdm_planner.plants.base import runge_kutta_step
+from tdm_planner.plants.rotary_pendulum import mechanics
 from tdm_planner.problems import (
     PendulumGoal,
     PendulumLimits,
@@ -93,8 +96,8 @@ def test_quick_from_hanging_in_samples_that_messages_can_carry(torque, longest):
 @settings(max_examples=15)
 def test_any_state_gets_a_verified_plan(torque, start):
     made = problem(torque, start)
-    if made.task.least_peak() > made.limits.disk_angle:
-        with pytest.raises(Infeasible, match='least peak found'):
+    if max(made.task.least_peak(), made.task.least_reach) > made.limits.disk_angle:
+        with pytest.raises(Infeasible, match='keeps the disk inside'):
             made.solve(0.2)
     else:
         check(made, made.solve(ENOUGH))
@@ -252,7 +255,7 @@ ARC = {'method': 'virtual_arc'}
 AT_0 = {'goal': PendulumGoal(turns=0)}
 
 
-BRAKING = r'limits\.disk_angle = 2 rad from start\.psi_dot.*least peak'
+BRAKING = r'limits\.disk_angle = 2 rad from start\.psi_dot'
 GIVEN_UP = r'limits\.disk_angle|gave no swing-up'
 
 
@@ -275,3 +278,36 @@ def test_what_cannot_be_done_is_said_so(torque, start, others, seconds, words, c
     with pytest.raises(Infeasible, match=words) as caught:
         problem(torque, start, **others).solve(seconds)
     assert code in caught.value.code
+
+
+@pytest.mark.parametrize('method', ['switching', 'smooth'])
+def test_a_disk_that_the_torque_cannot_stop_is_infeasible_at_once(method):
+    made = dataclasses.replace(random_rig(1067, hanging=False), method=method)
+    with pytest.raises(Infeasible, match=r'it turns to 7\.47 rad at least') as caught:
+        made.solve(ENOUGH)
+    assert caught.value.code == 'INFEASIBLE'
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=12)
+def test_no_torque_stops_the_disk_within_its_least_reach(seed):
+    """Torques that brake, and some that switch at random first, until the momentum is gone."""
+    made, count = random_rig(seed, hanging=False), 32
+    task, w0 = made.task, made.plant.natural_frequency
+    rng, step = np.random.default_rng(seed), 0.03 / w0 / made.plant.quickness
+    x = np.tile(task.start, (count, 1))
+    peak, going, turning = np.abs(x[:, 1]), np.full(count, True), None
+    until = rng.uniform(0.0, 6.0, count) * (np.arange(count) > 0) / w0
+    for number in range(2000):
+        b, j, _, _ = mechanics(made.plant.coefficients, x[:, 0], x[:, 2], x[:, 3])
+        momentum = j * x[:, 3] + b * x[:, 2]
+        turning = np.sign(momentum) if turning is None else turning
+        going &= momentum * turning > 0.0
+        peak = np.where(going, np.maximum(peak, np.abs(x[:, 1])), peak)
+        random = np.sin(number * step * w0 * np.arange(count)) * (number * step < until)
+        torque = np.where(random > 0.0, task.torque, -task.torque) * turning
+        moved = runge_kutta_step(made.plant, x, torque[:, None], step)
+        x = np.where(going[:, None], moved, x)
+    stopped = peak[~going]
+    assert (stopped >= task.least_reach - 1e-3).all()
+    assert stopped.size or task.least_reach > abs(task.start[1])
