@@ -21,6 +21,7 @@ Run it: ``python docs/plants/ball_and_beam.py``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from tdm_planner.direct_method import Duration, Integrated, Output
@@ -49,6 +50,7 @@ class BallAndBeam(DirectProblem, Validated):
     name = 'ball_and_beam'
     state_names, state_units = ('r', 'v', 'theta', 'omega'), ('m', 'm/s', 'rad', 'rad/s')
     control_names, control_units = ('torque',), ('N m',)
+    reserve: ClassVar = {'angle': 0.1}  # overshot where constants are off
 
     start: BallStart = group(BallStart)
     goal: float = parameter(0.4, 'place to bring the ball to', unit='m')

@@ -10,13 +10,13 @@
 """
 The best known optima of the gallery's plants, by collocation: best_known.json.
 
-Hermite-Simpson collocation of all states, controls linear in every interval, limits kept at the
-intervals' ends and middles, Ipopt. First guesses are straight lines between the ends with hardly
-any control, then random bends of them, then what other cases of the plant came to; the cheapest on
-40 intervals go on to 80 and 160. `cost_80` beside `cost` (of 160) shows what the grid makes.
-`cold_cpu` is the processor time [s] to the first success on 40 intervals from the line and up to
-seven bends, `cold_failures` of them included, but not `cold_build`, that of tracing and building
-the program; `cold_cost` is what comes of it.
+Hermite-Simpson collocation of all states, controls linear in every interval, limits with their
+reserves kept at the intervals' ends and middles, Ipopt. First guesses are straight lines between
+the ends with hardly any control, then random bends of them, then what other cases of the plant
+came to; the cheapest on 40 intervals go on to 80 and 160. `cost_80` beside `cost` (of 160) shows
+what the grid makes. `cold_cpu` is the processor time [s] to the first success on 40 intervals from
+the line and up to seven bends, `cold_failures` of them included, but not `cold_build`, that of
+tracing and building the program; `cold_cost` is what comes of it.
 
 Run it: ``python docs/plants/collocated.py [MODULE ...]``.
 """
@@ -106,7 +106,8 @@ class Program:
         x, u, t = (v * s for v, s in zip(self.free, self.scales, strict=True))
         node = [ca.SX.sym('t'), ca.SX.sym('x', nx), ca.SX.sym('u', nu)]
         at = node[0], ca.vertsplit(node[1]), ca.vertsplit(node[2])
-        margins = ca.vertcat(ca.SX(0, 1), *problem.margins(*at).values())
+        left = [v - problem.reserve.get(name, 0.0) for name, v in problem.margins(*at).items()]
+        margins = ca.vertcat(ca.SX(0, 1), *left)
         stated = [ca.vertcat(*problem.derivative(*at[1:])), margins, problem.running_cost(*at)]
         every = ca.Function('every', node, [ca.SX(v) for v in stated]).map(count)
         pairs = ca.reshape(ca.vertcat(u[:, :-1], (u[:, :-1] + u[:, 1:]) / 2), nu, 2 * n)
