@@ -52,8 +52,7 @@ from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_SLOWEST = 12.0  # commands in the time scale of the quickest swings, and of the disk:
-_DISK = 3.0  # rad that it turns by the torque in the square of the latter
+_DISK = 3.0  # rad that the disk turns by the torque in the square of its time scale
 # Recovery: stiffness and damping of the disk relative to the pendulum's natural frequency; chosen
 # for the quickest decay over strong and weak motors. Calm: angles in rad, rates in units of w0.
 _RECOVERY_STIFFNESS, _RECOVERY_DAMPING = 0.3, 0.4
@@ -104,6 +103,8 @@ class PendulumTracker(TrajectoryTracker):
         diagonal = np.array([weights.theta, weights.psi, weights.theta_dot, weights.psi_dot])
         self._q = np.diag(diagonal / scale**2)
         self._r = np.array([[weights.torque / limit / limit]])
+        disk = math.sqrt(plant.disk_acceleration(limit) / _DISK)
+        self.quickest = max(frequency * plant.quickness, disk)
 
     @cached_property
     def upright(self) -> Regulator:
@@ -128,16 +129,6 @@ class PendulumTracker(TrajectoryTracker):
         """Cost to go about upright, as a share of what its regulator takes without saturating."""
         error = self.error(state, goal)
         return float(error @ self.upright.cost_to_go @ error) / self.capture_level
-
-    @property
-    def warning(self) -> str:
-        """Say that the commands are too slow for the rig, where they are."""
-        plant, given = self.parameters.plant, self.parameters
-        disk = math.sqrt(plant.disk_acceleration(given.limits.torque) / _DISK)
-        least = _SLOWEST * max(plant.natural_frequency * plant.quickness, disk)
-        if given.rate >= least:
-            return ''
-        return f'rate = {given.rate:g} Hz is too slow for this rig: must be {least:.0f} Hz or more'
 
     def prepare_hold(self) -> None:
         """Compute the gains about upright now rather than when they are first needed."""

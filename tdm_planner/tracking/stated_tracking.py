@@ -96,6 +96,9 @@ class StatedTracker(TrajectoryTracker):
         spacing = min(trajectory.duration / _FEWEST_GAINS, _GAIN_STEP)
         law = PlanLaw.along(plant, smooth, weights, terminal, spacing)
         self.ranges = ranges
+        a, _ = plant.jacobians(trajectory.states, trajectory.controls)
+        growths = np.linalg.eigvals(a[np.isfinite(a).all(axis=(1, 2))]).real
+        self.quickest = float(growths.max(initial=0.0))
         return StatedLaw(law, begin, hold)
 
     def _scales(self, trajectory: Trajectory) -> Array:

@@ -48,6 +48,7 @@ from tdm_planner.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 _CALM_SLACK = 3.0
+_SLOWEST = 12.0  # commands while a deviation grows by e
 # What numerics raise where numbers leave the range in which they can be computed.
 BREAKDOWN = (ArithmeticError, np.linalg.LinAlgError)
 _LOOK_AHEAD = 100  # steps, at most, in which the state at a coming start is predicted
@@ -78,6 +79,7 @@ class TrajectoryTracker(ABC):
         self.wants_plan = False
         self.current: Motion | None = None
         self.following: Motion | None = None
+        self.quickest = 0.0  # 1/s, at most, by which a deviation grows without feedback
         self._time = -math.inf
         self._restless = False
         self._breakdown = '', -math.inf  # of the estimate, and the stamp of the state
@@ -131,8 +133,10 @@ class TrajectoryTracker(ABC):
 
     @property
     def warning(self) -> str:
-        """Return what is wrong with the parameters for this plant, a sentence; else empty."""
-        return ''
+        """Say that the commands are too slow for the plant, where they are."""
+        rate, least = self.parameters.rate, _SLOWEST * self.quickest
+        slow = f'rate = {rate:g} Hz is too slow for this plant: must be {least:.0f} Hz or more'
+        return slow if rate < least else ''
 
     # What all have in common.
 

@@ -137,7 +137,7 @@ def test_scales_follow_the_rig() -> None:
     assert usual.warning == ''
     assert noise(usual) == pytest.approx([0.0015, 0.0015, 0.1, 0.1], rel=0.01)
     assert noise(large) / noise(usual) == pytest.approx([1, 1, 10, 10])
-    assert large.warning == 'rate = 200 Hz is too slow for this rig: must be 1282 Hz or more'
+    assert large.warning == 'rate = 200 Hz is too slow for this plant: must be 1282 Hz or more'
     assert noise(pendulum_tracker(estimator__rate_noise=0.3))[2:] == pytest.approx([0.3, 0.3])
     wide = pendulum_tracker(limits__disk_angle=4.0)
     assert wide.deviation(np.array([0.1, 2.0, 9.0, 9.0])) == 0.5

@@ -184,6 +184,38 @@ def test_a_plant_flies_whose_rates_have_no_slope_where_its_controls_vanish() -> 
     assert (row['code'], row['caught'], row['held']) == ('', 1, 1), row['lost']
 
 
+@pytest.mark.parametrize(('growth', 'least'), [(10.0, ''), (50.0, 'must be 600 Hz or more')])
+def test_a_rate_that_is_too_slow_for_a_plant_is_said(growth: float, least: str) -> None:
+    @dataclass(frozen=True)
+    class Falling(DirectProblem):
+        """A place whose error grows by e in the time 1 / `growth` without feedback."""
+
+        state_names, state_units = ('x', 'v'), ('m', 'm/s')
+        control_names, control_units = ('push',), ('m/s^2',)
+
+        def outputs(self):
+            return {'x': Output(start=(1.0, 0.0), end=(0.0, 0.0), free=2)}
+
+        def duration(self):
+            return Duration(5.0 / growth, fixed=True)
+
+        def invert(self, y, z):
+            x, v, a = y['x']
+            return (x, v), (a - growth**2 * x,)
+
+        def derivative(self, x, u):
+            return x[1], growth**2 * x[0] + u[0]
+
+        def running_cost(self, t, x, u):
+            return u[0] ** 2
+
+    tracker = StatedTracker(Falling(), TrackerParameters(rate=200.0))
+    assert tracker.warning == ''
+    tracker.prepare(Falling().solve().trajectory)
+    assert tracker.warning.endswith(least)
+    assert bool(tracker.warning) == bool(least)
+
+
 @pytest.mark.parametrize(
     ('given', 'values', 'spacing'),
     [
