@@ -60,8 +60,7 @@ from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
 from tdm_planner.tracking.motion import wrapped
-from tdm_sim.disturbances import pendulum_push, robot_push
-from tdm_sim.mismatch import mismatched
+from tdm_sim.simulation import mismatched, pendulum_push, robot_push
 
 Array = NDArray[np.float64]
 

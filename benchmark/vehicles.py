@@ -31,8 +31,7 @@ from tdm_planner.tracking import (
     RobotTracker,
     RobotTrackerParameters,
 )
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,15 @@
 """Simulated plants, demos, recordings, reports and studies."""
 
 import tdm_planner  # noqa: F401  first: see tdm_planner.starting
-from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import (
+    Disturbances,
+    mismatched,
+    mismatched_gains,
+    pendulum_push,
+    PlantSetup,
+    robot_push,
+    SimulatedPlant,
+)
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 __all__ = [

@@ -23,7 +23,7 @@ from rclpy.time_source import CLOCK_TOPIC, TimeSource
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tdm_planner.nodes.clocks import ros_clock
-from tdm_planner.nodes.qos import NEWEST
+from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import nanoseconds_of
 
 _QUEUE = 10

@@ -25,7 +25,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tdm_planner.nodes.diagnostics import TOPIC
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 from tdm_planner.nodes.robot_nodes import robot_nodes
 from tdm_planner.nodes.tracker import tracker_specifications

@@ -26,11 +26,9 @@ from tdm_planner.parameters import group, NON_NEGATIVE, parameter, Range, SIGNED
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
 from tdm_planner.views.pendulum_urdf import pendulum_urdf
-from tdm_sim.disturbances import pendulum_push
-from tdm_sim.mismatch import mismatched
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, pendulum_push, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
 

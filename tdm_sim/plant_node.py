@@ -41,8 +41,7 @@ from tdm_planner.nodes.clocks import (
 )
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, PublisherCount, Report
 from tdm_planner.nodes.markers import lifetime_at, MARKER_DEPTH, Picture
-from tdm_planner.nodes.messages import joint_states, odometry
-from tdm_planner.nodes.qos import LATCHED, NEWEST
+from tdm_planner.nodes.messages import joint_states, LATCHED, NEWEST, odometry
 from tdm_planner.nodes.reading import read_command
 from tdm_planner.nodes.ros_parameters import ParameterNode
 from tdm_planner.parameters import build, ParameterSpec, specifications

@@ -33,11 +33,9 @@ from tdm_planner.parameters import (
 )
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
-from tdm_sim.disturbances import robot_push
-from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode, WARNING_PERIOD
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, robot_push, SimulatedPlant
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 Array = NDArray[np.float64]

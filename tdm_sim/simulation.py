@@ -10,7 +10,8 @@
 """
 A simulated plant without ROS: true state, saturating actuators, noisy sensors.
 
-Plant nodes run it in real time; closed-loop experiments step it as fast as possible.
+Plant nodes run it in real time; closed-loop experiments step it as fast as possible. Its constants
+may differ from those of its controller's model (`mismatched`), and it may be disturbed.
 """
 
 from __future__ import annotations
@@ -18,14 +19,66 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.parameters import build, to_mapping
 from tdm_planner.plants.base import integrate, LARGEST_STEP, Plant
-from tdm_sim.disturbances import Disturbances
+from tdm_planner.plants.floating_robot import FloatingRobot
+from tdm_planner.plants.rotary_pendulum import mechanics, RotaryPendulum
 
 Array = NDArray[np.float64]
+PlantType = TypeVar('PlantType')
+
+
+class Disturbances:
+    """The random part of a simulated plant, reproducible: one seed, one sequence of draws."""
+
+    def __init__(self, seed: int = 0) -> None:
+        # Independent streams: draws from one must not change the other.
+        self._noise, self._loss, self._direction = (
+            np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)
+        )
+
+    def measured(self, state: Array, deviation: Array) -> Array:
+        """`state` (nx,) with white Gaussian noise of standard `deviation` (nx,)."""
+        return state + deviation * self._noise.standard_normal(state.shape)
+
+    def loses_command(self, probability: float) -> bool:
+        """Whether the command that has just arrived is lost."""
+        return bool(self._loss.random() < probability)
+
+    def direction(self) -> float:
+        """Return an angle [rad], all directions being equally likely."""
+        return float(self._direction.uniform(-math.pi, math.pi))
+
+
+def pendulum_push(plant: RotaryPendulum, state: Array, impulse: float) -> Array:
+    """
+    State (4,) after an impulse [N m s] about the pendulum's pivot; the disk is free to react.
+
+    The generalized momentum of theta, A theta' + B psi', jumps by `impulse`, that of psi,
+    B theta' + J psi', does not.
+    """
+    k, (theta, _, theta_dot, psi_dot) = plant.coefficients, state
+    b, j, _, _ = mechanics(k, theta, theta_dot, psi_dot)
+    determinant = k.pendulum * j - b**2
+    pushed: Array = state + impulse / determinant * np.array([0.0, 0.0, j, -b])
+    return pushed
+
+
+def robot_push(plant: FloatingRobot, state: Array, impulse: float, direction: float) -> Array:
+    """
+    State (nx,) after an impulse [N s] at the robot's centre of mass.
+
+    `direction` [rad] is an angle in the arena's frame; the state begins with x, y, u, v.
+    """
+    pushed = state.copy()
+    pushed[2] += impulse / plant.mass * math.cos(direction)
+    pushed[3] += impulse / plant.mass * math.sin(direction)
+    return pushed
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,3 +222,36 @@ class SimulatedPlant:
         else:
             self.breakdowns += 1
             self.reset()
+
+
+def mismatched(plant: PlantType, mismatch: float, seed: int) -> PlantType:
+    """
+    Return a copy of a plant with every physical constant off by a random relative error.
+
+    The errors are independent and uniform in +-`mismatch`; the same seed gives the same plant.
+    Constants are the numbers declared as parameters of the plant's dataclass, groups included.
+
+    Raises
+    ------
+    InvalidProblem
+        If the disturbed constants do not make a plant (a mismatch of 1 or more may do that).
+
+    """
+    generator = np.random.default_rng(seed)
+    constants = {
+        name: value * (1.0 + mismatch * generator.uniform(-1.0, 1.0))
+        if isinstance(value, float)
+        else value
+        for name, value in to_mapping(plant).items()
+    }
+    return build(type(plant), constants)
+
+
+def mismatched_gains(count: int, mismatch: float, seed: int) -> NDArray[np.float64]:
+    """
+    Return the gain of each of `count` actuators, delivered per commanded, (count,).
+
+    Uniform in 1 +- `mismatch`, independent of the errors that `mismatched` draws from the seed.
+    """
+    generator = np.random.default_rng([seed, 1])
+    return 1.0 + mismatch * generator.uniform(-1.0, 1.0, count)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.direct_method.checked_formulation import CheckedFormulation
 from tdm_planner.direct_method.collocation import Ends
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import problem_of, stated_problem, with_parameters_of
 from tdm_planner.nodes.tracker_status import TOPIC
@@ -40,12 +40,11 @@ from tdm_planner.plant_kind import kind_of
 from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
-from tdm_sim.mismatch import mismatched
 from tdm_sim.pendulum_plant import PendulumModel
 from tdm_sim.plant_model import MarkerParameters, PlantModel, SimulationParameters
 from tdm_sim.plant_node import PlantNode
 from tdm_sim.robot_plant import RobotModel
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tdm_sim import full_disk
+from tdm_sim import bag_writer
 from tdm_sim.bag_writer import BagWriter
 import yaml
 
@@ -63,7 +63,7 @@ class FullFile:
         return getattr(self._file, name)
 
     def write(self, data: bytes) -> int:
-        room = self._room + (0 if self._reserve.exists() else full_disk.RESERVE)
+        room = self._room + (0 if self._reserve.exists() else bag_writer.RESERVE)
         if len(data) > room:
             self._file.write(data[:room])
             self._room -= room

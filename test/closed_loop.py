@@ -37,8 +37,7 @@ from tdm_planner.tracking import (
     TrajectoryTracker,
 )
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}

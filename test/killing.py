@@ -24,7 +24,7 @@ from pendulum_rig import PendulumRig
 from ros_harness import Ros
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 from trajectory_msgs.msg import JointTrajectory
 

@@ -48,8 +48,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.tracker import tracker_specifications
 from tdm_planner.parameters import ParameterSpec, specifications
 from tdm_planner.problems.request import RequestParameters

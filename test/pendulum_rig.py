@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from ros_harness import MODULES, PATIENCE, Ros
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import seconds_of
 from trajectory_msgs.msg import JointTrajectory
 

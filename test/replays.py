@@ -224,3 +224,19 @@ FAULTS = {'pendulum_swing_up': pendulum_faults, 'robot_formation': formation_fau
 def faults(document: dict[str, Any]) -> list[str]:
     """Return what is wrong with a plan as `tdm plan` writes it."""
     return FAULTS[document['problem']](document)
+
+
+def pendulum_points(plant: Any, theta: Any, psi: Any) -> tuple[Any, Any]:
+    """
+    Positions of the pendulum's pivot and tip, (..., 3) m, about the disk's centre, z up.
+
+    theta turns the rod, twice as long as its centre of mass is far, towards +y of the disk.
+    """
+    theta, psi = np.broadcast_arrays(theta, psi)
+    zero = np.zeros_like(psi)
+    radial = np.stack([np.cos(psi), np.sin(psi), zero], axis=-1)
+    tangent = np.stack([-np.sin(psi), np.cos(psi), zero], axis=-1)
+    up = np.stack([zero, zero, zero + 1.0], axis=-1)
+    pivot = plant.arm_length * radial
+    rod = np.sin(theta)[..., None] * tangent + np.cos(theta)[..., None] * up
+    return pivot, pivot + 2.0 * plant.com_distance * rod

@@ -31,8 +31,7 @@ from pendulum_rig import note
 from ros_harness import ENOUGH, MODULES, NodeProcess, PATIENCE, Ros, ros_arguments
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.messages import plan_message, to_stamp
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory

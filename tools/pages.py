@@ -25,8 +25,8 @@ import re
 from typing import Any
 
 from tdm_planner.exceptions import Failure, InvalidProblem
-from tdm_planner.nodes.answers import plan_answer, plan_summary
 from tdm_planner.nodes.planning import CODES
+from tdm_planner.nodes.services import plan_answer, plan_summary
 from tdm_planner.plan_files import plan_document
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
 from tdm_planner.replanning import ActivePlan

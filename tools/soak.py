@@ -30,7 +30,7 @@ import numpy as np
 import rclpy
 from rclpy.context import Context
 from std_srvs.srv import Trigger
-from tdm_planner.nodes.qos import SERVICE
+from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_sim.processes import NodeProcesses
 

@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from tdm_planner.exceptions import InvalidProblem, NoState
-from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.goal_tool import GoalTool
 from tdm_planner.nodes.markers import DrawnPath, plan_markers
-from tdm_planner.nodes.messages import path_message, plan_message, to_stamp
+from tdm_planner.nodes.messages import LATCHED, path_message, plan_message, to_stamp
 from tdm_planner.nodes.planned_plants import planned_plant, Values
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.services import Request
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.plant_kind import plan_kind
 from tdm_planner.plant_views import view_of

@@ -18,10 +18,10 @@ import textwrap
 from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from tdm_planner.exceptions import Failure, InvalidProblem
-from tdm_planner.nodes.answers import Request
 from tdm_planner.nodes.markers import Pen
 from tdm_planner.nodes.planned_plants import Values
 from tdm_planner.nodes.reading import check_frame, yaw_of
+from tdm_planner.nodes.services import Request
 from tdm_planner.plant_kind import ARENA_FRAME, ROBOT
 from tdm_planner.problems.formation.parameters import place_in_arena, place_in_formation
 from visualization_msgs.msg import Marker, MarkerArray

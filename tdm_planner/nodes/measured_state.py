@@ -23,7 +23,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tdm_planner.exceptions import InvalidProblem, NoState
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.qos import NEWEST
+from tdm_planner.nodes.messages import NEWEST
 from tdm_planner.nodes.reading import read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 

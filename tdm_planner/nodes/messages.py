@@ -11,7 +11,7 @@
 Plans, states and commands as ROS messages, exact to the nanosecond; `reading` reads them back.
 
 Every plant's messages are filled by its table of joints: a quantity that is no state or control of
-the plant is 0.
+the plant is 0. With them comes the quality of service that both sides must agree on.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from geometry_msgs.msg import PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -33,6 +34,21 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plant_kind import Joint, PlantKind
 from tdm_planner.trajectory import NANOSECOND, Trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+# A late subscriber gets the active plan or status.
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+# States and commands: only the newest counts. A reliable subscriber would hold messages back until
+# a lost one is sent again: over a link of 20 ms, for another 15 to 150 ms. Best effort matches
+# publishers of either kind.
+NEWEST = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+# Requests and answers of a service that many may call at once. Of the usual ten, the oldest would
+# be overwritten while the node is busy, and whoever sent it would wait for ever.
+SERVICE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
 
 Array = NDArray[np.float64]
 

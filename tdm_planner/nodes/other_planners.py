@@ -26,7 +26,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.diagnostics import PublisherCount
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.vehicle import Vehicle
 from tdm_planner.trajectory import Trajectory

@@ -44,8 +44,7 @@ from tdm_planner.replanning import (
 )
 from tdm_planner.replanning.generic_execution import ranges_of, VEHICLE
 from tdm_planner.tracking.pendulum_tracking import PendulumTrackerParameters
-from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

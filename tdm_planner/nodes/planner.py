@@ -25,24 +25,24 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tdm_planner.exceptions import Busy, Failure, Inactive, InvalidProblem
 from tdm_planner.nodes.adapter import Adapter
-from tdm_planner.nodes.answers import (
+from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
+from tdm_planner.nodes.diagnostics import Level, Report
+from tdm_planner.nodes.lifecycle import ManagedNode
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
+from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
+from tdm_planner.nodes.plan_queue import PlanQueue
+from tdm_planner.nodes.planning import make_plan
+from tdm_planner.nodes.replanning import Replanning
+from tdm_planner.nodes.runtime import run
+from tdm_planner.nodes.services import (
+    create_deferred_service,
     plan_answer,
     plan_figures,
     plan_summary,
     Request,
     service_response,
 )
-from tdm_planner.nodes.clocks import MotionClock, ros_clock, steady_timer, watch_set_back
-from tdm_planner.nodes.diagnostics import Level, Report
-from tdm_planner.nodes.lifecycle import ManagedNode
-from tdm_planner.nodes.other_planners import OtherPlanners, Recovery
-from tdm_planner.nodes.other_planners import TOPIC as SUMMARY
-from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.planning import make_plan
-from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.nodes.replanning import Replanning
-from tdm_planner.nodes.runtime import run
-from tdm_planner.nodes.services import create_deferred_service
 from tdm_planner.parameters import specifications
 from tdm_planner.plants.compilation import tell_of_compilation
 from tdm_planner.problems.problem import Problem

@@ -33,9 +33,8 @@ from tdm_planner.nodes.clocks import MotionClock, NO_TIME, pacing_clock, RateWat
 from tdm_planner.nodes.diagnostics import Level, PublisherCount, Report
 from tdm_planner.nodes.lifecycle import AUTOSTART, ManagedNode
 from tdm_planner.nodes.measured_state import MeasuredState
-from tdm_planner.nodes.messages import command_message, from_wire, joint_states
+from tdm_planner.nodes.messages import command_message, from_wire, joint_states, LATCHED
 from tdm_planner.nodes.plan_intake import PlanIntake, ReceivedPlan
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.nodes.runtime import run
 from tdm_planner.nodes.tracked_plants import tracked_plant

@@ -21,10 +21,10 @@ from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.markers import MARKER_DEPTH, Picture
 from tdm_planner.nodes.measured_state import MeasuredState
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planned_plants import PlannedPlant, Values
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.nodes.reading import read_joints
-from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.nodes.tracker_status import TrackerWatch
 from tdm_planner.replanning import ActivePlan, Mode, Observation
 from tdm_planner.trajectory import TimedTrajectory
 from trajectory_msgs.msg import JointTrajectory

@@ -13,9 +13,14 @@ Receding-horizon replanning: new plans while the plant moves, handed over withou
 No ROS, no clock: instants are seconds of one clock, which the caller reads.
 """
 
-from tdm_planner.replanning.active_plan import ActivePlan
-from tdm_planner.replanning.decision import decide, Outlook
-from tdm_planner.replanning.execution import Execution, Mode, Observation
+from tdm_planner.replanning.execution import (
+    ActivePlan,
+    decide,
+    Execution,
+    Mode,
+    Observation,
+    Outlook,
+)
 from tdm_planner.replanning.formation_execution import FormationExecution
 from tdm_planner.replanning.generic_execution import GenericExecution
 from tdm_planner.replanning.replanner import Replanner, Review

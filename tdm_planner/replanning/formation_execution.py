@@ -30,18 +30,18 @@ from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.problem import RobotFormation
 from tdm_planner.problems.formation.verification import gas_used
 from tdm_planner.problems.formation.warm_start import LATE, turning_time
-from tdm_planner.replanning.active_plan import ActivePlan
-from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
+    ActivePlan,
     Execution,
     Mode,
     Observation,
+    Outlook,
     Predicted,
 )
 from tdm_planner.tracking.estimator import LARGEST_STEP
 from tdm_planner.tracking.motion import Motion
-from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
+from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
 from tdm_planner.trajectory import Sample
 
 Array = NDArray[np.float64]

@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 from tdm_planner.problems.direct.plant import DirectPlant
 from tdm_planner.problems.direct.problem import DirectProblem
 from tdm_planner.problems.problem import Problem
-from tdm_planner.replanning.active_plan import ActivePlan
-from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.execution import Execution, Observation, Predicted
+from tdm_planner.replanning.execution import ActivePlan, Execution, Observation, Outlook, Predicted
 from tdm_planner.trajectory import Trajectory
 from tdm_planner.verification import replay
 

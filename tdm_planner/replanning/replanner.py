@@ -26,9 +26,16 @@ from tdm_planner.exceptions import TdmError
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
-from tdm_planner.replanning.active_plan import ActivePlan
-from tdm_planner.replanning.decision import decide, Outlook, worth_improving
-from tdm_planner.replanning.execution import Execution, Mode, Observation, Predicted
+from tdm_planner.replanning.execution import (
+    ActivePlan,
+    decide,
+    Execution,
+    Mode,
+    Observation,
+    Outlook,
+    Predicted,
+    worth_improving,
+)
 
 _SOLVING = 0.7  # of the delay; the rest is for publishing, and for the tracker to prepare
 _SELDOM = 0.1  # of a plan's duration: the least time between looks for a better one

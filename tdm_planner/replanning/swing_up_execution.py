@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from tdm_planner.plants.pendulum_kernels import FeedbackTable, roll_feedback
 from tdm_planner.problems.pendulum.problem import PendulumStart, PendulumSwingUp
 from tdm_planner.problems.pendulum.task import VEHICLE
-from tdm_planner.replanning.active_plan import ActivePlan
-from tdm_planner.replanning.decision import Outlook
 from tdm_planner.replanning.execution import (
+    ActivePlan,
     Execution,
     Mode,
     Observation,
+    Outlook,
     Predicted,
 )
 from tdm_planner.tracking.feedforward import PlanLaw

@@ -18,10 +18,9 @@ from tdm_planner.tracking.linear_quadratic import (
 )
 from tdm_planner.tracking.motion import Action, Command, Phase, TrajectoryRejected
 from tdm_planner.tracking.pendulum_tracking import PendulumTracker, PendulumTrackerParameters
-from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.robot_tracking import RobotTracker
 from tdm_planner.tracking.tracker import TrajectoryTracker
-from tdm_planner.tracking.tracker_parameters import TrackerParameters
+from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters, TrackerParameters
 
 __all__ = [
     'Action',

@@ -7,19 +7,28 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The state at any instant, from late and noisy samples and the commands sent meanwhile."""
+"""
+The state at any instant, from late and noisy samples and the commands sent meanwhile.
+
+With it come what a robot's actuators deliver, and what the pendulum's constants are against those
+of the model.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.parameters import parameter, Validated
 from tdm_planner.plants.base import integrate, Plant, StatedPlant
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotInertia
+from tdm_planner.plants.rotary_pendulum import Coefficients, RotaryPendulum
+from tdm_planner.tracking.tracker_parameters import NOISE, RobotTrackerParameters
 
 Array = NDArray[np.float64]
 
@@ -28,6 +37,16 @@ _HISTORY = 2.0  # s of commands that are remembered
 GAIN_UNKNOWN = 1e3  # standard deviation of gains that nothing measures directly
 _LARGEST_SURPRISE = 20.0  # standard deviations; a push or a reset, not noise
 _ILL_CONDITIONED = 1e6  # times the prior standard deviation: rounding outweighs what is known
+_YAW, _OMEGA, _ALPHA, _THRUST_GAIN, _WHEEL_GAIN = 4, 5, 6, 7, 8
+_GAIN_RANGE = (0.5, 2.0)  # of the estimated actuator gains
+_ACTUATORS_SPREAD = 0.1  # standard deviation of an actuator's gain before anything is known of it
+GAINS = 'gravity_gain', 'arm_gain', 'disk_gain', 'coupling_gain', 'torque_gain'
+_FINE = 0.1  # of the time scale of the quickest swings: steps of gains and predictions, at most
+_RATE_NOISE = 0.0094  # of w0; .1 rad/s of the default rig
+# Rates below this share of w0^2 count as that: the estimator must not trust the model blindly.
+_RATE_FLOOR = 0.1
+_LASTING = 0.05  # 1 / w0 for which an error of the model's accelerations stays the same
+_GAIN_SPREAD = 0.05  # standard deviation of the gains before anything is known of them
 
 
 class DifferentiablePlant(Plant, Protocol):
@@ -200,3 +219,121 @@ class StateEstimator:
         self._state = self._state + gain @ innovation
         covariance = self._covariance - gain @ self._covariance
         self._covariance = 0.5 * (covariance + covariance.T)
+
+
+class EstimatedRobot(PlantWithGains):
+    """The floating robot with two more states: what thruster and wheel deliver per command."""
+
+    state_names = (*FloatingRobot.state_names, 'thrust_gain', 'torque_gain')
+    state_units = (*FloatingRobot.state_units, '', '')
+    control_names = FloatingRobot.control_names
+    control_units = FloatingRobot.control_units
+
+    @staticmethod
+    def equations(
+        k: RobotInertia, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        *motion, thrust_gain, torque_gain = state
+        thrust, rate, torque = control
+        given = thrust_gain * thrust, rate, torque_gain * torque
+        return (*FloatingRobot.equations(k, motion, given), 0.0, 0.0)
+
+
+def actuator_gains(state: Array) -> tuple[float, float]:
+    """Return the estimated gains of thruster and wheel, kept within reason."""
+    lower, upper = _GAIN_RANGE
+    thruster, wheel = state[[_THRUST_GAIN, _WHEEL_GAIN]].tolist()
+    return min(max(thruster, lower), upper), min(max(wheel, lower), upper)
+
+
+def robot_estimator(parameters: RobotTrackerParameters) -> StateEstimator:
+    """Return the estimator of a robot's states and of its actuators' gains (9,)."""
+    assumed, limits, plant = parameters.estimator, parameters.limits, parameters.plant
+    push, spin = limits.thrust / plant.mass, limits.torque / plant.inertia
+    measured = [assumed.position_noise] * 2 + [assumed.velocity_noise] * 2
+    measured += [assumed.angle_noise] * 2 + [assumed.thruster_noise]
+    noise = EstimatorNoise(
+        measurement=np.array(measured + [GAIN_UNKNOWN] * 2),
+        model=assumed.model_error,
+        rate_floor=np.array([0.0, 0.0, push, push, 0.0, spin, 0.0, 0.0, 0.0]),
+        driven=np.array([False, False, True, True, False, True, False, False, False]),
+        prior=np.array(measured + [_ACTUATORS_SPREAD] * 2),
+    )
+    angles = np.zeros(9, dtype=bool)
+    angles[[_YAW, _ALPHA]] = True
+    return StateEstimator(EstimatedRobot(plant), noise, angles, parameters.state_timeout)
+
+
+@dataclass(frozen=True)
+class EstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    angle_noise: float = parameter(
+        0.0015, 'standard deviation of measured angles', unit='rad', allowed=NOISE
+    )
+    rate_noise: float | None = parameter(
+        None,
+        "standard deviation of measured rates; unset: in proportion to the rig's speed",
+        unit='rad/s',
+        allowed=NOISE,
+    )
+    model_error: float = parameter(
+        0.1, "relative error of the model's accelerations", allowed=NOISE
+    )
+
+
+class EstimatedPendulum(PlantWithGains):
+    """
+    The pendulum with five more states: its constants over those of the model.
+
+    The pendulum's own inertia is the model's: only ratios of inertias and torques matter. Those of
+    the coupling and of what the disk feels of a tilted pendulum hardly differ.
+    """
+
+    state_names = (*RotaryPendulum.state_names, *GAINS)
+    state_units = (*RotaryPendulum.state_units, *[''] * len(GAINS))
+    control_names = RotaryPendulum.control_names
+    control_units = RotaryPendulum.control_units
+
+    @staticmethod
+    def equations(
+        k: Coefficients, state: Sequence[Any], control: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Return the rates of the states; the arguments may hold numbers, arrays or symbols."""
+        *motion, gravity, arm, disk, coupling, motor = state
+        true = k._replace(
+            gravity=gravity * k.gravity,
+            arm=arm * k.arm,
+            disk=disk * k.disk,
+            coupling=coupling * k.coupling,
+            disk_sine=coupling * k.disk_sine,
+        )
+        torque = [motor * part for part in control]
+        return (*RotaryPendulum.equations(true, motion, torque), *[0.0] * len(GAINS))
+
+
+def longest_step(plant: RotaryPendulum) -> float:
+    """Return the longest step [s] in which a prediction is accurate."""
+    return min(LARGEST_STEP, _FINE / plant.natural_frequency / plant.quickness)
+
+
+def pendulum_estimator(
+    plant: RotaryPendulum, assumed: EstimatorParameters, longest_gap: float
+) -> StateEstimator:
+    """Return the estimator of the pendulum's states and of the gains (9,)."""
+    frequency, rate_noise = plant.natural_frequency, assumed.rate_noise
+    if rate_noise is None:
+        rate_noise = _RATE_NOISE * frequency
+    measured, gains = [assumed.angle_noise] * 2 + [rate_noise] * 2, len(GAINS)
+    noise = EstimatorNoise(
+        measurement=np.array(measured + [GAIN_UNKNOWN] * gains),
+        model=assumed.model_error,
+        rate_floor=np.full(4 + gains, _RATE_FLOOR * frequency**2),
+        driven=np.array([False, False, True, True] + [False] * gains),
+        lasting=_LASTING / frequency,
+        prior=np.array(measured + [_GAIN_SPREAD] * gains),
+    )
+    angles = np.array([True] + [False] * (3 + gains))
+    estimated, step = EstimatedPendulum(plant), longest_step(plant)
+    return StateEstimator(estimated, noise, angles, longest_gap, step)

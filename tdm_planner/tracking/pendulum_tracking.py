@@ -36,16 +36,16 @@ from numpy.typing import NDArray
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.plants.rotary_pendulum import PendulumLimits, RotaryPendulum
-from tdm_planner.tracking.feedforward import PlanLaw
-from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
-from tdm_planner.tracking.motion import Action, Motion, wrapped
-from tdm_planner.tracking.pendulum_estimation import (
+from tdm_planner.tracking.estimator import (
     EstimatedPendulum,
     EstimatorParameters,
     GAINS,
     longest_step,
     pendulum_estimator,
 )
+from tdm_planner.tracking.feedforward import PlanLaw
+from tdm_planner.tracking.linear_quadratic import discrete_regulator, Regulator
+from tdm_planner.tracking.motion import Action, Motion, wrapped
 from tdm_planner.tracking.tracker import TrajectoryTracker
 from tdm_planner.tracking.tracker_parameters import TrackerParameters
 from tdm_planner.trajectory import Trajectory

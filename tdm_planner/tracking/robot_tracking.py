@@ -32,11 +32,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tdm_planner.tracking.estimator import actuator_gains, robot_estimator
 from tdm_planner.tracking.feedforward import Feedforward
 from tdm_planner.tracking.motion import Action, Motion, wrapped
-from tdm_planner.tracking.robot_estimation import actuator_gains, robot_estimator
-from tdm_planner.tracking.robot_parameters import RobotTrackerParameters
 from tdm_planner.tracking.tracker import TrajectoryTracker
+from tdm_planner.tracking.tracker_parameters import RobotTrackerParameters
 from tdm_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]

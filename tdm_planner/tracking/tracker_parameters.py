@@ -7,13 +7,15 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Parameters that every tracker has."""
+"""Parameters that every tracker has, and those of a robot's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 from tdm_planner.parameters import group, parameter, POSITIVE, Range, Validated
+from tdm_planner.plants.floating_robot import FloatingRobot, RobotLimits
 
 NOISE = Range(1e-9, 1e6)  # of standard deviations; their squares are computed with
 
@@ -74,3 +76,93 @@ class TrackerParameters(Validated):
     def interval(self) -> float:
         """Time for which a command acts [s]."""
         return 1.0 / self.rate
+
+
+@dataclass(frozen=True)
+class RobotTolerances(Tolerances):
+    """How far the robot may be from the trajectory."""
+
+    start: float = parameter(
+        0.1,
+        'largest distance from the start for a trajectory to be accepted',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    path: float = parameter(
+        0.3, 'distance from the plan at which the motion is aborted', unit='m', allowed=POSITIVE
+    )
+
+
+@dataclass(frozen=True)
+class RobotFeedback(Validated):
+    """Feedback; the gains are those of the linear-quadratic regulator of a double integrator."""
+
+    position: float = parameter(
+        0.1,
+        'position error that gives full thrust; smaller is stiffer',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    yaw: float = parameter(
+        0.1,
+        'yaw error that gives full torque; smaller is stiffer',
+        unit='rad',
+        allowed=POSITIVE,
+    )
+    deadband: float = parameter(
+        0.03,
+        'share of limits.thrust below which the thruster is not turned for the feedback, '
+        'corrections of a coast apart',
+        allowed=Range(0.0, 0.5),
+    )
+    coasting: float = parameter(
+        0.004,
+        'distance by which a coast may miss the next burn, or station-keeping the goal, before it '
+        'is corrected',
+        unit='m',
+        allowed=POSITIVE,
+    )
+    misalignment: float = parameter(
+        1.0,
+        'angle between wanted acceleration and thruster beyond which there is no thrust',
+        unit='rad',
+        allowed=Range(0.0, math.pi / 2, lower_open=True),
+    )
+
+
+@dataclass(frozen=True)
+class RobotEstimatorParameters(Validated):
+    """What the state estimator assumes."""
+
+    position_noise: float = parameter(
+        0.002, 'standard deviation of x and of y', unit='m', allowed=NOISE
+    )
+    velocity_noise: float = parameter(
+        0.002, 'standard deviation of the velocity along x and y', unit='m/s', allowed=NOISE
+    )
+    angle_noise: float = parameter(
+        0.005,
+        'standard deviation of the yaw and its rate',
+        unit='rad, rad/s',
+        allowed=NOISE,
+    )
+    thruster_noise: float = parameter(
+        0.005, "standard deviation of the thruster's angle", unit='rad', allowed=NOISE
+    )
+    model_error: float = parameter(
+        0.03, "error of the model's accelerations relative to the largest", allowed=NOISE
+    )
+
+
+@dataclass(frozen=True)
+class RobotTrackerParameters(TrackerParameters):
+    """Parameters of a robot's tracker."""
+
+    planner_service: str = parameter(
+        '/robots/plan', "name of the planner's service", read_only=True
+    )
+    tolerance: RobotTolerances = group(RobotTolerances)
+    plant: FloatingRobot = group(FloatingRobot)
+    limits: RobotLimits = group(RobotLimits)
+    feedback: RobotFeedback = group(RobotFeedback)
+    estimator: RobotEstimatorParameters = group(RobotEstimatorParameters)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import json
 from typing import Any
 
-from tdm_planner.views.topics import absolute
+from tdm_planner.views import absolute
 
 Panels = dict[str, dict[str, Any]]
 

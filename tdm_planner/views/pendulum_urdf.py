@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from tdm_planner.plants.pendulum_geometry import RigShape
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 
 _HEAD = """<?xml version="1.0"?>
@@ -36,29 +35,29 @@ def pendulum_urdf(plant: RotaryPendulum) -> str:
     `pendulum`, about -x of the disk, on the disk's rim. The plant does not know the disk's mass,
     which has no influence on the motion: the disk is a uniform one of its moment of inertia.
     """
-    shape, inertia = RigShape.of(plant), plant.inertia
+    inertia, radius, rod_length = plant.inertia, plant.arm_length, 2.0 * plant.com_distance
+    thick, high = 0.12 * radius, 1.15 * rod_length  # of the disk; of the base, for the rod to hang
     robot = ElementTree.Element('robot', name='rotary_pendulum')
     for name, rgba in _COLOURS.items():
         ElementTree.SubElement(
             ElementTree.SubElement(robot, 'material', name=name), 'color', rgba=rgba
         )
     ElementTree.SubElement(robot, 'link', name='world')
-    half = 0.5 * shape.disk_thickness
     base = _link(robot, 'base')
-    _cylinder(base, 'dark', shape.base_radius, shape.base_height, -half - 0.5 * shape.base_height)
+    _cylinder(base, 'dark', 0.5 * radius, high, -0.5 * (thick + high))
     disk = _link(robot, 'disk')
-    mass = 2.0 * inertia.disk / plant.arm_length**2
+    mass = 2.0 * inertia.disk / radius**2
     _inertial(disk, mass, 0.0, (0.5 * inertia.disk, 0.5 * inertia.disk, inertia.disk))
-    _cylinder(disk, 'grey', shape.disk_radius, shape.disk_thickness, 0.0)
+    _cylinder(disk, 'grey', radius, thick, 0.0)
     rod = _link(robot, 'rod')
     # The plant's axes are x across, y along the rod, z the pivot's; the link's are pivot, across,
     # along.
     moments = (inertia.z, inertia.x, inertia.y)
     _inertial(rod, plant.mass, plant.com_distance, moments)
-    _cylinder(rod, 'red', shape.rod_radius, shape.rod_length, 0.5 * shape.rod_length)
+    _cylinder(rod, 'red', 0.035 * rod_length, rod_length, 0.5 * rod_length)
     _joint(robot, 'base', 'fixed', 'world', 'base')
     _joint(robot, 'disk', 'continuous', 'base', 'disk', axis='0 0 1')
-    rim = f'{plant.arm_length!r} 0 0'
+    rim = f'{radius!r} 0 0'
     _joint(robot, 'pendulum', 'continuous', 'disk', 'rod', origin=rim, axis='-1 0 0')
     ElementTree.indent(robot)
     return _HEAD + ElementTree.tostring(robot, encoding='unicode') + '\n'

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tdm_planner.views.topics import absolute
+from tdm_planner.views import absolute
 import yaml
 
 _PLUGIN = 'rviz_default_plugins/'

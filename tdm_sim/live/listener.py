@@ -46,7 +46,7 @@ from std_srvs.srv import Trigger
 from tdm_planner.client import PlanClient
 from tdm_planner.exceptions import InvalidProblem, NoAnswer
 from tdm_planner.nodes.diagnostics import TOPIC as DIAGNOSTICS
-from tdm_planner.nodes.qos import SERVICE
+from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.reading import nanoseconds_of, read_joints, read_odometry
 from tdm_planner.plant_kind import PlantKind
 

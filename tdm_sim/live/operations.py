@@ -7,29 +7,106 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The operations that the page offers by buttons, sliders and dragging."""
+"""
+The operations that the page offers by buttons, sliders and dragging.
+
+They run one at a time; a newer one supersedes a waiting one of its kind.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+import threading
 import time
 from typing import Any
 
-from tdm_planner.exceptions import Busy
-from tdm_sim.live.drag_handles import DragHandle, Pose, pulled
+from tdm_planner.exceptions import Busy, TdmError
 from tdm_sim.live.listener import Listener, PLANNING, SIMULATION
 from tdm_sim.live.recordings import RecordingFailed, Recordings
 from tdm_sim.live.rig import Rig
+from tdm_sim.live.scene import DragHandle, Pose, pulled
 from tdm_sim.live.sliders import Slider
-from tdm_sim.live.task_thread import LONGEST, start_delay, TaskThread, Told
 
+Act = Callable[[], str]
+Told = Callable[[str], None]
+SHORTEST, LONGEST = 0.2, 1.0  # s from a request to the start of the motion
 REPLAN_RATE = 5.0  # Hz
 PATIENCE = 120.0  # s for a plan: the planner may have to compile its kernels
-
 _LOOK = 0.02  # s between requests while the planner is busy
 _ARRIVAL = 0.03  # s for the states after a reset to arrive at the planner
+
+
+class TaskThread:
+    """
+    Runs tasks in its own thread, one at a time.
+
+    A waiting task is superseded by a newer one of its kind. A drag so yields as many plans as
+    solving allows, and the last one is for the place where the drag ended.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, tuple[Act, Told]] = {}
+        self._news = threading.Condition()
+        self._ended = False
+        self._busy = False
+        self._thread = threading.Thread(target=self._run, name='live tasks', daemon=True)
+        self._thread.start()
+
+    def submit(self, kind: str, act: Act, told: Told) -> None:
+        """
+        Run `act()`, then call `told(text)` with its result or the reason for its failure.
+
+        `told` is not called for a task that is superseded before its turn.
+        """
+        with self._news:
+            self._waiting[kind] = act, told
+            self._news.notify()
+
+    @property
+    def idle(self) -> bool:
+        """Whether every task has ended."""
+        with self._news:
+            return not self._waiting and not self._busy
+
+    def close(self) -> None:
+        """Drop the waiting tasks; the running one ends by itself."""
+        with self._news:
+            self._ended = True
+            self._waiting.clear()
+            self._news.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._news:
+                self._busy = False
+                self._news.wait_for(lambda: self._ended or bool(self._waiting))
+                if self._ended:
+                    return
+                kind = next(iter(self._waiting))
+                act, told = self._waiting.pop(kind)
+                self._busy = True
+            told(_outcome(act))
+
+
+def _outcome(act: Act) -> str:
+    try:
+        return act()
+    except TdmError as error:
+        return f'{error.code}: {error}'
+    except Exception as error:  # noqa: B902
+        # The page goes on, and shows it.
+        return f'INTERNAL: {type(error).__name__}: {error}'
+
+
+def start_delay(solve_time: float) -> float:
+    """
+    Return `start.delay` [s] of the next request; the last one took `solve_time` s to solve.
+
+    As short as solving allows: until a plan's motion has begun, the next one is not made.
+    """
+    return min(max(2.0 * solve_time + 0.1, SHORTEST), LONGEST)
 
 
 class Operations:

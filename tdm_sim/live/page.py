@@ -18,7 +18,6 @@ import numpy as np
 from tdm_planner.drawing import way_of
 from tdm_planner.exceptions import TdmError
 from tdm_planner.trajectory import NANOSECOND
-from tdm_sim.live.drag_handles import drag_handles_of, DragHandle, Pose
 from tdm_sim.live.geometry import Array, GHOST, GOAL, Look, NOTHING, PATH, picture, view_on
 from tdm_sim.live.history import History, SolveTimes
 from tdm_sim.live.listener import Listener, NodeStatus, PLANNING, SIMULATION, TRACKING
@@ -26,7 +25,7 @@ from tdm_sim.live.operations import Operations
 from tdm_sim.live.panel import Panel
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
-from tdm_sim.live.scene import Scene
+from tdm_sim.live.scene import drag_handles_of, DragHandle, Pose, Scene
 from tdm_sim.live.sliders import in_order, Slider, slider_of
 import viser
 

@@ -27,8 +27,14 @@ from tdm_sim.report import untrusted
 from tdm_sim.report.bag_files import check_recording, messages, salvaged, UnreadableRecording
 from tdm_sim.report.mission import FollowedPlan, Mission, Vehicle
 from tdm_sim.report.plan_documents import plan_figures, PlanSummary, problem_of, read_summary
-from tdm_sim.report.recorded_events import events, RecordedClock
-from tdm_sim.report.recorded_topics import gather, RecordedTopics, STRING, wanted
+from tdm_sim.report.recorded_topics import (
+    events,
+    gather,
+    RecordedClock,
+    RecordedTopics,
+    STRING,
+    wanted,
+)
 from tdm_sim.report.recorded_vehicles import (
     choose,
     find_sites,

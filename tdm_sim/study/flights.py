@@ -40,11 +40,10 @@ from tdm_planner.tracking import (
 )
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_planner.trajectory import Trajectory
-from tdm_sim.mismatch import mismatched, mismatched_gains
 from tdm_sim.report.margins import margin_history, separations, smallest
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, Vehicle
 from tdm_sim.report.verdict import arrival, goal_errors, HOLD_TIME, judge
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from tdm_planner.plan_files import write_file
 from tdm_sim.study.axes import Axis
 from tdm_sim.study.flights import FLOWN
 from tdm_sim.study.pictures import Columns
-from tdm_sim.study.rows import MARGIN
+from tdm_sim.study.tables import MARGIN
 
 _PAGE = """\
 <!DOCTYPE html>

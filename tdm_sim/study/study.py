@@ -25,8 +25,7 @@ from tdm_planner.problems.registry import load_problem
 from tdm_sim.progress import Progress
 from tdm_sim.study.axes import Axis, checked, Chosen, parse_axis, Point, Points
 from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.rows import Trial
-from tdm_sim.study.tables import claim, ENDINGS, Table
+from tdm_sim.study.tables import claim, ENDINGS, Table, Trial
 from tdm_sim.study.workers import each, workers
 
 Over = Mapping[str, str | Sequence[Any]] | Sequence[Axis]

@@ -8,7 +8,7 @@
 # language governing permissions and limitations under the License.
 
 """
-The folder of a study: its statement, and the table of the rows computed so far.
+The folder of a study: its statement, its rows, and the table of those computed so far.
 
 The table is replaced as a whole, so that it can be read whenever the study ends.
 """
@@ -16,6 +16,7 @@ The table is replaced as a whole, so that it can be read whenever the study ends
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 import json
 import os
 from pathlib import Path
@@ -23,13 +24,71 @@ from typing import Any
 
 import pyarrow as pa
 from pyarrow import csv, parquet
+from tdm_planner.exceptions import PlannerFault, TdmError
 from tdm_planner.plan_files import finite, UnusableFile
-from tdm_sim.study.flights import FLOWN
-from tdm_sim.study.rows import MARGIN
+from tdm_planner.problems.problem import Problem
+from tdm_sim.study.axes import Point
+from tdm_sim.study.flights import ClosedLoop, FLOWN, measured
 
+Row = dict[str, Any]
+
+MARGIN = 'margin.'  # before the name of a limit: what the plan leaves of it at worst
 STATEMENT = 'study.json'
 _TEXTS = dict.fromkeys(('code', 'reason', 'lost'), pa.string())
 ENDINGS = ('.parquet', '.csv')
+
+
+@dataclass(frozen=True)
+class Trial:
+    """
+    Computes a point: the plan and, with a closed loop, its runs.
+
+    `parameters` are those that all points share. The result is the row without its parameters. It
+    depends on the point alone, not on the clock or the order of points.
+    """
+
+    problem: type[Problem]
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    closed_loop: ClosedLoop | None = None
+
+    def __call__(self, point: Point) -> Row:
+        """Return the row of a point."""
+        try:
+            return self._tried(point)
+        except TdmError as error:
+            return failed(error.code, str(error))
+        except Exception as error:  # noqa: B902
+            # A fault of the program or of a user's problem: the study goes on.
+            return failed(PlannerFault.code, f'{type(error).__name__}: {error}')
+
+    def lost(self, point: Point) -> Row:
+        """Return the row of a point at which every process died."""
+        del point
+        return failed(PlannerFault.code, 'every process that computed it died')
+
+    def _tried(self, point: Point) -> Row:
+        problem = self.problem.from_parameters({**self.parameters, **point})
+        solution = problem.solve(counted=True)
+        row: Row = {
+            'verified': True,
+            'code': '',
+            'reason': '',
+            'cost': float(solution.cost),
+            'duration': float(solution.duration),
+            'solve_time': solution.solve_time,
+            'evaluations': solution.evaluations,
+        }
+        check = solution.verification
+        row |= {f'{MARGIN}{name}': float(value) for name, value in check.worst.items()}
+        if self.closed_loop is not None:
+            row |= measured(problem, solution, self.closed_loop)
+        return row
+
+
+def failed(code: str, reason: str) -> Row:
+    """Return the row of a point without a plan."""
+    nothing = dict.fromkeys(('cost', 'duration', 'solve_time', 'evaluations'))
+    return {'verified': False, 'code': code, 'reason': reason, **nothing}
 
 
 class Table:

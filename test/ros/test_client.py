@@ -27,8 +27,8 @@ from std_msgs.msg import String
 from stepped_ros import Stepped
 from tdm_planner.client import PlanClient, PlanResult
 from tdm_planner.exceptions import ERRORS, Infeasible, InvalidProblem, NoAnswer, NoState, TdmError
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.planning import CODES
-from tdm_planner.nodes.qos import LATCHED
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.pendulum.problem import PendulumSwingUp

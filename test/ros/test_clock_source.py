@@ -17,8 +17,7 @@ from ros_harness import MODULES
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import to_stamp
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of
 from trajectory_msgs.msg import JointTrajectory
 

@@ -21,14 +21,14 @@ import numpy as np
 import pytest
 from stepped_ros import Stepped
 from tdm_planner.exceptions import InvalidProblem
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
-from tdm_sim.live.drag_handles import drag_handles_of
 from tdm_sim.live.geometry import about
 from tdm_sim.live.listener import Listener, PLANNING, SILENT, SIMULATION, TRACKING
 from tdm_sim.live.operations import Operations
 from tdm_sim.live.recordings import Recordings
 from tdm_sim.live.rig import Rig
+from tdm_sim.live.scene import drag_handles_of
 from tdm_sim.live.sliders import slider_of
 from trajectory_msgs.msg import JointTrajectory
 

@@ -19,9 +19,8 @@ from ros_harness import MODULES
 from stepped_ros import Stepped
 from tdm_planner.nodes.clocks import MotionClock
 from tdm_planner.nodes.diagnostics import Diagnostics, Level, Report
-from tdm_planner.nodes.qos import LATCHED
-from tdm_planner.nodes.tracker_status import goal_status
-from tdm_planner.nodes.tracker_watch import TrackerWatch
+from tdm_planner.nodes.messages import LATCHED
+from tdm_planner.nodes.tracker_status import goal_status, TrackerWatch
 from tdm_planner.replanning import Mode
 from tdm_planner.tracking import PendulumTrackerParameters
 

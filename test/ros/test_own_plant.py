@@ -27,7 +27,7 @@ from stepped_ros import Stepped
 from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes.markers import LIFETIME
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.parameters import parameter
 from trajectory_msgs.msg import JointTrajectory

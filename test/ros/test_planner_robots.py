@@ -24,8 +24,7 @@ from stepped_ros import Stepped
 from tdm_planner.nodes import other_planners
 from tdm_planner.nodes.adapter import Adapter
 from tdm_planner.nodes.clocks import MotionClock
-from tdm_planner.nodes.messages import plan_message, to_quaternion, to_stamp
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, plan_message, to_quaternion, to_stamp
 from tdm_planner.nodes.reading import nanoseconds_of, read_plan
 from tdm_planner.plant_kind import ROBOT
 from tdm_planner.problems import RobotFormation

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.direct_method import Budget
 from tdm_planner.exceptions import Infeasible, InvalidProblem, VerificationFailed
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.nodes.reading import nanoseconds_of
 from tdm_planner.parameters import group, parameter, POSITIVE, Validated
 from tdm_planner.problems import PendulumSwingUp, Problem, Search, Solution, SolverParameters

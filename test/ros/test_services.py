@@ -28,8 +28,8 @@ from stepped_ros import Stepped
 from tdm_planner.exceptions import Busy
 from tdm_planner.nodes.diagnostics import Level, Report
 from tdm_planner.nodes.lifecycle import ManagedNode
+from tdm_planner.nodes.messages import SERVICE
 from tdm_planner.nodes.plan_queue import PlanQueue
-from tdm_planner.nodes.qos import SERVICE
 from tdm_planner.nodes.runtime import make_executor
 from tdm_planner.nodes.services import Answer, ATTEMPTS, create_deferred_service
 

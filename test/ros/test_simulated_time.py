@@ -18,8 +18,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from stepped_ros import Stepped
-from tdm_planner.nodes.messages import plan_message
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, plan_message
 from tdm_planner.plant_kind import PENDULUM
 from tdm_planner.problems import PendulumSwingUp
 from trajectory_msgs.msg import JointTrajectory

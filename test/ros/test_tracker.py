@@ -26,8 +26,7 @@ from std_srvs.srv import Trigger
 from stepped_ros import NodeHere, Stepped
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.nodes import plan_intake
-from tdm_planner.nodes.messages import plan_message, to_stamp
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED, plan_message, to_stamp
 from tdm_planner.parameters import build
 from tdm_planner.plant_kind import PENDULUM, ROBOT
 from tdm_planner.plants.floating_robot import FloatingRobot

@@ -17,7 +17,7 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from bag_contents import read_with_mcap
 from ros_harness import Ros
 from signal_scenes import SCENES, survivors
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 
 
 def test_a_goal_that_cannot_be_planned_is_no_success(ros: Ros, tmp_path: Path):

@@ -30,7 +30,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from tdm_planner.cli import main
 from tdm_planner.exceptions import InvalidProblem
-from tdm_sim import full_disk, recorder
+from tdm_sim import bag_writer, recorder
 from tdm_sim.bag_writer import BagWriter
 from tdm_sim.recorder import IncompleteRecording, Progress, record, RecordingError, run
 from tdm_sim.wire_types import definition_and_hash, installed_types, message_class
@@ -55,7 +55,7 @@ def written(writer: BagWriter, most: int, size: int) -> int:
 
 
 @pytest.mark.parametrize('room', [1_500_000, 3_000_000, 3_145_728, None])
-def test_a_full_disk_costs_little_of_what_was_written(tmp_path: Path, room: int | None) -> None:
+def test_a_bag_writer_costs_little_of_what_was_written(tmp_path: Path, room: int | None) -> None:
     """Nothing in an MCAP file with room for so many bytes; without, it is a database."""
     bag = tmp_path / 'bag'
     with BagWriter(bag, 'mcap' if room else 'sqlite3') as writer:
@@ -86,7 +86,7 @@ def test_a_disk_too_full_to_begin_is_said_to_be(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(full_disk.os, 'posix_fallocate', full)
+    monkeypatch.setattr(bag_writer.os, 'posix_fallocate', full)
     with BagWriter(tmp_path / 'bag') as writer:
         assert 'No space left on device' in writer.failure
     assert read_with_mcap(tmp_path / 'bag') == {}
@@ -101,7 +101,7 @@ def test_a_recorder_that_is_killed_leaves_what_was_completed(
     bag, copy = tmp_path / 'bag', tmp_path / 'killed'
     with BagWriter(tmp_path / 'much') as writer:  # however much comes within a second
         assert written(writer, 1500, 1000) == 1500
-        assert 1_500_000 - (writer.path / 'much.mcap').stat().st_size < full_disk.LARGEST_BLOCK
+        assert 1_500_000 - (writer.path / 'much.mcap').stat().st_size < bag_writer.LARGEST_BLOCK
     with BagWriter(bag, storage) as writer:
         assert written(writer, 50, 10) == 50
         writer.keep()

@@ -29,9 +29,8 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Phase
 from tdm_planner.tracking.motion import wrapped
-from tdm_sim.mismatch import mismatched
 from tdm_sim.report.verdict import arrival, judge
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
 from tdm_sim.study.flights import ClosedLoop, fly
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))

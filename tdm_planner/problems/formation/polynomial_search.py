@@ -22,7 +22,7 @@ from tdm_planner.direct_method.bases import PolynomialBasis, PowerProducts
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.problems.formation.polynomial_plan import initial_misalignment, trajectory
-from tdm_planner.problems.formation.polynomial_program import PolynomialProgram
+from tdm_planner.problems.formation.program import PolynomialProgram
 from tdm_planner.problems.formation.reference_motion import (
     FormationMotion,
     MotionForm,

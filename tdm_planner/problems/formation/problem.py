@@ -37,8 +37,8 @@ from tdm_planner.problems.formation.parameters import (
     robot_names,
     RobotStart,
 )
-from tdm_planner.problems.formation.polynomial_program import compile_polynomials
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
+from tdm_planner.problems.formation.program import compile_polynomials
 from tdm_planner.problems.formation.reference_motion import MotionForm
 from tdm_planner.problems.formation.task import check_task, FormationTask
 from tdm_planner.problems.formation.thrust_arcs_search import ArcSearch, compile_arcs

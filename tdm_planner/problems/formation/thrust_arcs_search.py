@@ -7,7 +7,13 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The search for formations' plans by thrust arcs: rounded polylines, the shared minimiser."""
+"""
+The search for formations' plans by thrust arcs: rounded polylines, the shared minimiser.
+
+First guesses have one corner each, bowed to either side, and are screened together. Which robot
+passes on which side of another decides which local minimum is found: of every set of sides the
+guess that looks best is tried, the most promising first.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +28,20 @@ from numpy.typing import NDArray
 from tdm_planner.direct_method.nonlinear_program import Budget
 from tdm_planner.direct_method.trust_region import TrustRegionOptions
 from tdm_planner.exceptions import Infeasible
+from tdm_planner.plants.compilation import compiled
 from tdm_planner.problems.formation.polynomial_search import PolynomialSearch
 from tdm_planner.problems.formation.search import Candidate, FormationSearch
+from tdm_planner.problems.formation.seeds import INSTANTS, screened
 from tdm_planner.problems.formation.task import FormationTask
-from tdm_planner.problems.formation.thrust_arcs_kernels import WEAKEST
+from tdm_planner.problems.formation.thrust_arcs_kernels import (
+    CENTRE,
+    Fleet,
+    HALF,
+    own_margins,
+    positions,
+    round_off,
+    WEAKEST,
+)
 from tdm_planner.problems.formation.thrust_arcs_motion import (
     arc_trajectory,
     cleaned,
@@ -33,15 +49,32 @@ from tdm_planner.problems.formation.thrust_arcs_motion import (
     remaining,
     resumed,
 )
-from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram, HeldMotion
-from tdm_planner.problems.formation.thrust_arcs_seeds import ArcSeeds, MANY, reseated
+from tdm_planner.problems.formation.thrust_arcs_program import ArcPoint, ArcProgram, HeldMotion
 from tdm_planner.problems.formation.warm_start import kept_motions, LATE
 from tdm_planner.problems.solution import Solution
 from tdm_planner.trajectory import Trajectory
 
+MANY = 5  # robots from which on choices are richer, and combined by descent
+_BOWS = (0.0, 0.12, -0.12, 0.25, -0.25)
+_RICH_BOWS = (0.1, -0.1, 0.2, -0.2, 0.35, -0.35)
+# Of a choice: where on the way its corner lies, the bow as a share of the way, the wait before.
+_CHOICES = tuple((0.5, bow, 0.0) for bow in _BOWS)
+_RICH_CHOICES = (
+    (0.5, 0.0, 0.0),
+    *((share, bow, 0.0) for share in (0.3, 0.5, 0.7) for bow in _RICH_BOWS),
+    *((0.6, bow, 0.2) for bow in (0.0, 0.15, -0.15)),
+    *((0.7, bow, 0.35) for bow in (0.0, 0.15, -0.15)),
+)
+_OVERLAP, _RICH_OVERLAP = 0.35, 1.15  # price of coming too near by a unit of length, in costs
+_SPARE = 1.02  # clearances wanted of a guess
+_MEETING = 1.1  # clearances within which it matters on which side robots pass
+_LEAST_BOW = 1.2  # units of length: bows of short ways are shares of that
+_STRETCHES = 8  # times that a guess may be given more time
+_TOUCHING = 1.01  # clearances within which robots touch
+_STRAIGHT = 4.0  # times the speed that is rounded off: robots that turn less fly straight
+_SEATED = 0.02  # of a duration, by which a corner must move to be worth it
 Array = NDArray[np.float64]
 Arcs: TypeAlias = Candidate[ArcProgram]
-
 FEW = 8  # robots up to which plans are looked for directly, without one of polynomials
 _DESPERATE = 12  # random guesses, as long as nothing is found
 _WORSE = 1.04  # times the best cost so far: a start that is nearly feasible there is aborted
@@ -52,6 +85,139 @@ _ROUGH, _FINE = 1e-3, 2e-4  # predicted decrease of J at which a minimum is one
 _RADIUS, _POLISHING_RADIUS = 0.15, 0.1
 _ITERATIONS = 50
 _FEASIBLE = 1e-3  # violation at which the minimiser may end, whatever the tolerance
+
+
+@compiled
+def _survey(
+    choices: Array, fleet: Fleet, times: Array, paths: Array, gas: Array, burns: Array
+) -> None:
+    """Paths (n, c, K, 2) and gas (n, c) of every robot's choices (n, c, v)."""
+    n, count, v = choices.shape
+    slopes = np.zeros((burns.shape[1], 4, v))
+    for i in range(n):
+        for c in range(count):
+            if fleet.varied[i]:
+                round_off(choices[i, c], fleet, i, burns[i], slopes)
+            both = slice(i, i + 1)
+            paths[i, c] = positions(
+                times, fleet.start[both], fleet.velocity[both], burns[both]
+            )[0]  # fmt: skip
+            for k in range(burns.shape[1]):
+                gas[i, c] += np.hypot(burns[i, k, 0], burns[i, k, 1])
+
+
+@compiled
+def _give_time(x: Array, share: Array, fleet: Fleet) -> None:
+    """Have robots wait for their thrusters, and take longer, as long as they could not fly so."""
+    burns, slopes, margins = np.zeros((3, 4)), np.zeros((3, 4, 5)), np.zeros(5)
+    for i in range(len(x)):
+        for _ in range(_STRETCHES):
+            if not fleet.varied[i]:
+                break
+            round_off(x[i], fleet, i, burns, slopes)
+            own_margins(x[i], fleet, i, burns, margins)
+            coast = np.inf
+            for k in range(1, 3):
+                half = burns[k - 1, HALF] + burns[k, HALF]
+                coast = min(coast, burns[k, CENTRE] - burns[k - 1, CENTRE] - half)
+            if margins[0] >= 0.0 and coast >= fleet.pause:
+                break
+            x[i, 0] += max(0.0, -0.6 * margins[0] * fleet.time)
+            x[i, 4] = max(x[i, 4] * (1.2 if coast < fleet.pause else 1.0), 1.5 * x[i, 0])
+            x[i, 3] = x[i, 0] + share[i] * (x[i, 4] - x[i, 0])
+
+
+class ArcSeeds:
+    """First guesses x (n, 5) for a program with three burns a robot."""
+
+    def __init__(self, program: ArcProgram, rng: np.random.Generator) -> None:
+        self.program, self.task, self.rng = program, program.task, rng
+        self.durations = program.usual_durations()
+        self._way = self.task.goal - self.task.start
+        normal = np.stack([-self._way[:, 1], self._way[:, 0]], axis=1)
+        size = np.maximum(np.linalg.norm(self._way, axis=1), 1e-9)
+        self._normal = normal * np.maximum(1.0, _LEAST_BOW * program.fleet.length / size)[:, None]
+
+    def guess(self, share: Array, bow: Array, wait: Array) -> Array:
+        """Parameters (n, 5): corners at shares of way and time, off by bows, after waiting."""
+        fleet = self.program.fleet
+        x = np.zeros((self.task.n, 5))
+        corner = self.task.start + share[:, None] * self._way + bow[:, None] * self._normal
+        corner = np.clip(corner, fleet.low, fleet.high)
+        first = np.linalg.norm(corner - self.task.start, axis=1)
+        last = np.linalg.norm(self.task.goal - corner, axis=1)
+        share = first / np.maximum(first + last, 1e-9)
+        x[:, 0], x[:, 1:3], x[:, 4] = wait * self.durations, corner, self.durations
+        x[:, 3] = x[:, 0] + share * (x[:, 4] - x[:, 0])
+        _give_time(x, share, fleet)
+        return x
+
+    def random(self) -> Array:
+        """Return a guess with random corners."""
+        n = self.task.n
+        share, bow = self.rng.uniform(0.3, 0.7, n), self.rng.uniform(-0.3, 0.3, n)
+        return self.guess(share, bow, np.zeros(n))
+
+    def screened(self) -> Iterator[Array]:
+        """Yield the best guess for every set of sides, the best set first."""
+        program, n = self.program, self.task.n
+        rich = n >= MANY
+        every = np.array(_RICH_CHOICES if rich else _CHOICES)
+        x = np.stack([self.guess(*np.tile(c, (n, 1)).T) for c in every], axis=1)
+        times = np.linspace(0.0, self.durations.max(), INSTANTS)
+        paths, gas = np.zeros((n, len(every), INSTANTS, 2)), np.zeros((n, len(every)))
+        burns = program.evaluate(program.reduce(x[:, 0])).cache.burns[:n]
+        _survey(x, program.fleet, times, paths, gas, burns)
+        price = (_RICH_OVERLAP if rich else _OVERLAP) * program.scale / program.length
+        single = self.task.weights[2] * gas
+        alike = np.zeros(len(every))  # a detour that avoids no robot gives no other minimum
+        for chosen in screened(program, paths, single, alike, _MEETING, _SPARE, price, self.rng):
+            yield self._seated(every[chosen], paths[np.arange(n), chosen], times)
+
+    def _seated(self, choice: Array, paths: Array, times: Array) -> Array:
+        """Guess with every corner where the robot comes nearest to another on its way."""
+        share, bow, wait = choice.T.copy()
+        n = self.task.n
+        for i in range(n):
+            apart = (
+                np.linalg.norm(paths[i] - paths, axis=2)
+                - self.program.fleet.clearances[i, :n, None]
+            )
+            apart[i] = np.inf
+            along = times / self.durations[i]
+            under_way = (along > 0.15) & (along < 0.85)
+            nearest = np.where(under_way, apart.min(axis=0), np.inf)
+            k = int(np.argmin(nearest))
+            if nearest[k] < 0.3 * self.program.fleet.length:
+                share[i] = along[k]
+        return self.guess(share, bow, wait)
+
+
+def reseated(program: ArcProgram, point: ArcPoint) -> Array | None:
+    """
+    Parameters (n, 5) with corners of robots that touch another one flying straight put there.
+
+    None where there is none: then all have their corners where they need them.
+    """
+    x, moved = point.x.copy(), False
+    touching = point.approaches[point.closeness < _TOUCHING - 1.0]
+    for i in np.flatnonzero(program.varied):
+        burns = point.burns[i]
+        if np.hypot(*burns[1, :2]) > _STRAIGHT * program.fleet.speed:
+            continue
+        mine = (touching[:, :2] == i).any(axis=1)
+        leg = 0.3 * program.fleet.time
+        times = touching[mine, 2]
+        times = times[(times > burns[0, 2] + leg) & (times < burns[2, 2] - leg)]
+        if not times.size or np.abs(times - x[i, 3]).min() < _SEATED * x[i, 4]:
+            continue
+        at = np.array([times[0]])
+        both = slice(i, i + 1)
+        task = program.task
+        x[i, 1:3] = positions(at, task.start[both], task.velocity[both], point.burns[both])[0, 0]
+        x[i, 3] = at[0]
+        moved = True
+    return x if moved else None
 
 
 def arc_motions(candidate: Arcs, task: FormationTask) -> dict[str, Trajectory]:

@@ -23,11 +23,11 @@ import pytest
 from ros_harness import Ros
 from sensor_msgs.msg import JointState
 from signal_scenes import survivors
-from tdm_planner.nodes.qos import LATCHED
+from tdm_planner.nodes.messages import LATCHED
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import RobotFormation
-from tdm_sim.live.drag_handles import drag_handles_of
 from tdm_sim.live.geometry import axes_of, view_on
+from tdm_sim.live.scene import drag_handles_of
 from tools.browser import set_window
 from trajectory_msgs.msg import JointTrajectory
 

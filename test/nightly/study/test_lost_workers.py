@@ -24,8 +24,7 @@ from ros_harness import PATIENCE, SOURCE
 from tdm_planner.problems import PendulumSwingUp
 from tdm_sim.study import Axis, each, run, workers
 from tdm_sim.study.axes import Points
-from tdm_sim.study.rows import Trial
-from tdm_sim.study.tables import Table
+from tdm_sim.study.tables import Table, Trial
 
 
 def squared(folder: Path, number: int) -> int:

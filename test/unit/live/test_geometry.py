@@ -20,8 +20,8 @@ import pytest
 from tdm_planner.drawing import Box, Disc, Line, Shape
 from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_sim.live.drag_handles import drag_handles_of, pulled
 from tdm_sim.live.geometry import about, axes_of, from_vertical, GHOST, Look, picture, view_on
+from tdm_sim.live.scene import drag_handles_of, pulled
 
 component = st.floats(-2.0, 2.0)
 vector = st.tuples(component, component, component)

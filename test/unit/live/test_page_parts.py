@@ -25,8 +25,8 @@ from tdm_planner.plant_views import view_of
 from tdm_planner.problems import PendulumSwingUp
 from tdm_planner.trajectory import TimedTrajectory, Trajectory
 from tdm_sim.live.history import History, MARGINS, RATE, SolveTimes, SOLVING, SPAN
+from tdm_sim.live.operations import TaskThread
 from tdm_sim.live.sliders import shown_range, slider_of
-from tdm_sim.live.task_thread import TaskThread
 
 
 def descriptor(name: str, kind: int = 3, **more: Any) -> Any:

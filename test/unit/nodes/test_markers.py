@@ -21,11 +21,11 @@ from hypothesis import strategies as st
 from marker_checks import check_markers, Scene
 import numpy as np
 import pytest
+from replays import pendulum_points
 from tdm_planner.drawing import arena_drawing, Drawn, PendulumDrawing, RobotDrawing
 from tdm_planner.nodes.markers import DrawnPath, LONGEST_PATH, Picture, plan_markers
 from tdm_planner.plant_views import view_of
 from tdm_planner.plants.floating_robot import FloatingRobot
-from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
 from visualization_msgs.msg import Marker, MarkerArray
 

@@ -29,8 +29,8 @@ from tdm_planner.exceptions import (
     NoState,
 )
 from tdm_planner.nodes import planning
-from tdm_planner.nodes.answers import plan_answer
 from tdm_planner.nodes.planning import make_plan
+from tdm_planner.nodes.services import plan_answer
 from tdm_planner.replanning import ActivePlan
 from tdm_planner.tracking import TrajectoryRejected
 

@@ -20,11 +20,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from replays import pendulum_points
 from scipy.integrate import solve_ivp
 from tdm_planner.exceptions import InvalidProblem
 from tdm_planner.plants import PendulumInertia, RotaryPendulum
 from tdm_planner.plants.base import integrate
-from tdm_planner.plants.pendulum_geometry import pendulum_points, RigShape
 from tdm_planner.plants.pendulum_kernels import (
     derivative,
     FeedbackTable,
@@ -60,13 +60,6 @@ ARCS = st.lists(st.floats(0.0, 0.1), min_size=1, max_size=7).map(np.array)
 STATES = st.tuples(
     st.floats(-4.0, 4.0), st.floats(-2.0, 2.0), st.floats(-8.0, 8.0), st.floats(-8.0, 8.0)
 ).map(np.array)
-
-
-def test_one_tip_is_where_the_vectorised_ones_are():
-    shape = RigShape.of(RotaryPendulum(arm_length=0.3))
-    angles = np.random.default_rng(1).normal(scale=3.0, size=(50, 2))
-    _, tips = pendulum_points(RotaryPendulum(arm_length=0.3), angles[:, 0], angles[:, 1])
-    np.testing.assert_allclose([shape.tip(*pair) for pair in angles], tips, atol=1e-12)
 
 
 @given(STATES, TORQUES)

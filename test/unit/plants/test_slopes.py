@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from tdm_planner.plants import slopes
-from tdm_planner.tracking.pendulum_estimation import EstimatedPendulum
+from tdm_planner.tracking.estimator import EstimatedPendulum
 
 
 def test_files_that_an_earlier_version_left_in_an_installation_do_not_recompile_kernels(

@@ -25,8 +25,8 @@ from tdm_planner.direct_method.virtual_arc import (
 )
 from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.formation.approaches import CLOSENESS, scaled, TIME
-from tdm_planner.problems.formation.polynomial_program import PolynomialProgram
 from tdm_planner.problems.formation.polynomial_search import guesses
+from tdm_planner.problems.formation.program import PolynomialProgram
 from tdm_planner.problems.formation.reference_motion import MotionForm, ReferenceMotion
 
 FORMS = {

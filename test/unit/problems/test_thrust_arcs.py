@@ -19,7 +19,7 @@ from tdm_planner.problems.formation.parameters import RobotStart
 from tdm_planner.problems.formation.thrust_arcs_kernels import attitude, place, turning
 from tdm_planner.problems.formation.thrust_arcs_motion import arc_trajectory, cleaned, remaining
 from tdm_planner.problems.formation.thrust_arcs_program import ArcProgram
-from tdm_planner.problems.formation.thrust_arcs_seeds import ArcSeeds
+from tdm_planner.problems.formation.thrust_arcs_search import ArcSeeds
 
 MOVING = {
     'robot1.start.u': 0.02,

@@ -42,8 +42,7 @@ from tdm_planner.replanning import (
     Observation,
     SwingUpExecution,
 )
-from tdm_planner.replanning.decision import Outlook
-from tdm_planner.replanning.execution import Execution
+from tdm_planner.replanning.execution import Execution, Outlook
 from tdm_planner.tracking import RobotTrackerParameters
 
 SETTINGS = settings(max_examples=20)

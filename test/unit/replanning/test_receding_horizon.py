@@ -35,7 +35,7 @@ from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.replanning import ActivePlan, FormationExecution, Replanner, SwingUpExecution
 from tdm_planner.tracking import Phase
-from tdm_sim.disturbances import pendulum_push
+from tdm_sim.simulation import pendulum_push
 
 INTERVAL = 0.005  # s
 # Generous, so that a busy machine does not decide the outcome.

@@ -32,7 +32,7 @@ from tdm_planner.replanning import (
     Replanner,
     SwingUpExecution,
 )
-from tdm_planner.replanning.decision import decide, LEAST_LEFT, Outlook, worth_improving
+from tdm_planner.replanning.execution import decide, LEAST_LEFT, Outlook, worth_improving
 from tdm_planner.verification import Verification
 
 SETTINGS = settings(max_examples=100)

@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 from missions import ARENA_PARAMETERS, EVIL, pendulum_mission, pendulum_states, robots_mission
 import numpy as np
 import pytest
+from replays import pendulum_points
 
 if find_spec('selenium') is None:
     pytest.skip('browsers are driven by selenium', allow_module_level=True)
@@ -27,7 +28,6 @@ if find_spec('selenium') is None:
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tdm_planner.plants.pendulum_geometry import pendulum_points
 from tdm_sim.report.mission import Event, Mission, PlanFigures, Severity
 from tdm_sim.report.page import write_report
 from tools.browser import chromium, open_browser, open_report, PATIENCE

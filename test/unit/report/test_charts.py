@@ -51,8 +51,7 @@ from tdm_sim.report.histories import (
 )
 from tdm_sim.report.margins import MOST_PAIRS
 from tdm_sim.report.mission import FollowedPlan, Mission, Signals, thinned_indices, Vehicle
-from tdm_sim.report.recorded_events import RecordedClock
-from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedTopics
+from tdm_sim.report.recorded_topics import CLOCK, Received, RecordedClock, RecordedTopics
 
 
 def pendulum() -> Vehicle:

@@ -25,9 +25,15 @@ from tdm_planner.parameters import to_mapping
 from tdm_planner.plants.base import integrate, Plant, runge_kutta_step
 from tdm_planner.plants.floating_robot import FloatingRobot
 from tdm_planner.plants.rotary_pendulum import RotaryPendulum
-from tdm_sim.disturbances import Disturbances, pendulum_push, robot_push
-from tdm_sim.mismatch import mismatched, mismatched_gains
-from tdm_sim.simulation import PlantSetup, SimulatedPlant
+from tdm_sim.simulation import (
+    Disturbances,
+    mismatched,
+    mismatched_gains,
+    pendulum_push,
+    PlantSetup,
+    robot_push,
+    SimulatedPlant,
+)
 from tdm_sim.wheeled_robot import Walls, WheeledRobot
 
 SETTINGS = settings(max_examples=25)

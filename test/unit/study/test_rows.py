@@ -28,7 +28,7 @@ from tdm_planner.tracking import TrackerParameters
 from tdm_planner.tracking.stated_tracking import StatedTracker
 from tdm_sim.study.axes import Axis, checked, parse_axis, Points
 from tdm_sim.study.flights import ClosedLoop
-from tdm_sim.study.rows import Trial
+from tdm_sim.study.tables import Trial
 
 STRONG = {'limits.torque': 0.09, 'torque_reserve': 0.2, 'solver.deadline': 0.3}
 

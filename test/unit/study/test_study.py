@@ -25,9 +25,8 @@ from tdm_sim.study import Axis
 from tdm_sim.study.axes import Points
 from tdm_sim.study.page import write_page
 from tdm_sim.study.pictures import draw
-from tdm_sim.study.rows import Trial
 from tdm_sim.study.study import _collect
-from tdm_sim.study.tables import Table
+from tdm_sim.study.tables import Table, Trial
 
 AXES = [Axis('x', (0.1, 1.0, 10.0), 'log'), Axis('kind', ('plain', 'odd'))]
 
