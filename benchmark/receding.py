@@ -18,25 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.problems.problem import Problem
 from tdm_planner.replanning import ActivePlan, Mode, Observation, Replanner, Review
 from tdm_planner.tracking import Command, Phase, TrajectoryRejected, TrajectoryTracker
-from tdm_sim.simulation import SimulatedPlant
+from tdm_sim.study.flights import TrackedPlant
 
 Array = NDArray[np.float64]
 
 _ARRIVAL = 0.85  # of replan.delay, after which a plan has reached the trackers
-
-
-class Vehicle(NamedTuple):
-    """A plant and its tracker."""
-
-    tracker: TrajectoryTracker
-    plant: SimulatedPlant
 
 
 @dataclass
@@ -49,7 +41,7 @@ class RecedingHorizon:
     replanner the first plan is all there is.
     """
 
-    vehicles: Mapping[str, Vehicle]
+    vehicles: Mapping[str, TrackedPlant]
     problem: Problem
     interval: float
     replanner: Replanner | None = None

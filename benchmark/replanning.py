@@ -41,13 +41,11 @@ from benchmark.vehicles import (
     ARRIVED,
     crossing_of,
     DISK_ANGLE,
-    formation_loop,
     HELD_ANGLE,
+    loop_of,
     MISMATCH,
     nearest,
-    pendulum_loop,
     ticked,
-    tracker_parameters,
 )
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +56,10 @@ from tdm_planner.problems.pendulum.task import VEHICLE
 from tdm_planner.problems.request import ReplanParameters
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import FormationExecution, Replanner, SwingUpExecution
-from tdm_planner.tracking import Phase
+from tdm_planner.tracking import PendulumTracker, Phase
 from tdm_planner.tracking.motion import wrapped
 from tdm_sim.simulation import mismatched, pendulum_push, robot_push
+from tdm_sim.study.flights import tracker_of
 
 Array = NDArray[np.float64]
 
@@ -83,9 +82,10 @@ def swing_up(
     problem: PendulumSwingUp, solution: Solution, seed: int, push: float
 ) -> dict[str, Any]:
     """One swing-up, pushed half-way by `push` N m s; returns what was reached."""
-    parameters = tracker_parameters(problem, PENDULUM_INTERVAL)
-    replanner = Replanner(SwingUpExecution(problem, parameters), REVIEWS)
-    loop = pendulum_loop(problem, solution, PENDULUM_INTERVAL, seed, replanner)
+    tracker = tracker_of(problem, rate=1.0 / PENDULUM_INTERVAL)
+    assert isinstance(tracker, PendulumTracker)
+    replanner = Replanner(SwingUpExecution(problem, tracker.parameters), REVIEWS)
+    loop = loop_of(problem, solution, PENDULUM_INTERVAL, seed, replanner)
     tracker, plant = loop.vehicles[VEHICLE]
     true_plant = mismatched(problem.plant, MISMATCH, seed)
     impulse = push * np.random.default_rng([seed, 7]).choice([-1.0, 1.0])
@@ -159,7 +159,7 @@ def formation(seed: int, pushed: bool) -> dict[str, Any]:
     problem = crossing_of('quick robots', seed, **changes)
     solution = problem.solve(deadline=2.0)
     replanner = Replanner(FormationExecution(problem), REVIEWS)
-    loop = formation_loop(problem, solution, ROBOT_INTERVAL, seed, replanner)
+    loop = loop_of(problem, solution, ROBOT_INTERVAL, seed, replanner)
     rng = np.random.default_rng([seed, 7])
     ways, half_way = [], 0.5 * solution.duration
     while loop.time < loop.plans[-1].end + SETTLING and loop.time < problem.solver.longest:

@@ -11,35 +11,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import itertools
 from typing import Any
 
-from benchmark.receding import RecedingHorizon, Vehicle
+from benchmark.receding import RecedingHorizon
 from benchmark.scenarios import crossing
 import numpy as np
 from numpy.typing import NDArray
-from tdm_planner.parameters import build
-from tdm_planner.problems import PendulumSwingUp, RobotFormation
-from tdm_planner.problems.pendulum.task import VEHICLE
+from tdm_planner.problems import RobotFormation
 from tdm_planner.problems.problem import Problem
 from tdm_planner.problems.solution import Solution
 from tdm_planner.replanning import ActivePlan, Replanner
-from tdm_planner.tracking import (
-    PendulumTracker,
-    PendulumTrackerParameters,
-    RobotTracker,
-    RobotTrackerParameters,
-)
-from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
+from tdm_planner.tracking.tracker_parameters import ReplanOnDeviation
+from tdm_sim.study.flights import tracked, tracker_of
 
 Array = NDArray[np.float64]
 
 MISMATCH = 0.05
 HELD_ANGLE, DISK_ANGLE = 0.05, 2.0  # rad
 ARRIVED = 0.02  # m
-PENDULUM_NOISE = np.array([0.0015, 0.0015, 0.1, 0.1])
-ROBOT_NOISE = np.array([0.002, 0.002, 0.002, 0.002, 0.005, 0.005, 0.0])
 RIGS = {
     'quick robots': {'limits.thrust': 1.05, 'limits.thruster_rate': 2.0, 'limits.torque': 0.02},
     'air bearing': {
@@ -48,84 +38,27 @@ RIGS = {
 }  # fmt: skip
 
 
-def pendulum_loop(
-    problem: PendulumSwingUp,
-    solution: Solution,
-    interval: float,
-    seed: int,
-    replanner: Replanner,
-) -> RecedingHorizon:
-    """Return a pendulum about to execute a plan, commanded every `interval` s."""
-    parameters = tracker_parameters(problem, interval)
-    limit = np.array([problem.limits.torque])
-    setup = PlantSetup(
-        plant=mismatched(problem.plant, MISMATCH, seed),
-        initial=solution.trajectory.states[0],
-        lower=-limit,
-        upper=limit,
-        noise=PENDULUM_NOISE,
-    )
-    vehicle = Vehicle(PendulumTracker(parameters), SimulatedPlant(setup, seed))
-    return _begun({VEHICLE: vehicle}, problem, solution, interval, replanner)
-
-
-def tracker_parameters(problem: PendulumSwingUp, interval: float) -> PendulumTrackerParameters:
-    """Return the parameters of the tracker that follows the plans of a problem."""
-    values = {
-        'rate': 1.0 / interval,
-        'limits.torque': problem.limits.torque,
-        'replan.on_deviation': True,
-    }
-    return build(PendulumTrackerParameters, values)
-
-
 def crossing_of(rig: str, seed: int, **changes: Any) -> RobotFormation:
     """Return the crossing of a seed by three robots of one of the `RIGS`."""
     return RobotFormation.from_parameters(crossing(seed).parameters(**RIGS[rig], **changes))
 
 
-def formation_loop(
-    problem: RobotFormation,
-    solution: Solution,
-    interval: float,
-    seed: int,
-    replanner: Replanner,
+def loop_of(
+    problem: Problem, solution: Solution, interval: float, seed: int, replanner: Replanner
 ) -> RecedingHorizon:
-    """Return robots about to execute their plans, commanded every `interval` s."""
-    limits = problem.limits
-    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    values = {
-        'rate': 1.0 / interval,
-        'limits.thrust': limits.thrust,
-        'limits.thruster_rate': limits.thruster_rate,
-        'limits.torque': limits.torque,
-        'replan.on_deviation': True,
-    }
-    parameters = build(RobotTrackerParameters, values)
-    vehicles = {}
-    for number, (name, plan) in enumerate(solution.trajectories.items(), 100 * seed):
-        gains = mismatched_gains(3, MISMATCH, number)
-        gains[1] = 1.0  # the thruster turns by a servo
-        setup = PlantSetup(
-            plant=mismatched(parameters.plant, MISMATCH, number),
-            initial=plan.states[0],
-            lower=upper * [0.0, -1.0, -1.0],
-            upper=upper,
-            noise=ROBOT_NOISE,
-            gains=gains,
-            largest_step=0.5 * interval,
+    """Return vehicles about to execute their plans, commanded every `interval` s."""
+    recovers = ReplanOnDeviation(on_deviation=True)
+    plans = solution.trajectories.items()
+    vehicles = {
+        name: tracked(
+            tracker_of(problem, rate=1.0 / interval, replan=recovers),
+            plan.states[0],
+            MISMATCH,
+            1.0,
+            len(plans) * seed + number,
         )
-        vehicles[name] = Vehicle(RobotTracker(parameters), SimulatedPlant(setup, number))
-    return _begun(vehicles, problem, solution, interval, replanner)
-
-
-def _begun(
-    vehicles: Mapping[str, Vehicle],
-    problem: Problem,
-    solution: Solution,
-    interval: float,
-    replanner: Replanner,
-) -> RecedingHorizon:
+        for number, (name, plan) in enumerate(plans)
+    }
     loop = RecedingHorizon(vehicles, problem, interval, replanner)
     loop.begin(ActivePlan(problem, solution, 0.0))
     return loop

@@ -10,8 +10,8 @@
 """
 What tests of trackers and of the replanner share: plans, and closed loops stepped by a clock.
 
-`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make
-a tracker with its simulated plant, a `Vehicle`; `Loop` steps one of them, `RecedingHorizon` of
+`swing_up`, `crossing` and so on are solved once a process. `pendulum` and `robot` make a tracker
+with its simulated plant, a `TrackedPlant`; `Loop` steps one of them, `RecedingHorizon` of
 `benchmark.receding` several with a replanner. Nothing here looks at the computer's clock.
 """
 
@@ -23,7 +23,6 @@ import functools
 import math
 from typing import Any
 
-from benchmark.receding import Vehicle
 import numpy as np
 from tdm_planner.parameters import build
 from tdm_planner.problems import PendulumSwingUp, RobotFormation
@@ -38,6 +37,7 @@ from tdm_planner.tracking import (
 )
 from tdm_planner.trajectory import Trajectory
 from tdm_sim.simulation import mismatched, mismatched_gains, PlantSetup, SimulatedPlant
+from tdm_sim.study.flights import TrackedPlant
 
 WEAK, STRONG = 0.02, 0.09  # N m
 STRONGLY = {'limits.torque': STRONG, 'torque_reserve': 0.2}
@@ -95,12 +95,12 @@ def pendulum(
     mismatch: float = 0.0,
     noise: float = 0.0,
     seed: int = 0,
-) -> Vehicle:
+) -> TrackedPlant:
     """Return a tracker with its plant; `noise` is a multiple of the usual sensors'."""
     limit = np.array([tracker.parameters.limits.torque])
     plant = mismatched(tracker.parameters.plant, mismatch, seed)
     setup = PlantSetup(plant, initial, -limit, limit, noise * PENDULUM_NOISE)
-    return Vehicle(tracker, SimulatedPlant(setup, seed))
+    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
 def robot(
@@ -110,7 +110,7 @@ def robot(
     seed: int = 0,
     gains: bool = True,
     **values: Any,
-) -> Vehicle:
+) -> TrackedPlant:
     """Return a robot and its tracker; with `gains` its actuators are mismatched as well."""
     tracker = RobotTracker(build(RobotTrackerParameters, {'rate': 50.0, **dotted(values)}))
     limits = tracker.parameters.limits
@@ -125,14 +125,14 @@ def robot(
         gains=mismatched_gains(3, mismatch, seed) * [1, 0, 1] + [0, 1, 0] if gains else None,
         largest_step=0.005,
     )
-    return Vehicle(tracker, SimulatedPlant(setup, seed))
+    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
 @dataclass
 class Loop:
     """A vehicle stepped by its tracker's rate; `delay` ticks pass before a state is seen."""
 
-    vehicle: Vehicle
+    vehicle: TrackedPlant
     delay: int = 0
     seen_as: Callable[[np.ndarray], np.ndarray] = staticmethod(lambda state: state)
     states: list[np.ndarray] = field(default_factory=list)

@@ -67,7 +67,7 @@ class StatedTracker(TrajectoryTracker):
     """Tracker of any `DirectProblem`; deviations are shares of the range of a plan's states."""
 
     def __init__(self, problem: DirectProblem, parameters: TrackerParameters) -> None:
-        self._problem, self._plant = problem, DirectPlant(problem)
+        self.problem, self._plant = problem, DirectPlant(problem)
         nx = len(problem.state_names)
         measured, model = _BELIEVED
         noise = EstimatorNoise(
@@ -82,7 +82,7 @@ class StatedTracker(TrajectoryTracker):
         limits = self._plant.stated.control_limits
         unlimited = (-np.inf, np.inf)
         both = [limits.get(name, unlimited) for name in problem.control_names]
-        self._lower, self._upper = np.array(both).T
+        self.control_range = self._lower, self._upper = np.array(both).T
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:
@@ -108,7 +108,7 @@ class StatedTracker(TrajectoryTracker):
         Nor less than a share of what the controls could change it by: all of a unit may rest.
         """
         found = np.ptp(trajectory.states, axis=0)
-        units = np.array(self._problem.state_units)
+        units = np.array(self.problem.state_units)
         least = np.array([_LEAST_RANGE * found[units == unit].max() for unit in units])
         jacobians = self._plant.jacobians(trajectory.states, trajectory.controls)
         a, b = (trajectory.duration * np.abs(part).max(axis=0) for part in jacobians)
@@ -124,7 +124,7 @@ class StatedTracker(TrajectoryTracker):
         return np.asarray(0.5 * np.where(limited, self._upper - self._lower, span))
 
     def _weights(self, trajectory: Trajectory, ranges: Array) -> tuple[Array, Array]:
-        given = self._problem.feedback_weights()
+        given = self.problem.feedback_weights()
         if given is not None:
             q, r = (np.atleast_2d(np.asarray(part, dtype=float)) for part in given)
             return q, r

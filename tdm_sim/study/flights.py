@@ -15,7 +15,6 @@ A run, here a *flight*, becomes a `Mission` like a recording, and gets a verdict
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
@@ -73,7 +72,9 @@ class ClosedLoop(Validated):
     )
 
 
-class _Loop(NamedTuple):
+class TrackedPlant(NamedTuple):
+    """A simulated plant, and the tracker that commands it."""
+
     tracker: TrajectoryTracker
     plant: SimulatedPlant
 
@@ -96,12 +97,15 @@ def fly(problem: Problem, solution: Solution, how: ClosedLoop, seed: int) -> Mis
     after = view.settling + HOLD_TIME + _AFTER if held else 0.0
     ticks = math.ceil((solution.duration + after) * how.rate)
     for number, (name, plan) in enumerate(solution.trajectories.items()):
-        loop = _loop(problem, plan, how, count * seed + number)
+        tracker, differs = tracker_of(problem, rate=how.rate), (how.mismatch, how.noise)
+        loop = tracked(tracker, plan.states[0], *differs, count * seed + number)
         vehicles.append(_vehicle(name if count > 1 else view.name, view, plan, loop, ticks))
     return Mission(problem.name, problem.name, tuple(vehicles))
 
 
-def _vehicle(name: str, view: PlantView, plan: Trajectory, loop: _Loop, ticks: int) -> Vehicle:
+def _vehicle(
+    name: str, view: PlantView, plan: Trajectory, loop: TrackedPlant, ticks: int
+) -> Vehicle:
     """Fly one plan for so many ticks."""
     tracker, plant = loop
     interval, nx = tracker.parameters.interval, len(plan.state_names)
@@ -126,53 +130,55 @@ def _vehicle(name: str, view: PlantView, plan: Trajectory, loop: _Loop, ticks: i
     )
 
 
-def _loop(problem: Problem, plan: Trajectory, how: ClosedLoop, seed: int) -> _Loop:
-    """Return a tracker for the problem's plant, and a simulated plant with the mismatch."""
-    for kind, made in _LOOPS.items():
-        if isinstance(problem, kind):
-            tracker, changes = made(problem, how, seed)
-            noise = tracker.estimator.noise.measurement[: len(plan.state_names)]
-            setup = PlantSetup(initial=plan.states[0], noise=how.noise * noise, **changes)
-            return _Loop(tracker, SimulatedPlant(setup, seed))
+def tracker_of(problem: Problem, **values: Any) -> TrajectoryTracker:
+    """
+    Return the tracker of a problem's plant; `values` are its parameters beside the constants.
+
+    Raises
+    ------
+    InvalidProblem
+        If no tracker for plants of the problem is known.
+
+    """
+    if isinstance(problem, DirectProblem):
+        return StatedTracker(problem, TrackerParameters(**values))
+    if isinstance(problem, PendulumSwingUp):
+        rig = PendulumTrackerParameters(plant=problem.plant, limits=problem.limits, **values)
+        return PendulumTracker(rig)
+    if isinstance(problem, RobotFormation):
+        robot = RobotTrackerParameters(plant=problem.plant, limits=problem.limits, **values)
+        return RobotTracker(robot)
     raise InvalidProblem(f"problem '{problem.name}' cannot be flown: no tracker of it is known")
 
 
-def _pendulum(problem: PendulumSwingUp, how: ClosedLoop, seed: int) -> Any:
-    limits, torque = problem.limits, np.array([problem.limits.torque])
-    parameters = PendulumTrackerParameters(rate=how.rate, plant=problem.plant, limits=limits)
-    plant = mismatched(problem.plant, how.mismatch, seed)
-    return PendulumTracker(parameters), {'plant': plant, 'lower': -torque, 'upper': torque}
+def tracked(
+    tracker: TrajectoryTracker, initial: Array, mismatch: float, noise: float, seed: int
+) -> TrackedPlant:
+    """
+    Return a tracker with a simulated plant in state `initial` (nx,), reproducible by its `seed`.
 
-
-def _robot(problem: RobotFormation, how: ClosedLoop, seed: int) -> Any:
-    limits = problem.limits
-    parameters = RobotTrackerParameters(rate=how.rate, plant=problem.plant, limits=limits)
-    gains = mismatched_gains(3, how.mismatch, seed)
-    gains[1] = 1.0  # the thruster turns by a servo, which has no such error
-    upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
-    return RobotTracker(parameters), {
-        'plant': mismatched(problem.plant, how.mismatch, seed),
-        'lower': upper * [0.0, -1.0, -1.0],
-        'upper': upper,
-        'gains': gains,
-        'largest_step': 5e-3,
-    }
-
-
-def _stated(problem: DirectProblem, how: ClosedLoop, seed: int) -> Any:
-    plant = DirectPlant(mismatched(problem, how.mismatch, seed))
-    limits = plant.stated.control_limits
-    both = [limits.get(name, (-np.inf, np.inf)) for name in problem.control_names]
-    lower, upper = np.clip(np.array(both).T, -LARGEST, LARGEST)
-    tracker = StatedTracker(problem, TrackerParameters(rate=how.rate))
-    return tracker, {'plant': plant, 'lower': lower, 'upper': upper}
-
-
-_LOOPS: Mapping[Any, Callable[[Any, ClosedLoop, int], Any]] = {
-    PendulumSwingUp: _pendulum,
-    RobotFormation: _robot,
-    DirectProblem: _stated,
-}
+    The plant's constants and actuator gains differ from the tracker's by up to `mismatch`; `noise`
+    is that of its sensors, relative to what the estimator assumes.
+    """
+    changes: dict[str, Any] = {}
+    if isinstance(tracker, StatedTracker):
+        changes['plant'] = DirectPlant(mismatched(tracker.problem, mismatch, seed))
+        lower, upper = np.clip(tracker.control_range, -LARGEST, LARGEST)
+    else:
+        changes['plant'] = mismatched(tracker.plant, mismatch, seed)
+    if isinstance(tracker, PendulumTracker):
+        upper = np.array([tracker.parameters.limits.torque])
+        lower = -upper
+    elif isinstance(tracker, RobotTracker):
+        limits = tracker.parameters.limits
+        upper = np.array([limits.thrust, limits.thruster_rate, limits.torque])
+        lower = upper * [0.0, -1.0, -1.0]
+        gains = mismatched_gains(3, mismatch, seed)
+        gains[1] = 1.0  # the thruster turns by a servo, which has no such error
+        changes |= {'gains': gains, 'largest_step': 5e-3}
+    sensors = noise * tracker.estimator.noise.measurement[: initial.size]
+    setup = PlantSetup(initial=initial, lower=lower, upper=upper, noise=sensors, **changes)
+    return TrackedPlant(tracker, SimulatedPlant(setup, seed))
 
 
 def measured(problem: Problem, solution: Solution, how: ClosedLoop) -> dict[str, Any]:

@@ -17,7 +17,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from benchmark.receding import Vehicle
 from benchmark.rigs import rig
 from closed_loop import Loop, pendulum, pendulum_tracker
 import numpy as np
@@ -31,7 +30,7 @@ from tdm_planner.tracking import PendulumTracker, PendulumTrackerParameters, Pha
 from tdm_planner.tracking.motion import wrapped
 from tdm_sim.report.verdict import arrival, judge
 from tdm_sim.simulation import mismatched, PlantSetup, SimulatedPlant
-from tdm_sim.study.flights import ClosedLoop, fly
+from tdm_sim.study.flights import ClosedLoop, fly, TrackedPlant
 
 RIGS = sorted((SOURCE / 'config' / 'rigs').glob('*.yaml'))
 NODES = {'planner': '/pendulum', 'tracker': '/pendulum', 'pendulum_plant': '/pendulum'}
@@ -112,7 +111,7 @@ def test_a_plan_waits_for_a_slower_pendulum_and_is_played_at_its_pace(
     sensors = np.array([0.0015, 0.0015, 0.0094 * quick, 0.0094 * quick])
     limit, start = np.array([asked.limits.torque]), np.array([math.pi, 0.0, 0.0, 0.0])
     setup = PlantSetup(true, start, -limit, limit, sensors, largest_step=5e-3)
-    loop = Loop(Vehicle(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
+    loop = Loop(TrackedPlant(PendulumTracker(parameters), SimulatedPlant(setup, wrong)))
     plan = asked.solve(deadline=20.0).trajectory
     loop.begin(plan)
     loop.run(0.1 + 0.9 * plan.duration)
