@@ -110,14 +110,12 @@ class StatedModel(PlantModel):
         problem = problem_of(self._problem, parameters)
         plant = DirectPlant(mismatched(problem, parameters.mismatch, parameters.mismatch_seed))
         begin = np.nan_to_num(Ends.of(CheckedFormulation(problem)).states[0])
-        limits = plant.stated.control_limits
-        wide = (-_LARGEST_CONTROL, _LARGEST_CONTROL)
-        bounds = np.array([limits.get(name, wide) for name in problem.control_names])
+        lower, upper = np.clip(plant.control_range, -_LARGEST_CONTROL, _LARGEST_CONTROL)
         return PlantSetup(
             plant=plant,
             initial=begin,
-            lower=np.maximum(bounds[:, 0], -_LARGEST_CONTROL),
-            upper=np.minimum(bounds[:, 1], _LARGEST_CONTROL),
+            lower=lower,
+            upper=upper,
             noise=np.full(begin.size, parameters.noise),
             command_timeout=parameters.command_timeout,
             command_loss=parameters.disturbance.command_loss,

@@ -79,10 +79,7 @@ class StatedTracker(TrajectoryTracker):
         continuous = np.zeros(nx, dtype=bool)
         estimator = StateEstimator(self._plant, noise, continuous, parameters.state_timeout)
         super().__init__(parameters, self._plant, estimator)
-        limits = self._plant.stated.control_limits
-        unlimited = (-np.inf, np.inf)
-        both = [limits.get(name, unlimited) for name in problem.control_names]
-        self.control_range = self._lower, self._upper = np.array(both).T
+        self._lower, self._upper = self._plant.control_range
         self.ranges = np.ones(nx)  # of the states along the plan that was prepared last
 
     def prepare(self, trajectory: Trajectory) -> StatedLaw:

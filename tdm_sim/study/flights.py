@@ -162,8 +162,8 @@ def tracked(
     """
     changes: dict[str, Any] = {}
     if isinstance(tracker, StatedTracker):
-        changes['plant'] = DirectPlant(mismatched(tracker.problem, mismatch, seed))
-        lower, upper = np.clip(tracker.control_range, -LARGEST, LARGEST)
+        plant = changes['plant'] = DirectPlant(mismatched(tracker.problem, mismatch, seed))
+        lower, upper = np.clip(plant.control_range, -LARGEST, LARGEST)
     else:
         changes['plant'] = mismatched(tracker.plant, mismatch, seed)
     if isinstance(tracker, PendulumTracker):

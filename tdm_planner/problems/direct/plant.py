@@ -74,6 +74,12 @@ class DirectPlant:
         """Integrate along held or linear controls; None: cubic ones, or where it cannot go on."""
         return self._trace.integrator.along(trajectory, self._numbers, until)
 
+    @property
+    def control_range(self) -> Array:
+        """Lowest and highest controls, (2, nu); infinite where they are not limited."""
+        limits = self.stated.control_limits
+        return np.array([limits.get(k, (-np.inf, np.inf)) for k in self.control_names]).T
+
     @cached_property
     def _slopes(self) -> Any:
         """Return the Jacobians by states and controls, column by column, as a CasADi function."""
