@@ -28,7 +28,7 @@ import tdm_planner
 EXECUTABLES = {*MODULES, 'tdm'}
 PROBLEMS = {'pendulum_swing_up', 'robot_formation'}
 COLCON = 'import sys; from colcon_core.command import main; sys.exit(main())'
-NOT_SOURCES = ('.*', 'build', 'install', 'log', '__pycache__', '*.egg-info', 'pendulum', 'robots')
+NOT_SOURCES = ('.*', 'build', 'install', 'log', '__pycache__', '*.egg-info')
 
 
 def run(*command: str, cwd: Path) -> str:
