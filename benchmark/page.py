@@ -107,7 +107,7 @@ def _text(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
 
 
 def _peers(section: Section, figures: Mapping[str, Any], folder: Path) -> str:
-    from benchmark.peers.charts import draw
+    from benchmark.peers.tables import draw
 
     draw(figures, folder / PICTURES)
     return '\n'.join([

@@ -17,11 +17,15 @@ import json
 from pathlib import Path
 import time
 
-from benchmark.peers.attempts import Attempt, Method
+from benchmark.peers.attempts import Attempt, judge_pendulum, Method
 from benchmark.peers.collocation import Outcome
-from benchmark.peers.judge import judge_pendulum
-from benchmark.peers.pendulum_collocation import PendulumCollocation
-from benchmark.peers.pendulum_guesses import energy_swing, GENTLE, HARD, straight_line
+from benchmark.peers.pendulum_collocation import (
+    energy_swing,
+    GENTLE,
+    HARD,
+    PendulumCollocation,
+    straight_line,
+)
 from benchmark.pendulum import problem, REGIMES, start_state
 import numpy as np
 from numpy.typing import NDArray

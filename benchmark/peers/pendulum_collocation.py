@@ -7,10 +7,12 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""The swing-up in the shortest time by Hermite-Simpson collocation: CasADi and Ipopt."""
+"""The quickest swing-up by Hermite-Simpson collocation (CasADi, Ipopt), and guesses for it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import math
 import time
 from typing import Any
 
@@ -19,16 +21,69 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 from tdm_planner.plants import RotaryPendulum
+from tdm_planner.plants.base import runge_kutta_step
 from tdm_planner.plants.rotary_pendulum import accelerations
 from tdm_planner.problems.pendulum.task import SwingUpTask
 from tdm_planner.trajectory import to_nanoseconds, Trajectory
 
-casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
-
+_PUMPED, _STEP = 3.0, 2e-3  # s
 Array = NDArray[np.float64]
-
 _LONGEST = 200.0  # in 1 / w0
 _INSIDE = 0.9  # of the limit: torques of an initial guess stay off their bounds
+
+
+@dataclass(frozen=True)
+class Pumping:
+    """Gains of the energy controller, in units of the torque limit, rad and 1/w0."""
+
+    energy: float
+    angle: float
+    rate: float
+
+
+HARD = Pumping(1000.0, 0.0, 0.0)
+GENTLE = Pumping(30.0, 1.0, 0.3)
+
+
+def straight_line(task: SwingUpTask) -> Trajectory:
+    """From the start straight to the nearest upright, without torque, in 6 / w0."""
+    states = np.stack([task.start, task.goal_nearest(task.start)])
+    duration = 6.0 / task.plant.natural_frequency
+    return _motion(task, np.array([0.0, duration]), states, np.zeros(2))
+
+
+def energy_swing(task: SwingUpTask, gains: Pumping) -> Trajectory:
+    """
+    Return the motion under energy pumping, up to where it comes nearest to upright at rest.
+
+    The torque drives the pendulum's energy to that of upright (Astrom and Furuta, "Swinging up a
+    pendulum by energy control", 2000) and the disk back to its zero.
+    """
+    plant, w0 = task.plant, task.plant.natural_frequency
+    states, torques = [task.start], []
+    for _ in range(int(_PUMPED / _STEP)):
+        torques.append(_pump(states[-1], w0, gains) * task.torque)
+        states.append(runge_kutta_step(plant, states[-1], np.array([torques[-1]]), _STEP))
+    path = np.array(states)
+    away = path * np.array([1.0, 0.3, 1.0 / w0, 0.3 / w0])
+    away[:, 0] -= 2 * np.pi * np.round(path[:, 0] / (2 * np.pi))
+    last = int(np.argmin(np.linalg.norm(away, axis=1)[50:])) + 50
+    times = _STEP * np.arange(last + 1)
+    return _motion(task, times, path[: last + 1], np.array([*torques[:last], 0.0]))
+
+
+def _pump(state: Array, w0: float, gains: Pumping) -> float:
+    theta, psi, rate, disk_rate = state.tolist()
+    lack = 0.5 * (rate / w0) ** 2 + math.cos(theta) - 1.0
+    drive = gains.energy * lack * (rate / w0 or 1e-3) * math.cos(theta)
+    return max(-1.0, min(1.0, drive - gains.angle * psi - gains.rate * disk_rate / w0))
+
+
+def _motion(task: SwingUpTask, times: Array, states: Array, torques: Array) -> Trajectory:
+    return Trajectory.of(task.plant, times, states, torques[:, None], 'linear')
+
+
+casadi.GlobalOptions.setNumpyMode(-1)  # numpy's functions of symbols give symbols
 
 
 def dynamics(plant: RotaryPendulum, torque: float) -> Any:

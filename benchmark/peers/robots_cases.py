@@ -23,9 +23,8 @@ import json
 import time
 from typing import Any
 
-from benchmark.peers.attempts import Attempt, best_of, Method
+from benchmark.peers.attempts import Attempt, best_of, formation_cost, judge_formation, Method
 from benchmark.peers.collocation import Outcome
-from benchmark.peers.judge import formation_cost, judge_formation
 from benchmark.peers.robots_collocation import FormationCollocation, FormationGuess
 from benchmark.robots import DATA, MARGIN
 from benchmark.scenarios import crossing

@@ -12,8 +12,8 @@
 from __future__ import annotations
 
 from benchmark import runner
-from benchmark.peers.judge import judge_formation, judge_pendulum
-from benchmark.peers.pendulum_guesses import energy_swing, HARD
+from benchmark.peers.attempts import judge_formation, judge_pendulum
+from benchmark.peers.pendulum_collocation import energy_swing, HARD
 from benchmark.pendulum import problem, start_state
 from benchmark.replanning import pendulum
 from benchmark.scenarios import crossing
