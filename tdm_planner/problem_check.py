@@ -22,8 +22,14 @@ from tdm_planner.direct_method.collocation import Ends
 from tdm_planner.direct_method.transcription import Transcription
 from tdm_planner.direct_method.virtual_arc import chebyshev_nodes
 from tdm_planner.exceptions import InvalidProblem
+from tdm_planner.plant_views import StatedView
 from tdm_planner.problems.direct.problem import DirectProblem
-from tdm_planner.problems.direct.statement import check_ends, check_statement, rates_of
+from tdm_planner.problems.direct.statement import (
+    check_ends,
+    check_statement,
+    rates_of,
+    short_of_reserve,
+)
 from tdm_planner.problems.problem import Problem
 
 _NODES, _REPEATED = 25, 20
@@ -31,12 +37,17 @@ _NODES, _REPEATED = 25, 20
 
 @dataclass(frozen=True)
 class Compared:
-    """A state's rate by `invert` and by `derivative`, at the node where they differ most."""
+    """
+    A state's rate by `invert` and by `derivative`, at the node where they differ most.
+
+    That of a state which is `integrated` is taken from `derivative` alone: nothing is compared.
+    """
 
     state: str
     by_inverse: float
     rate: float
     agrees: bool
+    integrated: bool
 
 
 @dataclass(frozen=True)
@@ -45,12 +56,14 @@ class Checked:
     What was found of a statement.
 
     `rates` compares the equations; `limits` what is left to every limit at the start, None where
-    that depends on what is free; `start` and `end` what is given there, by name; `seconds` what
-    one evaluation of a motion takes, and one with first and second derivatives.
+    that depends on what is free, `short` of which it is less than the reserve; `start` and `end`
+    what is given there, by name; `seconds` what one evaluation of a motion takes, and one with
+    first and second derivatives.
     """
 
     rates: tuple[Compared, ...]
     limits: dict[str, float | None]
+    short: list[str]
     start: dict[str, float | None]
     end: dict[str, float | None]
     baked: tuple[str, ...]
@@ -70,7 +83,7 @@ class Checked:
             for name, value in self.limits.items()
             if value is not None and value < 0.0
         ]
-        return found
+        return found + self.short
 
 
 def check_problem(problem: Problem) -> Checked:
@@ -89,6 +102,7 @@ def check_problem(problem: Problem) -> Checked:
             'equations that can be checked'
         )
     check_statement(problem)
+    StatedView(problem).checked()
     stated = CheckedFormulation(problem)
     program = Transcription(problem, chebyshev_nodes(_NODES))
     program.begin(program.first_guess)
@@ -109,10 +123,13 @@ def check_problem(problem: Problem) -> Checked:
         gaps = np.nan_to_num(np.abs(by_inverse - rates)[:, index])
         node = int(np.argmax(gaps))
         values = float(by_inverse[node, index]), float(rates[node, index])
-        compared.append(Compared(state, *values, agrees=not wrong[index]))
+        alone = state in problem.integrated()
+        compared.append(Compared(state, *values, agrees=not wrong[index], integrated=alone))
+    limits = check_ends(stated, ends, refuse=False)
     return Checked(
         rates=tuple(compared),
-        limits=check_ends(stated, ends, refuse=False),
+        limits=limits,
+        short=short_of_reserve(stated, limits),
         start=given[0],
         end=given[1],
         baked=tuple(program.trace.fixed),
@@ -137,6 +154,7 @@ def show(checked: Checked, console: Console) -> None:
     table = Table('state', 'rate by invert', 'rate by derivative', '')
     for row in checked.rates:
         verdict = 'agree' if row.agrees else '[bold red]differ'
+        verdict = 'integrated: not compared' if row.integrated else verdict
         table.add_row(row.state, f'{row.by_inverse:.6g}', f'{row.rate:.6g}', verdict)
     console.print(table)
     table = Table('', 'at the start', 'at the end')
@@ -144,18 +162,20 @@ def show(checked: Checked, console: Console) -> None:
         table.add_row(name, *(_value(ends[name]) for ends in (checked.start, checked.end)))
     console.print(table)
     if checked.limits:
-        table = Table('limit', 'left at the start')
+        table = Table('limit', 'margin at the start')
         for name, value in checked.limits.items():
-            table.add_row(name, 'as the free values are' if value is None else f'{value:.4g}')
+            left = 'depends on free values' if value is None else f'{value:.4g}'
+            table.add_row(name, left)
         console.print(table)
     if checked.baked:
         console.print(
-            'traced anew when these change (`if`, math or float on a parameter): '
-            + ', '.join(checked.baked)
+            'constants of the traced functions, for `if`, math or float on them; to change one '
+            'traces the problem again: ' + ', '.join(checked.baked)
         )
     one, both = checked.seconds
     console.print(
-        f'a motion takes {1e3 * one:.3f} ms, with first and second derivatives {1e3 * both:.3f} ms'
+        f'one evaluation of a motion takes {1e3 * one:.3f} ms, with gradient and Hessian '
+        f'{1e3 * both:.3f} ms'
     )
 
 

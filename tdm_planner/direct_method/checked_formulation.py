@@ -173,7 +173,7 @@ class CheckedFormulation:
             if not any(meant):
                 raise InvalidProblem(
                     f'reserve names {shown(limit)}, which is not a limit: there are '
-                    + ', '.join(names)
+                    + ', '.join(f"'{name}'" for name in names)
                 )
             if not 0.0 <= number(share, f"the reserve of '{limit}'") < 1.0:
                 raise InvalidProblem(

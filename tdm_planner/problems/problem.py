@@ -274,10 +274,10 @@ def problem_parameters(cls: type[Problem], parameters: Mapping[str, Any]) -> dic
 
 
 def _similar(name: str, specs: Mapping[str, ParameterSpec]) -> str:
-    if len(specs) <= _FEW:
-        return '; it has: ' + ', '.join(specs)
     similar = difflib.get_close_matches(name, specs, n=3)
-    return f': did you mean {" or ".join(similar)}?' if similar else ''
+    if similar:
+        return f': did you mean {" or ".join(similar)}?'
+    return '; it has: ' + ', '.join(specs) if len(specs) <= _FEW else ''
 
 
 def _belongs_to_node(name: str) -> bool:

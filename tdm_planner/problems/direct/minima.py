@@ -151,9 +151,20 @@ class DirectMinima:
     def violated(self, program: Transcription, minimum: Minimum) -> str:
         """Return what a minimum of a program violates most, reserves counted, and by how much."""
         ends, margins = minimum.point.violations
-        if ends > margins:
-            return f'the conditions at the end by {ends:.2g}'
         motion = program.motion(minimum.point.xi)
+        if ends > margins:
+            missed = {
+                name: (abs(motion.states[-1, index] - end) / state.scale, index)
+                for name, state in self._stated.integrated().items()
+                if (end := state.end) is not None and name in self._problem.state_names
+                for index in [self._problem.state_names.index(name)]
+            }
+            share, index = max(missed.values(), default=(0.0, 0))
+            if share < 0.5 * ends:
+                return f'the conditions at the end by {ends:.2g}'
+            name, unit = self._problem.state_names[index], self._problem.state_units[index]
+            miss = share * self._stated.integrated()[name].scale
+            return f'the condition at the end on {name} by {miss:.2g} {unit}'.rstrip()
         margins = self._stated.margins(motion.times, motion.states, motion.controls)
         kept = dict(zip(margins, program.kept.T, strict=True))
         least = {name: float(np.min(value - kept[name])) for name, value in margins.items()}

@@ -43,6 +43,7 @@ from tdm_planner.problems.direct.statement import (
     check_limits,
     constraints_of,
     MARGIN_TOLERANCE,
+    short_of_reserve,
 )
 from tdm_planner.problems.search import Search
 from tdm_planner.problems.solution import Solution
@@ -94,7 +95,7 @@ class DirectSearch(Search[Candidate]):
         self._plant = DirectPlant(problem, trace)
         self._refinement = Refinement(self._stated, trace, problem.terminal_tolerance, budget)
         check_limits(trace)
-        check_ends(self._stated, self._refinement.ends)
+        self._left = check_ends(self._stated, self._refinement.ends)
         self._rounds = 0
         self._found = self._warm = self._as_it_is = False
         self._coarse_error = 0.0  # of J on few intervals, as far as that is known
@@ -140,11 +141,13 @@ class DirectSearch(Search[Candidate]):
             kind = VerificationFailed
             reason = f'a candidate was found, but it did not pass the check: {self.rejected}'
         elif self._nearest_miss:
-            reason = f'no start gave a feasible motion; the nearest violated {self._nearest_miss}'
+            reason = 'no initial guess led to a feasible motion; the nearest violated '
+            reason += self._nearest_miss
         elif self._late:
             reason = 'no initial guess could be followed'
         else:
             reason = 'no initial guess gives a motion that is finite everywhere'
+        reason = '; '.join([reason, *short_of_reserve(self._stated, self._left)])
         if self._late:
             return DeadlineExceeded(f'in {self.budget.seconds:g} s, {reason}')
         return kind(reason)

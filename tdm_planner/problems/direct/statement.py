@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -59,6 +59,15 @@ def check_statement(problem: Formulation) -> None:
     whole(problem.starts, 'starts', *_STARTS)
     if problem.terminal_tolerance is not None:
         _check_tolerance(problem.terminal_tolerance, len(problem.state_names))
+    given = problem.feedback_weights()
+    if given is not None:
+        names = problem.state_names, problem.control_names
+        for what, weights, count in zip('QR', given, map(len, names), strict=True):
+            shape = np.shape(np.atleast_2d(weights))
+            if shape != (count, count):
+                raise InvalidProblem(
+                    f'feedback_weights gives {what} of shape {shape}, expected {(count, count)}'
+                )
 
 
 def _check_units(problem: Formulation, kind: str) -> None:
@@ -215,6 +224,15 @@ def check_ends(
                     f'motion: change the {where} or the limit'
                 )
     return found
+
+
+def short_of_reserve(stated: CheckedFormulation, left: Mapping[str, float | None]) -> list[str]:
+    """Say of which limits the start leaves less than the reserve, by what `check_ends` found."""
+    return [
+        f"the start leaves {value:.3g} to the limit '{name}', less than its reserve {share:g}"
+        for (name, value), share in zip(left.items(), stated.reserves(tuple(left)), strict=True)
+        if value is not None and 0.0 <= value < share
+    ]
 
 
 def limits_of(

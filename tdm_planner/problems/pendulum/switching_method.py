@@ -311,7 +311,7 @@ class SwitchingMethod(Search[Candidate]):
         if task.drive < _WEAK:
             search += (
                 f'; a torque this weak (drive {task.drive:.2g}) takes many swings: a longer '
-                'solver.deadline or more torque may help'
+                'solver.deadline, more limits.torque or limits.disk_angle may help'
             )
         if self._closest is None or not math.isfinite(self._closest[0]):
             return search
