@@ -111,6 +111,17 @@ def ros(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         yield made
 
 
+@pytest.fixture(autouse=True)
+def _ended(request: pytest.FixtureRequest) -> Iterator[None]:
+    """End the nodes that a test in test/ros has started itself."""
+    here = request.path.parent.name == 'ros' and 'ros' in request.fixturenames
+    nodes = request.getfixturevalue('ros').nodes if here else []
+    before = len(nodes)
+    yield
+    for node in nodes[before:]:
+        node.end_cleanly()
+
+
 @pytest.fixture(scope='module')
 def stepped(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Yield one with a time of its own, whose nodes are in the test's process."""

@@ -169,7 +169,7 @@ class Stepped(Ros):
         super().__init__(domain, folder, environment)
         self.time = SteppedTime()
         self.log: list[tuple[str, str]] = []
-        self._nodes: list[NodeHere] = []
+        self.nodes: list[NodeHere] = []
         self._worked = False
         self._strangers = set(threading.enumerate())
         self._leapt = 0  # ns
@@ -226,7 +226,7 @@ class Stepped(Ros):
         node = make(context=self._context, cli_args=arguments)
         self._executor.add_node(node)
         here = NodeHere(self, node)
-        self._nodes.append(here)
+        self.nodes.append(here)
         self._tell_time()
         self.settle()
         return here
@@ -333,7 +333,7 @@ class Stepped(Ros):
             return worked and self._serve()
         handler()
         error = handler.exception()
-        over = isinstance(error, InvalidHandle) and not all(here.running for here in self._nodes)
+        over = isinstance(error, InvalidHandle) and not all(here.running for here in self.nodes)
         if error is not None and not over:  # of a node that has ended meanwhile nothing is left
             raise error
         self._worked = True
@@ -350,7 +350,7 @@ class Stepped(Ros):
         """Instant of the next timer or wake-up [ns]."""
         waits = [
             timer.time_until_next_call()
-            for here in self._nodes
+            for here in self.nodes
             if here.running
             for timer in here.node.timers
             if not timer.is_canceled()
@@ -382,12 +382,12 @@ class Stepped(Ros):
     def close(self) -> None:
         """End everything; a log that looks like a crash fails the module."""
         try:
-            for here in self._nodes:
+            for here in self.nodes:
                 here.end()
             super().close()
         finally:
             self._patch.undo()
-            self._nodes.clear()
+            self.nodes.clear()
             # A participant ends with the last that refers to it. Of those that are left, a process
             # may have 32 before the next is not discovered; and nodes freeze what they refer to.
             gc.unfreeze()

@@ -146,7 +146,7 @@ def test_without_a_planner_there_is_no_answer(ros: Stepped) -> None:
 
 def test_robots_have_a_trajectory_each(ros: Stepped, do: Call) -> None:
     given = {'problem': 'robot_formation', 'start.source': 'parameters'}
-    here = ros.start(PLANNER, given, namespace='fleet_of_clients')
+    ros.start(PLANNER, given, namespace='fleet_of_clients')
     with PlanClient('fleet_of_clients', node=ros.node) as client:
         plan = do(partial(client.plan_with, {'formation.anchor': [2, 1.5, 0.5]}))
     goals = RobotFormation.from_parameters({'formation.anchor': [2.0, 1.5, 0.5]}).task.goal
@@ -155,18 +155,16 @@ def test_robots_have_a_trajectory_each(ros: Stepped, do: Call) -> None:
         assert trajectory.control_names == ('thrust', 'thruster_rate', 'torque')
     assert list(plan.trajectories) == ['robot1', 'robot2', 'robot3']
     assert any('no plant publishes' in warning for warning in plan.warnings)
-    here.end_cleanly()
 
 
 def test_the_program_of_the_page_runs(
     ros: Stepped, do: Call, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv('ROS_DOMAIN_ID', str(ros.domain))
-    here = ros.start(PLANNER, STRONG, namespace='pendulum')
+    ros.start(PLANNER, STRONG, namespace='pendulum')
     page = Path(__file__).parents[2] / 'docs' / 'clients.md'
     (program,) = re.findall(r'```python\n(.*?)```', page.read_text(), re.DOTALL)
     do(lambda: exec(program, {}))
     said = capsys.readouterr().out
     assert 'plan 1 takes' in said, said
     assert 'largest torque: 0.06 N m' in said
-    here.end_cleanly()

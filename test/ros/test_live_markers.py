@@ -105,7 +105,6 @@ def test_the_simulated_pendulum_draws_itself(ros: Stepped) -> None:
     assert viewer.shows(lambda scene: radius(scene['body', 0]) > 0.19)
     assert ros.set_parameters(node, markers__rate=0.0) == ['']
     assert viewer.shows_nothing()
-    plant.end_cleanly()
 
 
 # The robots: robot1 is simulated in one test, robot2 and robot3 are real ones.
@@ -208,7 +207,6 @@ def test_the_set_up_the_plan_and_a_plan_to_a_goal_pose_are_shown(ros: Stepped) -
     assert ros.trigger('/shown/plan')[0]
     assert ros.spin_until(lambda: bool(robots.trajectories))
     assert robots.end == pytest.approx((3.2, 3.1), abs=5e-3)
-    robots.here.end_cleanly()
 
 
 @pytest.mark.parametrize(
@@ -268,7 +266,6 @@ def test_a_simulated_robot_draws_itself_and_its_thrust(ros: Stepped, robots: Rob
     robots.clear()
     assert ros.spin_until(lambda: len(robots.live.arrays) > 10)
     assert np.median(np.diff(robots.live.stamps())) > 0.035e9
-    plant.end_cleanly()
 
 
 def test_a_real_robot_is_drawn_by_the_planner(ros: Stepped, robots: Robots) -> None:

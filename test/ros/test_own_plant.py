@@ -106,8 +106,6 @@ def test_a_stated_plant_is_simulated_tracked_and_held(ros: Stepped, problem: str
     assert loop.away(loop.end) < 5 * ALLOWED
     if LOOPS[problem]:
         assert loop.away(loop.end + 5 * 10**9) < ALLOWED
-    for node in loop.nodes:
-        node.end_cleanly()
 
 
 def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros: Stepped) -> None:
@@ -118,8 +116,6 @@ def test_a_plant_falls_freely_where_its_plan_does_and_a_push_is_brought_back(ros
     assert ros.call('/own/push', Trigger).success
     loop.away(ros.now + 5 * 10**9)
     assert np.abs(loop.states[-1].position).max() < 0.1
-    for node in loop.nodes:
-        node.end_cleanly()
 
 
 def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
@@ -139,8 +135,6 @@ def test_a_plant_is_drawn_in_motion_and_its_plan(ros: Stepped) -> None:
     assert way.names == {('planned_path', 102), ('goal', 101), ('goal', 102)}
     path = way['planned_path', 102].points
     assert (path[0].x, path[-1].x) == pytest.approx((-1.0, 0.0), abs=0.01)
-    for node in loop.nodes:
-        node.end_cleanly()
 
 
 def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_user(
@@ -172,8 +166,6 @@ def test_the_live_page_shows_the_first_plan_whole_and_leaves_the_view_to_its_use
     server.stop()
     ros._executor.remove_node(listener.node)
     listener.close()
-    for node in loop.nodes:
-        node.end_cleanly()
 
 
 def test_a_drawing_that_fails_is_told_at_the_start(ros: Stepped) -> None:

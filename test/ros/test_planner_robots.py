@@ -155,13 +155,12 @@ def test_the_measured_state_of_every_robot_is_needed(fleet: Fleet) -> None:
 def test_robots_with_names_of_their_own_are_told_when_their_state_is_missing(ros: Stepped) -> None:
     names = ['-p', 'robots:=[alice, bob]', '-p', 'formation.bob:=[-0.4, 0.0, 0.0]']
     given = {**FORMATION, 'formation.alice': [0.4, 0.0, 0.0]}
-    node = ros.start(MODULE, given, namespace='/own', arguments=names)
+    ros.start(MODULE, given, namespace='/own', arguments=names)
     success, answer = ros.trigger('/own/plan')
     assert not success
     assert answer['code'] == 'NO_STATE'
     assert "robot 'alice'" in answer['reason']
     assert "robot 'bob'" in answer['reason']
-    node.end_cleanly()
 
 
 def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> None:
@@ -186,7 +185,6 @@ def test_robots_are_planned_for_anew_when_the_formation_moves(ros: Stepped) -> N
         old, before = plans[name]
         expected = old.sample((start - before) * 1e-9).state
         np.testing.assert_allclose(new.states[0], expected, atol=0.02)
-    fleet.here.end_cleanly()
 
 
 def test_what_the_trackers_of_a_formation_say_they_follow_is_one_plan_or_none(

@@ -90,7 +90,6 @@ def test_wrong_values_at_the_start_and_malformed_commands_are_told_of(ros: Stepp
     assert 'beyond limits.disk_angle' not in status.message  # but at it
     assert ros.figure(rig.name, 'commands ignored') == '3'
     assert ros.figure(rig.name, 'commands accepted') == '0'
-    rig.process.end_cleanly()
 
 
 def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> None:
@@ -103,7 +102,6 @@ def test_no_command_for_the_time_out_switches_the_torque_off(ros: Stepped) -> No
     assert efforts[-1] == 0.0
     assert 'no command for 0.2 s (command_timeout): actuators off' in rig.process.output
     assert rig.figure('command time-outs') == '1'
-    rig.process.end_cleanly()
 
 
 def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Stepped) -> None:
@@ -115,7 +113,6 @@ def test_noise_is_measured_and_the_disk_beyond_its_limit_is_reported(ros: Steppe
     thetas = np.array([state.position[0] for state in rig.states])
     assert thetas.mean() == pytest.approx(math.pi, abs=0.005)
     assert thetas.std() == pytest.approx(0.01, rel=0.3)
-    rig.process.end_cleanly()
 
 
 def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None:
@@ -140,7 +137,6 @@ def test_slow_motion_and_what_a_stalled_process_leaves_out(ros: Stepped) -> None
     assert ' s skipped: the process was stalled' in status.message
     later = float(ros.figure(rig.name, 'simulated time [s]'))
     assert later - before == pytest.approx(0.1 * (1.0 - 0.4), abs=1e-3)
-    rig.process.end_cleanly()
 
 
 # The robot.
@@ -205,7 +201,6 @@ def test_a_drifting_robot_and_its_actuators(ros: Stepped) -> None:
     pushes = {robot.trigger('push') for _ in range(2)}  # each in a direction of its own
     assert len(pushes) == 2
     assert all(text.startswith('pushed drifter with 0.3 N s towards ') for text in pushes)
-    robot.process.end_cleanly()
 
 
 def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
@@ -221,7 +216,6 @@ def test_push_reset_and_a_command_that_names_no_wheel(ros: Stepped) -> None:
     words = 'joint_command ignored: joint(s) reaction_wheel must be named once'
     assert words in robot.process.output
     assert robot.states[-1].effort[0] == 0.0
-    robot.process.end_cleanly()
 
 
 def test_walls_and_name(ros: Stepped) -> None:
@@ -237,7 +231,6 @@ def test_walls_and_name(ros: Stepped) -> None:
     (reason,) = ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=2.0)
     assert "'arena.robot_radius' = 2 is not allowed: must be in [0, 2) m" in reason
     assert ros.set_parameters('/arena/bouncer/robot_plant', arena__robot_radius=0.2) == ['']
-    robot.process.end_cleanly()
 
 
 def test_states_stream_commands_saturate_and_parameters_act_at_once(ros: Stepped) -> None:
@@ -267,4 +260,3 @@ def test_states_stream_commands_saturate_and_parameters_act_at_once(ros: Stepped
     reasons = ros.set_parameter_mapping(rig.node, {**negligible, 'plant.mass': 1.0})
     assert reasons[:3] == [''] * 3
     assert 'do not make a rig' in reasons[3]
-    rig.process.end_cleanly()
